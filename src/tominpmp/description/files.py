@@ -1,0 +1,284 @@
+"""Finding the files of a robot: its description by name or path, and its meshes."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from tominpmp.exceptions import RobotLoadError
+
+# Where the wheel of example-robot-data puts its files, below a prefix.
+_EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
+
+# Names that the example-robot-data loaders know and that are not simply the name of a
+# URDF file, or whose SRDF file is called otherwise: name -> folder, URDF, SRDF.
+_EXAMPLE_ALIASES: dict[str, tuple[str, str, str | None]] = {
+    "alexander": (
+        "alexander_description",
+        "urdf/alexander_v1.lowerBodyOnly",
+        "alexander",
+    ),
+    "anymal": ("anymal_b_simple_description", "robots/anymal", "anymal"),
+    "anymal_c": ("anymal_c_simple_description", "urdf/anymal", "anymal"),
+    "anymal_kinova": (
+        "anymal_b_simple_description",
+        "robots/anymal-kinova",
+        "anymal-kinova",
+    ),
+    "asr_twodof": ("asr_twodof_description", "urdf/TwoDofs", None),
+    "b1_z1": ("b1_description", "urdf/b1-z1", "b1-z1"),
+    "baxter": ("baxter_description", "urdf/baxter", "baxter_manipulation"),
+    "borinot": (
+        "borinot_description",
+        "urdf/borinot_flying_arm_2",
+        "borinot_flying_arm_2",
+    ),
+    "g1": ("g1_description", "urdf/g1_29dof_rev_1_0", None),
+    "g1_with_hands": ("g1_description", "urdf/g1_29dof_with_hand_rev_1_0", None),
+    "hector": ("hector_description", "robots/quadrotor_base", None),
+    "hextilt": (
+        "hextilt_description",
+        "urdf/hextilt_flying_arm_5",
+        "hextilt_flying_arm_5",
+    ),
+    "hyq": ("hyq_description", "robots/hyq_no_sensors", "hyq"),
+    "icub_reduced": ("icub_description", "robots/icub_reduced", "icub"),
+    "iris": ("iris_description", "robots/iris_simple", None),
+    "panda_collision": ("panda_description", "urdf/panda_collision", "panda"),
+    "solo8": ("solo_description", "robots/solo", "solo"),
+    "solo12": ("solo_description", "robots/solo12", "solo"),
+    "talos": ("talos_data", "robots/talos_reduced", "talos"),
+    "talos_arm": ("talos_data", "robots/talos_left_arm", "talos"),
+    "talos_box": ("talos_data", "robots/talos_reduced_box", "talos"),
+    "talos_full": ("talos_data", "robots/talos_full_v2", "talos"),
+    "talos_full_box": ("talos_data", "robots/talos_full_v2_box", "talos"),
+    "ur3": ("ur_description", "urdf/ur3_robot", None),
+    "ur3_limited": ("ur_description", "urdf/ur3_joint_limited_robot", None),
+    "ur5": ("ur_description", "urdf/ur5_robot", "ur5"),
+    "ur5_limited": (
+        "ur_description",
+        "urdf/ur5_joint_limited_robot",
+        "ur5_joint_limited_robot",
+    ),
+    "ur10": ("ur_description", "urdf/ur10_robot", None),
+    "ur10_limited": ("ur_description", "urdf/ur10_joint_limited_robot", None),
+}
+
+
+@dataclass(frozen=True)
+class RobotFiles:
+    """The files that describe a robot.
+
+    Attributes:
+        urdf: The description.
+        srdf: The semantic description, if there is one.
+        name: The name asked for, ``None`` if it was a path.
+    """
+
+    urdf: Path
+    srdf: Path | None
+    name: str | None = None
+
+
+def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
+    """Find a robot's description.
+
+    A word is a name: of a bundled robot, else of one in example-robot-data. Whatever
+    has a folder or a suffix is a path.
+
+    Args:
+        name_or_path: Name or path.
+
+    Returns:
+        The files.
+
+    Raises:
+        RobotLoadError: If there is no such robot, with the names there are.
+    """
+    if not isinstance(name_or_path, (str, os.PathLike)) or not str(name_or_path):
+        raise RobotLoadError(
+            f"expected the name of a robot or the path of a URDF file, "
+            f"got {name_or_path!r}"
+        )
+    known = _known_robots()
+    if isinstance(name_or_path, str) and name_or_path in known:
+        return known[name_or_path]
+    path = Path(name_or_path)
+    if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
+        raise RobotLoadError(_unknown_name(name_or_path, known))
+    path = Path(os.path.expanduser(path)).absolute()
+    return RobotFiles(path, find_srdf(path))
+
+
+def find_srdf(urdf: Path) -> Path | None:
+    """Find the semantic description that belongs to a URDF file by its name.
+
+    Args:
+        urdf: The file; ``NAME.srdf`` is looked for beside it and in ``../srdf``.
+    """
+    name = f"{urdf.stem}.srdf"
+    for candidate in (urdf.parent / name, urdf.parent.parent / "srdf" / name):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names that :func:`~tominpmp.robot.load_robot` knows on this machine."""
+    return tuple(sorted(_known_robots()))
+
+
+def _unknown_name(name: str, known: Iterable[str]) -> str:
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(close)}?" if close else ""
+    if _example_folder() is None:
+        hint += " The package example-robot-data, which brings more, is not installed."
+    return (
+        f"there is no robot {name!r}.{hint} Known names: {', '.join(names)}; "
+        "or give the path of a .urdf file"
+    )
+
+
+def _known_robots() -> dict[str, RobotFiles]:
+    """Map every known name to its files; bundled robots come first."""
+    robots: dict[str, RobotFiles] = {}
+    examples = _example_folder()
+    if examples is not None:
+        # Two different files of one name (anymal) are told apart by the aliases.
+        for urdf in sorted(examples.glob("*/*/*.urdf")):
+            robots[urdf.stem] = RobotFiles(urdf, find_srdf(urdf), urdf.stem)
+        for name, (folder, stem, srdf_stem) in _EXAMPLE_ALIASES.items():
+            urdf = examples / folder / f"{stem}.urdf"
+            srdf = examples / folder / "srdf" / f"{srdf_stem}.srdf"
+            if urdf.is_file():
+                robots[name] = RobotFiles(urdf, srdf if srdf.is_file() else None, name)
+    for urdf in sorted(_bundled_folder().glob("*.urdf")):
+        robots[urdf.stem] = RobotFiles(urdf, find_srdf(urdf), urdf.stem)
+    return robots
+
+
+def _bundled_folder() -> Path:
+    """Folder of the bundled robots: in the wheel, else at the top of the checkout."""
+    package = Path(__file__).parents[1]
+    installed = package / "robots"
+    return installed if installed.is_dir() else package.parent.parent / "robots"
+
+
+@cache
+def _example_folder() -> Path | None:
+    """Folder of example-robot-data, a wheel of data without a Python module."""
+    folders: list[Path] = []
+    try:
+        for file in metadata.distribution("example-robot-data").files or ():
+            if "example-robot-data/robots" in file.as_posix():
+                located = Path(str(file.locate())).resolve()
+                folders += [p for p in located.parents if p.match(str(_EXAMPLE_SHARE))]
+                break
+    except metadata.PackageNotFoundError:
+        pass
+    if folders:
+        return folders[0]
+    # Without metadata (conda, robotpkg, ROS): the usual prefixes.
+    roots = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
+    roots += [Path(sys.prefix), *_environment_folders("AMENT_PREFIX_PATH")]
+    for root in roots:
+        if (root / _EXAMPLE_SHARE).is_dir():
+            return root / _EXAMPLE_SHARE
+    return None
+
+
+def _environment_folders(variable: str) -> list[Path]:
+    return [Path(p) for p in os.environ.get(variable, "").split(os.pathsep) if p]
+
+
+def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
+    """Check the folders given for packages; a single one is taken as such.
+
+    Raises:
+        RobotLoadError: If a folder is not there.
+    """
+    if isinstance(package_dirs, (str, os.PathLike)):
+        package_dirs = [package_dirs]
+    folders = tuple(Path(folder).expanduser().absolute() for folder in package_dirs)
+    for folder in folders:
+        if not folder.is_dir():
+            raise RobotLoadError(f"package_dirs: there is no folder {folder}", folder)
+    return folders
+
+
+def resolve_resource(
+    filename: str, urdf: Path, package_dirs: Sequence[Path]
+) -> tuple[Path | None, tuple[Path, ...]]:
+    """Find a file that a description refers to.
+
+    ``package://NAME/REST`` is looked for in the given folders (which hold packages, or
+    are the package), in the folders above the description and in those of
+    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; other names are relative to the
+    description, then to the given folders.
+
+    Args:
+        filename: The reference.
+        urdf: The description.
+        package_dirs: Folders with packages.
+
+    Returns:
+        The file, ``None`` if there is none, and the paths tried.
+
+    Raises:
+        RobotLoadError: If the reference leads out of its package.
+    """
+    tried: dict[Path, None] = {}
+    for candidate in _candidates(filename, urdf, package_dirs):
+        if candidate in tried:
+            continue
+        tried[candidate] = None
+        try:
+            # Not every existing file will do: reading a device might never end.
+            if candidate.is_file():
+                return candidate, tuple(tried)
+        except (OSError, ValueError):
+            continue
+    return None, tuple(tried)
+
+
+def _candidates(
+    filename: str, urdf: Path, package_dirs: Sequence[Path]
+) -> Iterable[Path]:
+    scheme, separator, rest = filename.partition("://")
+    if not separator:
+        path = Path(filename)
+        # Joining an absolute path to a folder gives that path.
+        return [Path(os.path.normpath(d / path)) for d in (urdf.parent, *package_dirs)]
+    if scheme == "file":
+        return [Path(rest)]
+    if scheme not in ("package", "model"):
+        raise RobotLoadError(
+            f"{urdf}: {filename!r}: expected a path, package://, model:// or file://, "
+            "nothing is fetched from elsewhere",
+            urdf,
+        )
+    # Some descriptions have package:///NAME/REST.
+    package, _, inside = rest.lstrip("/").partition("/")
+    # Joined to a folder, a path that began with "/" would replace it.
+    inside = os.path.normpath(inside.lstrip("/") or ".")
+    if package in ("", ".", "..") or inside == ".." or inside.startswith(".." + os.sep):
+        raise RobotLoadError(
+            f"{urdf}: {filename!r} leads out of its package; refused", urdf
+        )
+    # A description may be a link into the folder where its package really is.
+    above = dict.fromkeys((*urdf.parents, *urdf.resolve().parents))
+    ros = _environment_folders("ROS_PACKAGE_PATH")
+    ros += [p / "share" for p in _environment_folders("AMENT_PREFIX_PATH")]
+    folders = [d / package for d in package_dirs]
+    folders += [d for d in package_dirs if d.name == package]
+    folders += [d / package for d in (*above, *ros)]
+    # A checkout may have another name than the package in it.
+    folders += [d for d in (*package_dirs, *above) if (d / "package.xml").is_file()]
+    return [d / inside for d in folders]

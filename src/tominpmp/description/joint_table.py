@@ -1,0 +1,230 @@
+"""Limits, friction and rotor inertia of the joints that move freely."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tominpmp.description.joint_values import (
+    JointValues,
+    check_order,
+    check_sign,
+    override,
+)
+from tominpmp.description.linkage import Linkage
+from tominpmp.description.urdf import JointDescription, Mimic
+from tominpmp.exceptions import RobotLoadError, TominpmpWarning
+
+Array = NDArray[np.float64]
+
+
+def read_only(values: ArrayLike) -> Array:
+    """Copy into an array that cannot be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the n joints of a robot, as read-only arrays of shape (n,).
+
+    Attributes:
+        position_lower: Lower position limits [rad or m], possibly infinite.
+        position_upper: Upper position limits [rad or m], possibly infinite.
+        velocity: Largest speeds in either direction [rad/s or m/s], possibly infinite.
+        effort_lower: Lower torque limits [N m or N].
+        effort_upper: Upper torque limits [N m or N]; equal to the lower one on a
+            passive joint.
+    """
+
+    position_lower: Array
+    position_upper: Array
+    velocity: Array
+    effort_lower: Array
+    effort_upper: Array
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for f in fields(self):
+            object.__setattr__(self, f.name, read_only(getattr(self, f.name)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle so that the arrays stay read-only."""
+        return type(self), tuple(getattr(self, f.name) for f in fields(self))
+
+
+@dataclass(frozen=True, eq=False)
+class JointTable:
+    """Values per joint, NaN where none is known; the arrays are rows of one table.
+
+    Attributes:
+        joint_names: Names of the n joints.
+        position_lower: Lower position limits, shape (n,) [rad or m].
+        position_upper: Upper position limits, shape (n,) [rad or m].
+        velocity: Velocity limits, shape (n,) [rad/s or m/s].
+        effort: Lower and upper effort limits, shape (n, 2) [N m or N].
+        damping: Viscous friction, shape (n,) [N m s/rad or N s/m].
+        armature: Rotor inertia seen at the joint, shape (n,) [kg m^2 or kg].
+    """
+
+    joint_names: tuple[str, ...]
+    position_lower: Array
+    position_upper: Array
+    velocity: Array
+    effort: Array
+    damping: Array
+    armature: Array
+
+    @classmethod
+    def from_description(
+        cls,
+        joint_names: Sequence[str],
+        joints: Sequence[JointDescription],
+        linkage: Linkage,
+    ) -> JointTable:
+        r"""Collect what a URDF file says about the joints that are free.
+
+        A joint that follows, :math:`q_f = m q + o`, passes its position and velocity
+        limits and its friction :math:`m^2 d_f` on to the joint that it follows. Its
+        effort limit has no meaning: the motor is at the leader.
+
+        Args:
+            joint_names: Free joints, in the order of the model.
+            joints: All joints of the description.
+            linkage: Which of them follow.
+        """
+        by_name = {joint.name: joint for joint in joints}
+        rows = []
+        for name in joint_names:
+            joint = by_name[name]
+            for follower, mimic in linkage.followers.items():
+                if mimic.leader == name:
+                    joint = _led(joint, by_name[follower], mimic)
+            # A limit of zero is how descriptions say that they do not know it.
+            velocity = joint.velocity if joint.velocity > 0 else math.nan
+            effort = joint.effort if 0 < joint.effort < math.inf else math.nan
+            limits = (joint.lower, joint.upper, velocity, -effort, effort)
+            rows.append((*limits, joint.damping, 0.0))
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
+        return cls(
+            joint_names=tuple(joint_names),
+            position_lower=table[:, 0],
+            position_upper=table[:, 1],
+            velocity=table[:, 2],
+            effort=table[:, 3:5],
+            damping=table[:, 5],
+            armature=table[:, 6],
+        )
+
+    def overridden(
+        self, not_free: Mapping[str, str], **values: JointValues | None
+    ) -> JointTable:
+        """Replace values by those a caller gave.
+
+        Args:
+            not_free: Joints of the robot that are not in the table, and why.
+            **values: By field of the table; ``None`` changes nothing.
+
+        Raises:
+            OptionsError: If a value is wrong.
+            JointNotFound: If a joint is unknown.
+        """
+        names = self.joint_names
+        new: dict[str, Any] = {
+            option: override(option, value, getattr(self, option), names, not_free)
+            for option, value in values.items()
+            if value is not None
+        }
+        table = replace(self, **new)
+        for option in ("damping", "armature", "velocity"):
+            if option in new:
+                speed = option == "velocity"
+                check_sign(option, new[option], names, positive=speed, infinite=speed)
+        if "effort" in new:
+            low, high = table.effort.T
+            check_order("effort", low, high, names, equal=True)
+            check_sign("effort", np.abs(table.effort).max(axis=1), names)
+        for option in ("position_lower", "position_upper"):
+            if option in new:
+                check_order(option, table.position_lower, table.position_upper, names)
+        return table
+
+    def limits(self) -> JointLimits:
+        """The limits alone."""
+        return JointLimits(
+            self.position_lower, self.position_upper, self.velocity, *self.effort.T
+        )
+
+    def check_complete(self, path: Path) -> None:
+        """Check that every joint has all limits, and room to move.
+
+        Args:
+            path: The description, for the message.
+
+        Raises:
+            RobotLoadError: Naming all joints, and the arguments that mend it.
+        """
+        complaints = []
+        for quantity in ("effort", "velocity"):
+            array = getattr(self, quantity).reshape(len(self.joint_names), -1)
+            joints = self._names(np.isnan(array).any(axis=1))
+            if joints:
+                complaints.append(
+                    f"no {quantity} limit for {', '.join(joints)}: give "
+                    f"{quantity}={example_values(joints)}"
+                )
+        # True also where a limit is NaN.
+        joints = self._names(~(self.position_lower < self.position_upper))
+        if joints:
+            values = example_values(joints)
+            complaints.append(
+                f"no position limits, or no room between them, for "
+                f"{', '.join(joints)}: give position_lower={values} and "
+                f"position_upper={values}, or lock them"
+            )
+        if complaints:
+            raise RobotLoadError(f"{path}: {'; '.join(complaints)}", path)
+
+    def _names(self, chosen: NDArray[np.bool_]) -> list[str]:
+        return [name for name, c in zip(self.joint_names, chosen, strict=True) if c]
+
+
+def example_values(joints: Sequence[str]) -> str:
+    """Write the beginning of an argument with values for some joints."""
+    return "{" + ", ".join(f"{joint!r}: ..." for joint in joints) + "}"
+
+
+def _led(
+    joint: JointDescription, follower: JointDescription, mimic: Mimic
+) -> JointDescription:
+    """Describe a joint so that its limits and friction include a follower's."""
+    m = mimic.multiplier
+    joint = replace(joint, damping=joint.damping + m**2 * follower.damping)
+    if m == 0.0:
+        return joint
+    if follower.velocity > 0:
+        # In this order a limit that is not known (NaN) remains so.
+        joint = replace(joint, velocity=min(joint.velocity, follower.velocity / abs(m)))
+    # Limits left out or degenerate are common on joints that follow.
+    if follower.lower < follower.upper:
+        ends = [(x - mimic.offset) / m for x in (follower.lower, follower.upper)]
+        lower, upper = max(joint.lower, min(ends)), min(joint.upper, max(ends))
+        if joint.lower < joint.upper and not lower < upper:
+            warnings.warn(
+                f"the position limits [{follower.lower:g}, {follower.upper:g}] of "
+                f"joint {follower.name} leave joint {joint.name}, which it follows, "
+                "no room; they are ignored",
+                TominpmpWarning,
+                stacklevel=4,
+            )
+            return joint
+        joint = replace(joint, lower=lower, upper=upper)
+    return joint

@@ -1,0 +1,210 @@
+"""Pinocchio models of a description, with joints locked or following others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from tominpmp.description.joint_table import JointTable, example_values
+from tominpmp.description.urdf import Mimic, UrdfDescription
+from tominpmp.exceptions import RobotLoadError
+
+Array = NDArray[np.float64]
+
+# Below these a mass matrix counts as singular: the least diagonal entry [kg m^2 or kg],
+# and the least eigenvalue once the diagonal is scaled to one. The least of the robots
+# in example-robot-data are 4e-6 (a finger) and 4e-6 (a humanoid).
+MIN_INERTIA = 1e-12
+MIN_SCALED_INERTIA = 1e-10
+
+INERTIA_SAMPLES = 5
+
+
+def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pin.Model:
+    """Build the kinematics and inertia of a description.
+
+    Args:
+        description: The description.
+        locked: Positions of the joints that become part of the links [rad or m].
+
+    Raises:
+        RobotLoadError: If Pinocchio refuses the description.
+    """
+    full = _full_model(description)
+    if not locked:
+        return full
+    return pin.buildReducedModel(full, *_locks(full, locked))
+
+
+def build_geometry(
+    description: UrdfDescription, locked: Mapping[str, float], kind: pin.GeometryType
+) -> pin.GeometryModel:
+    """Build the collision or visual geometry that belongs to :func:`build_model`.
+
+    Raises:
+        RobotLoadError: If a mesh cannot be read.
+    """
+    full = _full_model(description)
+    try:
+        geometry = pin.buildGeomFromUrdfString(full, description.xml, kind)
+    except Exception as error:  # whatever a mesh reader may raise
+        raise RobotLoadError(
+            f"{description.path}: the geometry cannot be read: {_message(error)}",
+            description.path,
+        ) from error
+    if locked:
+        _, geometry = pin.buildReducedModel(full, geometry, *_locks(full, locked))
+    return geometry
+
+
+def _full_model(description: UrdfDescription) -> pin.Model:
+    try:
+        return pin.buildModelFromXML(description.xml)
+    except Exception as error:  # depends on the version of Pinocchio
+        raise RobotLoadError(
+            f"{description.path}: Pinocchio refuses it: {_message(error)}",
+            description.path,
+        ) from error
+
+
+def _message(error: Exception) -> str:
+    """One line of what a C++ library says, without the place in its sources."""
+    return " ".join(str(error).rpartition("message:")[2].split())
+
+
+def _locks(full: pin.Model, locked: Mapping[str, float]) -> tuple[list[int], Array]:
+    """Indices of the joints to lock, and a configuration with their positions."""
+    q = pin.neutral(full)
+    indices = [int(full.getJointId(name)) for name in locked]
+    for index, position in zip(indices, locked.values(), strict=True):
+        q[full.joints[index].idx_q] = position
+    return indices, q
+
+
+def expansion(
+    model: pin.Model, followers: Mapping[str, Mimic]
+) -> tuple[tuple[str, ...], Array | None, Array | None]:
+    r"""Express the configuration of a model by its free joints, :math:`S q + c`.
+
+    Args:
+        model: Model whose joints all have one coordinate.
+        followers: Joints that follow a free joint.
+
+    Returns:
+        Names of the n free joints, S of shape (nv, n) and c of shape (nv,); ``None``
+        for both if no joint follows.
+    """
+    names = list(model.names)[1:]
+    free = tuple(name for name in names if name not in followers)
+    if len(free) == len(names):
+        return free, None, None
+    matrix, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
+    for row, name in enumerate(names):
+        mimic = followers.get(name, Mimic(name, 1.0, 0.0))
+        matrix[row, free.index(mimic.leader)] = mimic.multiplier
+        offset[row] = mimic.offset
+    return free, matrix, offset
+
+
+def configured_model(
+    model: pin.Model,
+    table: JointTable,
+    gravity: Array,
+    matrix: Array | None,
+    offset: Array | None,
+) -> pin.Model:
+    """Copy a model and write limits, friction, rotor inertia and gravity into it.
+
+    A joint that follows gets the limits that its leader leaves it, and no motor.
+
+    Args:
+        model: The model.
+        table: Values of the n free joints, without NaN.
+        gravity: Gravity in the world, shape (3,) [m/s^2].
+        matrix: S, shape (nv, n), or ``None``.
+        offset: c, shape (nv,), or ``None``.
+    """
+    model = model.copy()
+    n = len(table.joint_names)
+    matrix = np.eye(n) if matrix is None else matrix
+    leader = np.abs(matrix).argmax(axis=1)
+    ratio = matrix[np.arange(len(leader)), leader]
+    offset = np.zeros(len(leader)) if offset is None else offset
+    free = [int(model.getJointId(name)) - 1 for name in table.joint_names]
+
+    def scaled(values: Array) -> Array:
+        # A limit at infinity times a ratio of zero is zero.
+        return np.asarray(np.where(ratio == 0.0, 0.0, values[leader]) * ratio)
+
+    def alone(values: Array) -> Array:
+        full = np.zeros(len(leader))
+        full[free] = values
+        return full
+
+    ends = np.stack([scaled(table.position_lower), scaled(table.position_upper)])
+    model.lowerPositionLimit = ends.min(axis=0) + offset
+    model.upperPositionLimit = ends.max(axis=0) + offset
+    model.velocityLimit = np.abs(scaled(table.velocity))
+    model.effortLimit = alone(np.abs(table.effort).max(axis=1))
+    model.damping = alone(table.damping)
+    model.armature = alone(table.armature)
+    model.gravity = pin.Motion(gravity, np.zeros(3))
+    return model
+
+
+def check_inertia(
+    model: pin.Model,
+    table: JointTable,
+    matrix: Array | None,
+    offset: Array | None,
+    path: Path,
+) -> None:
+    """Check that no torque would accelerate joints without bound.
+
+    Args:
+        model: Model with its rotor inertia.
+        table: Values of the n free joints; positions are taken between their limits.
+        matrix: S, shape (nv, n), or ``None``.
+        offset: c, shape (nv,), or ``None``.
+        path: The description, for the message.
+
+    Raises:
+        RobotLoadError: Naming the joints that move while the mass matrix is singular.
+    """
+    rng = np.random.default_rng(0)
+    low = np.clip(table.position_lower, -np.pi, np.pi)
+    high = np.clip(table.position_upper, -np.pi, np.pi)
+    data = model.createData()
+    for _ in range(INERTIA_SAMPLES):
+        q = rng.uniform(low, high)
+        if matrix is not None and offset is not None:
+            q = matrix @ q + offset
+        upper = np.triu(pin.crba(model, data, q))
+        mass = upper + np.triu(upper, 1).T
+        if matrix is not None:
+            mass = matrix.T @ mass @ matrix
+        singular = np.flatnonzero(_singular_directions(mass))
+        if singular.size:
+            joints = [table.joint_names[i] for i in singular]
+            raise RobotLoadError(
+                f"{path}: the links that {', '.join(joints)} move have no inertia, so "
+                "that any torque would accelerate them without bound: give "
+                f"armature={example_values(joints)} [kg m^2 or kg], or mend the "
+                "<inertial> elements",
+                path,
+            )
+
+
+def _singular_directions(mass: Array) -> NDArray[np.bool_]:
+    """Find the joints that move where a mass matrix is singular; none if it is not."""
+    own = np.diag(mass)
+    if (own < MIN_INERTIA).any():
+        return np.asarray(own < MIN_INERTIA)
+    scale = np.sqrt(own)
+    values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
+    motion = np.abs(vectors[:, 0])
+    return np.asarray((values[0] < MIN_SCALED_INERTIA) & (motion > 0.1 * motion.max()))

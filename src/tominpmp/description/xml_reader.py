@@ -1,0 +1,193 @@
+"""Reading XML that strangers wrote.
+
+Robot descriptions come from downloads, so they are read in bounded time and memory: no
+document type, hence no entities and nothing fetched, and a limit on size, depth and the
+number of elements. Namespaces are not resolved, because many descriptions carry the
+remains of tools (``<sensor:camera>``) without declaring a prefix.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from tominpmp.exceptions import RobotLoadError
+
+# The largest description of example-robot-data has 0.3 MB, 9000 elements, depth 7.
+MAX_BYTES = 32 * 2**20
+MAX_ELEMENTS = 500_000
+MAX_DEPTH = 64
+
+# Lengths, masses and inertias beyond this are mistakes, and their squares overflow.
+MAX_NUMBER = 1e9
+
+
+def read_xml(path: Path) -> Element:
+    """Read an XML file.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The root element.
+
+    Raises:
+        RobotLoadError: If the file cannot be read, is too large, is no XML, or declares
+            a document type.
+    """
+    try:
+        if path.is_dir():
+            raise RobotLoadError(f"{path} is a folder, expected a file", path)
+        if not path.is_file():
+            raise RobotLoadError(f"there is no file {path}", path)
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise RobotLoadError(
+                f"{path} has {size} bytes, more than the {MAX_BYTES} a robot "
+                "description may have",
+                path,
+            )
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise RobotLoadError(f"{path} cannot be read: {error}", path) from error
+    return parse_xml(content, path)
+
+
+def parse_xml(content: bytes, path: Path) -> Element:
+    """Parse XML with limits and without entities.
+
+    Args:
+        content: The document.
+        path: Where it comes from, for messages.
+
+    Returns:
+        The root element.
+
+    Raises:
+        RobotLoadError: As :func:`read_xml`.
+    """
+    parser = expat.ParserCreate()
+    builder = TreeBuilder()
+    depth = count = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > MAX_DEPTH or count > MAX_ELEMENTS:
+            raise RobotLoadError(
+                f"{path} has more than {MAX_ELEMENTS} elements or nests them deeper "
+                f"than {MAX_DEPTH}",
+                path,
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: object) -> NoReturn:
+        raise RobotLoadError(
+            f"{path} declares a document type (<!DOCTYPE ...>), which robot "
+            "descriptions do not need; remove it",
+            path,
+        )
+
+    parser.buffer_text = True
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise RobotLoadError(f"{path} is no XML: {error}", path) from error
+    return builder.close()
+
+
+@dataclass(frozen=True)
+class XmlContext:
+    """Reads the attributes of one file's elements, and names them in its errors.
+
+    Attributes:
+        path: The file.
+    """
+
+    path: Path
+
+    def fail(self, message: str) -> NoReturn:
+        """Raise the error about this file.
+
+        Raises:
+            RobotLoadError: Always.
+        """
+        raise RobotLoadError(f"{self.path}: {message}", self.path)
+
+    def text(self, element: Element, attribute: str, where: str) -> str:
+        """Read an attribute that must be there and not be empty."""
+        value = element.get(attribute, "").strip()
+        if not value:
+            self.fail(f"{where}: <{element.tag}> lacks the attribute {attribute!r}")
+        return value
+
+    def numbers(
+        self,
+        element: Element | None,
+        attribute: str,
+        where: str,
+        default: tuple[float, ...],
+    ) -> tuple[float, ...]:
+        """Read an attribute of as many numbers as the default has."""
+        if element is None or attribute not in element.attrib:
+            return default
+        text = element.attrib[attribute]
+        values = tuple(map(_to_number, text.split()))
+        count = len(default)
+        if len(values) != count or not all(abs(v) <= MAX_NUMBER for v in values):
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            self.fail(
+                f"{where}: {element.tag} {attribute}={text[:80]!r}, expected {wanted} "
+                f"of at most {MAX_NUMBER:g} in size"
+            )
+        return values
+
+    def number(
+        self,
+        element: Element | None,
+        attribute: str,
+        where: str,
+        default: float = 0.0,
+        low: float | None = None,
+    ) -> float:
+        """Read an attribute of one number, not below ``low`` if that is given."""
+        (value,) = self.numbers(element, attribute, where, (default,))
+        if element is not None and low is not None and value < low:
+            self.fail(
+                f"{where}: {element.tag} {attribute}={value:g}, expected at least "
+                f"{low:g}"
+            )
+        return value
+
+    def limit(self, element: Element | None, attribute: str, where: str) -> float:
+        """Read a limit: NaN if it is not given, infinite if it is beyond reason."""
+        if element is None or attribute not in element.attrib:
+            return math.nan
+        text = element.attrib[attribute]
+        value = _to_number(text.strip())
+        if math.isnan(value):
+            self.fail(f"{where}: {element.tag} {attribute}={text[:80]!r} is no number")
+        # "No limit" is commonly written as 1e16 or the like.
+        return value if abs(value) <= MAX_NUMBER else math.copysign(math.inf, value)
+
+
+def _to_number(text: str) -> float:
+    """Convert a word to a number, NaN if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,400 @@
+"""Robots: what a description file, or the caller, says about an arm."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from tominpmp.description.files import check_folders, find_robot
+from tominpmp.description.joint_table import (
+    JointLimits,
+    JointTable,
+    read_only,
+)
+from tominpmp.description.joint_values import JointValues
+from tominpmp.description.linkage import Linkage
+from tominpmp.description.model import (
+    build_geometry,
+    build_model,
+    check_inertia,
+    configured_model,
+    expansion,
+)
+from tominpmp.description.srdf import SemanticDescription, read_srdf
+from tominpmp.description.urdf import UrdfDescription, read_urdf
+from tominpmp.exceptions import (
+    FrameNotFound,
+    OptionsError,
+    ProblemError,
+    RobotLoadError,
+)
+
+__all__ = ["JointLimits", "Robot", "load_robot"]
+
+Array = NDArray[np.float64]
+
+# Standard gravity in two decimals, as Pinocchio has it [m/s^2].
+DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    r"""A robot arm: its model, limits, friction and geometry.
+
+    The n joints are those that move freely; locked joints are part of the links. A
+    joint that follows another (mimic) is a joint of ``model`` but not one of the n:
+
+    .. math:: q_{model} = S q + c
+
+    Torques on the n joints are :math:`S^T \tau_{model}`. Robots are not changed;
+    :meth:`with_changes` makes another one.
+
+    Attributes:
+        name: Name asked for, or the one in the description.
+        model: Kinematics and inertia, with ``gravity`` and ``armature`` set; not to be
+            changed. Every joint has one coordinate: nq = nv.
+        joint_names: Names of the n joints in the order of all arrays.
+        limits: Limits of the n joints.
+        damping: Viscous friction, shape (n,) [N m s/rad or N s/m]. Pinocchio's
+            algorithms do not apply it.
+        armature: Rotor inertia seen at the joint, shape (n,) [kg m^2 or kg].
+        gravity: Gravity in the world, shape (3,) [m/s^2].
+        expansion_matrix: S, shape (nv, n), or ``None`` if it is the identity.
+        expansion_offset: c, shape (nv,) [rad or m], or ``None`` if it is zero.
+        locked_joints: Positions of the locked joints by name [rad or m].
+        srdf: Semantic description, if there is one.
+        description: The URDF file, as read.
+    """
+
+    name: str
+    model: pin.Model = field(repr=False)
+    joint_names: tuple[str, ...]
+    limits: JointLimits = field(repr=False)
+    damping: Array = field(repr=False)
+    armature: Array = field(repr=False)
+    gravity: Array
+    expansion_matrix: Array | None = field(repr=False)
+    expansion_offset: Array | None = field(repr=False)
+    locked_joints: Mapping[str, float]
+    srdf: SemanticDescription | None = field(repr=False)
+    description: UrdfDescription = field(repr=False)
+
+    def __post_init__(self) -> None:
+        """Make the arrays and the mapping read-only."""
+        for name in (
+            "damping",
+            "armature",
+            "gravity",
+            "expansion_matrix",
+            "expansion_offset",
+        ):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, read_only(value))
+        locked = MappingProxyType(dict(self.locked_joints))
+        object.__setattr__(self, "locked_joints", locked)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the geometry, which is read again where it is needed.
+
+        Meshes would make it hundreds of megabytes.
+        """
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values["locked_joints"] = dict(self.locked_joints)
+        return type(self), tuple(values.values())
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def urdf_path(self) -> Path:
+        """The URDF file."""
+        return self.description.path
+
+    @property
+    def package_dirs(self) -> tuple[Path, ...]:
+        """Folders given for ``package://``."""
+        return self.description.package_dirs
+
+    @property
+    def passive_joints(self) -> tuple[str, ...]:
+        """Names of the joints without a motor: both effort limits are equal."""
+        passive = self.limits.effort_lower == self.limits.effort_upper
+        return tuple(np.array(self.joint_names)[passive].tolist())
+
+    @cached_property
+    def collision_model(self) -> pin.GeometryModel:
+        """Collision geometry of the links; not to be changed."""
+        return build_geometry(
+            self.description, self.locked_joints, pin.GeometryType.COLLISION
+        )
+
+    @cached_property
+    def visual_model(self) -> pin.GeometryModel:
+        """Geometry to look at; read at first use, as it takes up to seconds."""
+        return build_geometry(
+            self.description, self.locked_joints, pin.GeometryType.VISUAL
+        )
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of all frames: links, joints and whatever is fixed to them."""
+        return tuple(frame.name for frame in self.model.frames[1:])
+
+    def frame_id(self, name: str) -> int:
+        """Index of a frame in ``model.frames``; a link goes before a joint.
+
+        Raises:
+            FrameNotFound: If there is none of that name, with those there are.
+        """
+        if self.model.existBodyName(name):
+            return int(self.model.getBodyId(name))
+        for index, frame in enumerate(self.model.frames):
+            if frame.name == name:
+                return index
+        raise FrameNotFound(name, self.frame_names)
+
+    def expand(self, q: ArrayLike) -> Array:
+        """Configuration of ``model`` at joint positions: S q + c.
+
+        Args:
+            q: Joint positions, shape (..., n) [rad or m].
+
+        Returns:
+            Shape (..., model.nq).
+        """
+        q = np.asarray(q, dtype=np.float64)
+        if self.expansion_matrix is None or self.expansion_offset is None:
+            return q
+        return np.asarray(q @ self.expansion_matrix.T + self.expansion_offset)
+
+    def expand_tangent(self, v: ArrayLike) -> Array:
+        """Velocity or acceleration of ``model`` at that of the joints: S v.
+
+        Args:
+            v: Joint velocities or accelerations, shape (..., n).
+
+        Returns:
+            Shape (..., model.nv).
+        """
+        v = np.asarray(v, dtype=np.float64)
+        if self.expansion_matrix is None:
+            return v
+        return np.asarray(v @ self.expansion_matrix.T)
+
+    def reduce_tangent(self, rows: ArrayLike) -> Array:
+        """Bring gradients, Jacobians or torques from ``model`` to the joints: J S.
+
+        Args:
+            rows: Shape (..., model.nv).
+
+        Returns:
+            Shape (..., n).
+        """
+        rows = np.asarray(rows, dtype=np.float64)
+        if self.expansion_matrix is None:
+            return rows
+        return np.asarray(rows @ self.expansion_matrix)
+
+    def group_state(self, name: str) -> Array:
+        """Joint positions that the semantic description names, for example "home".
+
+        Args:
+            name: Name of the group state.
+
+        Returns:
+            Joint positions, shape (n,) [rad or m].
+
+        Raises:
+            ProblemError: If there is no such state, or it lacks a joint.
+        """
+        states = {} if self.srdf is None else self.srdf.group_states
+        if name not in states:
+            known = ", ".join(states) or "none"
+            raise ProblemError(
+                f"there is no group state {name!r}; the robot has: {known}", "name"
+            )
+        lacking = [joint for joint in self.joint_names if joint not in states[name]]
+        if lacking:
+            raise ProblemError(
+                f"the group state {name!r} says nothing about {', '.join(lacking)}",
+                "name",
+            )
+        return np.array([states[name][joint] for joint in self.joint_names])
+
+    def with_changes(
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        damping: JointValues | None = None,
+        armature: JointValues | None = None,
+        effort: JointValues | None = None,
+        velocity: JointValues | None = None,
+        position_lower: JointValues | None = None,
+        position_upper: JointValues | None = None,
+    ) -> Robot:
+        """Make a robot that differs in some values, given as to :func:`load_robot`.
+
+        Raises:
+            OptionsError: If a value is wrong.
+            JointNotFound: If a joint is unknown.
+            RobotLoadError: If the inertia becomes singular.
+        """
+        limits = self.limits
+        table = JointTable(
+            self.joint_names,
+            limits.position_lower,
+            limits.position_upper,
+            limits.velocity,
+            np.column_stack([limits.effort_lower, limits.effort_upper]),
+            self.damping,
+            self.armature,
+        ).overridden(
+            Linkage.resolve(self.description.joints, self.locked_joints).reasons(),
+            damping=damping,
+            armature=armature,
+            effort=effort,
+            velocity=velocity,
+            position_lower=position_lower,
+            position_upper=position_upper,
+        )
+        changed = _check_gravity(self.gravity if gravity is None else gravity)
+        expansion_pair = self.expansion_matrix, self.expansion_offset
+        robot = replace(
+            self,
+            model=configured_model(self.model, table, changed, *expansion_pair),
+            limits=table.limits(),
+            damping=table.damping,
+            armature=table.armature,
+            gravity=changed,
+        )
+        check_inertia(robot.model, table, *expansion_pair, self.urdf_path)
+        # Geometry does not depend on any of this; it need not be read again.
+        for name in ("collision_model", "visual_model"):
+            if name in self.__dict__:
+                robot.__dict__[name] = self.__dict__[name]
+        return robot
+
+
+def load_robot(
+    name_or_path: str | os.PathLike[str],
+    *,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    srdf: str | os.PathLike[str] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: ArrayLike | None = None,
+    damping: JointValues | None = None,
+    armature: JointValues | None = None,
+    effort: JointValues | None = None,
+    velocity: JointValues | None = None,
+    position_lower: JointValues | None = None,
+    position_upper: JointValues | None = None,
+) -> Robot:
+    """Load a robot from its URDF file.
+
+    Values per joint are one number for all, an array in joint order, or a mapping of
+    joint names for some; they replace what the file says. Dry friction
+    (``<dynamics friction="..."/>``) is not part of the model.
+
+    Args:
+        name_or_path: A bundled robot (``"planar3r"``), one of the package
+            example-robot-data (``"panda"``, ``"ur5"``), or the path of a URDF file.
+        package_dirs: Folders in which to look for ``package://``; those above the file
+            and of ROS are looked through anyway.
+        srdf: Semantic description; by default the one that lies beside the file or in
+            the folder ``../srdf`` and has its name.
+        locked_joints: Positions [rad or m] of joints that are not to move; outside
+            their limits they cause a warning. Joints that follow them are locked too.
+        gravity: Gravity in the world, shape (3,) [m/s^2]; by default what the file
+            says, else 9.81 along -z.
+        damping: Viscous friction [N m s/rad or N s/m].
+        armature: Rotor inertia seen at the joint [kg m^2 or kg].
+        effort: Effort limits [N m or N]: x for (-x, x), or pairs (lower, upper); zero
+            makes a joint passive.
+        velocity: Velocity limits [rad/s or m/s], possibly infinite.
+        position_lower: Lower position limits [rad or m], possibly infinite.
+        position_upper: Upper position limits [rad or m], possibly infinite.
+
+    Returns:
+        The robot.
+
+    Raises:
+        RobotLoadError: If there is no such robot, its files are wrong or a mesh is not
+            there, or a joint lacks a limit or inertia that no argument gives.
+        OptionsError: If the value of an argument is wrong.
+        JointNotFound: If a joint is unknown.
+    """
+    files = find_robot(name_or_path)
+    description = read_urdf(files.urdf, check_folders(package_dirs))
+    linkage = Linkage.resolve(description.joints, locked_joints or {})
+    linkage.warn_of_limits(description.joints)
+    model = build_model(description, linkage.locked)
+    joint_names, matrix, offset = expansion(model, linkage.followers)
+    if not joint_names:
+        raise RobotLoadError(f"{files.urdf}: no joint is left that moves", files.urdf)
+    table = JointTable.from_description(
+        joint_names, description.joints, linkage
+    ).overridden(
+        linkage.reasons(),
+        damping=damping,
+        armature=armature,
+        effort=effort,
+        velocity=velocity,
+        position_lower=position_lower,
+        position_upper=position_upper,
+    )
+    table.check_complete(files.urdf)
+    if gravity is None:
+        gravity = description.gravity or DEFAULT_GRAVITY
+    checked = _check_gravity(gravity)
+    robot = Robot(
+        name=files.name or description.name,
+        model=configured_model(model, table, checked, matrix, offset),
+        joint_names=joint_names,
+        limits=table.limits(),
+        damping=table.damping,
+        armature=table.armature,
+        gravity=checked,
+        expansion_matrix=matrix,
+        expansion_offset=offset,
+        locked_joints=linkage.locked,
+        srdf=_read_semantics(files.srdf if srdf is None else srdf, description),
+        description=description,
+    )
+    check_inertia(robot.model, table, matrix, offset, files.urdf)
+    _ = robot.collision_model  # a mesh that cannot be read is to be told of now
+    return robot
+
+
+def _read_semantics(
+    path: str | os.PathLike[str] | None, description: UrdfDescription
+) -> SemanticDescription | None:
+    if path is None:
+        return None
+    joints = [joint.name for joint in description.joints]
+    return read_srdf(Path(path).expanduser().absolute(), description.links, joints)
+
+
+def _check_gravity(gravity: ArrayLike) -> Array:
+    """Check that gravity is a vector."""
+    try:
+        vector = np.asarray(gravity, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(1, np.nan)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise OptionsError(
+            f"gravity: got {gravity!r}, expected three finite numbers [m/s^2]",
+            "gravity",
+        )
+    return vector

@@ -1,0 +1,235 @@
+"""Tests of finding robots and the files that their descriptions refer to."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from robot_samples import (
+    one_joint,
+    one_shape,
+    write,
+    write_tetrahedron,
+)
+
+from tominpmp.description import files
+from tominpmp.description.files import find_robot, resolve_resource, robot_names
+from tominpmp.description.urdf import UrdfDescription, read_urdf
+from tominpmp.exceptions import RobotLoadError
+
+
+def read(folder: Path, text: str) -> UrdfDescription:
+    return read_urdf(write(folder, text))
+
+
+# Finding
+
+
+def test_bundled_robot_is_found_by_name_with_its_srdf() -> None:
+    found = find_robot("planar3r")
+    assert found.urdf.name == "planar3r.urdf"
+    assert found.srdf is not None and found.srdf.name == "planar3r.srdf"
+    assert found.name == "planar3r"
+
+
+@pytest.mark.parametrize(
+    ("name", "urdf", "srdf"),
+    [
+        ("panda", "panda.urdf", "panda.srdf"),
+        ("ur3", "ur3_robot.urdf", None),
+        ("ur5", "ur5_robot.urdf", "ur5.srdf"),
+        ("ur10", "ur10_robot.urdf", None),
+        ("ur5_gripper", "ur5_gripper.urdf", "ur5_gripper.srdf"),
+        ("ur5_limited", "ur5_joint_limited_robot.urdf", "ur5_joint_limited_robot.srdf"),
+        ("kinova", "kinova.urdf", "kinova.srdf"),
+        ("xarm7", "xarm7.urdf", "xarm7.srdf"),
+        ("z1", "z1.urdf", "z1.srdf"),
+        ("baxter", "baxter.urdf", "baxter_manipulation.srdf"),
+        ("talos", "talos_reduced.urdf", "talos.srdf"),
+        ("solo12", "solo12.urdf", "solo.srdf"),
+        ("double_pendulum", "double_pendulum.urdf", None),
+        ("so100", "so100.urdf", None),
+    ],
+)
+def test_example_robots_have_the_names_of_their_loader(
+    name: str, urdf: str, srdf: str | None
+) -> None:
+    found = find_robot(name)
+    assert found.urdf.name == urdf
+    assert (found.srdf and found.srdf.name) == srdf
+
+
+def test_unknown_name_lists_the_known_and_the_close_ones() -> None:
+    with pytest.raises(
+        RobotLoadError, match=r"Did you mean .*panda.*Known names: .*ur5"
+    ):
+        find_robot("pandra")
+
+
+def test_name_without_example_robots_says_that_they_are_not_installed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(files, "_example_folder", lambda: None)
+    assert robot_names() == ("planar3r",)
+    with pytest.raises(RobotLoadError, match=r"example-robot-data.*not installed"):
+        find_robot("panda")
+
+
+def test_example_folder_is_found_without_metadata(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = tmp_path / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
+    folder.mkdir(parents=True)
+
+    def missing(name: str) -> None:
+        raise files.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(files.metadata, "distribution", missing)
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    files._example_folder.cache_clear()
+    try:
+        assert files._example_folder() == folder
+    finally:
+        files._example_folder.cache_clear()
+
+
+def test_bundled_robots_of_the_wheel_go_before_a_checkout(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "a" / "tominpmp" / "d" / "f"))
+    (tmp_path / "robots").mkdir()
+    assert files._bundled_folder() == tmp_path / "robots"
+    (tmp_path / "a" / "tominpmp" / "robots").mkdir(parents=True)
+    assert files._bundled_folder() == tmp_path / "a" / "tominpmp" / "robots"
+
+
+@pytest.mark.parametrize("value", ["", None, 3])
+def test_what_is_neither_name_nor_path_is_refused(value: object) -> None:
+    with pytest.raises(RobotLoadError, match="expected the name"):
+        find_robot(value)  # type: ignore[arg-type]
+
+
+def test_srdf_is_found_beside_the_urdf_and_in_the_folder_srdf(tmp_path: Path) -> None:
+    urdf = write(tmp_path, one_joint(), "urdf/arm.urdf")
+    assert find_robot(urdf).srdf is None
+    other = write(tmp_path, "<robot/>", "srdf/arm.srdf")
+    assert find_robot(urdf).srdf == other
+    beside = write(tmp_path, "<robot/>", "urdf/arm.srdf")
+    assert find_robot(urdf).srdf == beside
+
+
+# Meshes
+
+
+def mesh(filename: str, tag: str = "collision") -> str:
+    return one_shape(f'<mesh filename="{filename}"/>', tag)
+
+
+@pytest.mark.parametrize("tag", ["collision", "visual"])
+@pytest.mark.parametrize(
+    "filename",
+    ["../meshes/a.obj", "package://pkg/meshes/a.obj", "package:///pkg/meshes/a.obj"],
+)
+def test_meshes_are_found_in_the_folders_above(
+    tmp_path: Path, filename: str, tag: str
+) -> None:
+    expected = write_tetrahedron(tmp_path / "pkg" / "meshes" / "a.obj")
+    path = write(tmp_path, mesh(filename, tag), "pkg/urdf/sample.urdf")
+    assert f'filename="{expected}"' in read_urdf(path).xml
+
+
+def test_mesh_by_absolute_path_and_file_url(tmp_path: Path) -> None:
+    expected = write_tetrahedron(tmp_path / "b c" / "a.obj")
+    for filename in (f"{expected}", f"file://{expected}"):
+        assert f'filename="{expected}"' in read(tmp_path, mesh(filename)).xml
+
+
+def test_mesh_in_several_package_folders(tmp_path: Path) -> None:
+    expected = write_tetrahedron(tmp_path / "two" / "pkg" / "a.obj")
+    path = write(tmp_path, mesh("package://pkg/a.obj"), "here/sample.urdf")
+    (tmp_path / "one").mkdir()
+    found = read_urdf(path, [tmp_path / "one", tmp_path / "two"])
+    assert f'filename="{expected}"' in found.xml
+    # The folder of the package itself serves as well.
+    assert f'filename="{expected}"' in read_urdf(path, [tmp_path / "two" / "pkg"]).xml
+
+
+def test_mesh_in_a_checkout_of_another_name(tmp_path: Path) -> None:
+    expected = write_tetrahedron(tmp_path / "checkout" / "a.obj")
+    write(tmp_path, "<package/>", "checkout/package.xml")
+    path = write(tmp_path, mesh("package://pkg/a.obj"), "checkout/urdf/sample.urdf")
+    assert f'filename="{expected}"' in read_urdf(path).xml
+
+
+@pytest.mark.parametrize(
+    ("variable", "below"), [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")]
+)
+def test_mesh_in_the_folders_of_ros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, below: str
+) -> None:
+    expected = write_tetrahedron(tmp_path / "ros" / below / "pkg" / "a.obj")
+    monkeypatch.setenv(variable, f"/nowhere:{tmp_path / 'ros'}")
+    path = write(tmp_path, mesh("package://pkg/a.obj"), "here/sample.urdf")
+    assert f'filename="{expected}"' in read_urdf(path).xml
+
+
+def test_missing_mesh_names_the_file_and_the_folders_tried(tmp_path: Path) -> None:
+    path = write(tmp_path, mesh("package://pkg/a.obj"), "here/sample.urdf")
+    with pytest.raises(RobotLoadError) as caught:
+        read_urdf(path, [tmp_path / "one", tmp_path / "two"])
+    message = str(caught.value)
+    assert "link l1, collision 1" in message
+    assert "'package://pkg/a.obj'" in message
+    for folder in ("one", "two", "here"):
+        assert str(tmp_path / folder / "pkg" / "a.obj") in message
+    assert "package_dirs" in message
+
+
+def test_folder_or_device_is_no_mesh(tmp_path: Path) -> None:
+    for filename in (str(tmp_path), "/dev/zero"):
+        with pytest.raises(RobotLoadError, match="is not there"):
+            read(tmp_path, mesh(filename))
+
+
+@pytest.mark.parametrize(
+    "filename",
+    [
+        "package://pkg/../../secret.obj",
+        "package://pkg/a/../../secret.obj",
+        "package://../secret.obj",
+        "package:///../secret.obj",
+        "package://",
+        "model://pkg/../secret.obj",
+    ],
+)
+def test_package_cannot_be_left(tmp_path: Path, filename: str) -> None:
+    write_tetrahedron(tmp_path / "secret.obj")
+    path = write(tmp_path, mesh(filename), "pkg/urdf/sample.urdf")
+    with pytest.raises(RobotLoadError, match="leads out of its package"):
+        read_urdf(path, [tmp_path])
+
+
+def test_double_slash_does_not_leave_the_package(tmp_path: Path) -> None:
+    outside = write_tetrahedron(tmp_path / "secret.obj")
+    path = write(tmp_path, mesh(f"package://pkg/{outside}"), "pkg/urdf/sample.urdf")
+    with pytest.raises(RobotLoadError, match="is not there"):
+        read_urdf(path)
+
+
+def test_upward_path_within_the_package_is_fine(tmp_path: Path) -> None:
+    expected = write_tetrahedron(tmp_path / "pkg" / "meshes" / "a.obj")
+    filename = "package://pkg/urdf/../meshes/a.obj"
+    urdf = tmp_path / "pkg" / "urdf" / "sample.urdf"
+    assert resolve_resource(filename, urdf, [])[0] == expected
+
+
+def test_nothing_is_fetched(tmp_path: Path) -> None:
+    with pytest.raises(RobotLoadError, match="nothing is fetched"):
+        read(tmp_path, mesh("https://example.org/a.obj"))
+
+
+def test_mesh_scale_must_not_vanish(tmp_path: Path) -> None:
+    write_tetrahedron(tmp_path / "a.obj")
+    with pytest.raises(RobotLoadError, match="scale"):
+        read(tmp_path, one_shape('<mesh filename="a.obj" scale="1 0 1"/>'))

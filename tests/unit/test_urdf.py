@@ -1,0 +1,335 @@
+"""Tests of reading URDF and SRDF files."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+
+import pytest
+from robot_samples import (
+    INERTIAL,
+    chain,
+    joint,
+    link,
+    one_joint,
+    one_shape,
+    robot,
+    write,
+)
+
+from tominpmp.description import xml_reader
+from tominpmp.description.files import find_robot
+from tominpmp.description.linkage import Linkage
+from tominpmp.description.srdf import read_srdf
+from tominpmp.description.urdf import Mimic, UrdfDescription, read_urdf
+from tominpmp.exceptions import JointNotFound, OptionsError, RobotLoadError
+
+
+def read(folder: Path, text: str) -> UrdfDescription:
+    return read_urdf(write(folder, text))
+
+
+# Files that are none
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is no XML"),
+        ("hello", "is no XML"),
+        ("<robot><link name='a'></robot>", "is no XML"),
+        ("<robot><link name=</robot>", "is no XML"),
+        ("<?xml version='1.0' encoding='nonsense'?><robot/>", "is no XML"),
+        ("<mujoco/>", "root is <mujoco>, expected <robot>"),
+        ("<robot/>", "it has no <link>"),
+        ("<robot><xacro:include filename='a'/></robot>", "is a xacro file"),
+        (robot(link("a"), link("a")), "two links named 'a'"),
+        (robot("<link/>"), "<link> lacks the attribute 'name'"),
+        (robot(link("a"), link("b")), "2 links without a parent joint.*a, b"),
+        (robot(link("a"), joint("j", "a", "b")), "child link 'b' does not exist"),
+        (robot(link("a"), joint("j", "b", "a")), "parent link 'b' does not exist"),
+        (
+            robot(link("a"), link("b"), '<joint name="j" type="fixed"/>'),
+            "joint j lacks <parent>",
+        ),
+        (
+            robot(
+                *map(link, "abc"),
+                joint("j", "a", "c"),
+                joint("k", "b", "c"),
+            ),
+            "link c is the child of two joints, j and k",
+        ),
+        (
+            robot(
+                *map(link, "abc"),
+                joint("j", "b", "c"),
+                joint("k", "c", "b"),
+            ),
+            "links b, c form a loop",
+        ),
+        (
+            robot(*map(link, "abc"), joint("j", "a", "b"), joint("j", "b", "c")),
+            "two joints named 'j'",
+        ),
+        (one_joint(kind="floating"), "joint j1 is floating"),
+        (one_joint(kind="planar"), "joint j1 is planar"),
+        (one_joint(kind="ball"), "joint j1 has the unknown type 'ball'"),
+        (one_joint(axis="0 0 0"), "joint j1: the axis .* has no direction"),
+        (one_joint(axis="0 0"), "axis xyz='0 0', expected 3 numbers"),
+        (one_joint(axis="0 0 nan"), "expected 3 numbers"),
+        (one_joint(axis="0 0 1e300"), "expected 3 numbers"),
+        (one_joint(limit='<limit effort="x"/>'), "limit effort='x' is no number"),
+        (one_joint(limit='<limit effort="nan"/>'), "effort='nan' is no number"),
+        (one_joint(limit='<limit effort="-1"/>'), "effort=-1 is negative"),
+        (one_joint(inside='<dynamics damping="-1"/>'), "damping=-1"),
+        (one_joint(inside="<mimic/>"), "joint j1: <mimic> lacks .*'joint'"),
+        (one_joint(inside='<mimic joint="x"/>'), "joint j1 follows 'x', which is no"),
+        (one_shape('<sphere radius="0"/>'), "sphere radius='0', expected .* greater"),
+        (one_shape("<sphere/>"), "lacks the attribute 'radius'"),
+        (one_shape('<box size="1 1"/>'), "box size='1 1', expected 3 numbers"),
+        (one_shape("<heightmap/>"), "collision 1: <geometry> has <heightmap>"),
+        (one_shape(""), "<geometry> has nothing"),
+        (
+            robot(link("a", '<inertial><mass value="-1"/></inertial>')),
+            "link a: mass value=-1",
+        ),
+        (robot(link("a", "<inertial/>")), "link a: <inertial> lacks <mass>"),
+    ],
+)
+def test_wrong_descriptions_are_told_of_by_name(
+    tmp_path: Path, text: str, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RobotLoadError, match=message) as caught:
+        read(tmp_path, text)
+    assert caught.value.path == tmp_path / "sample.urdf"
+    assert str(tmp_path / "sample.urdf") in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(RobotLoadError, match="there is no file"):
+        read_urdf(tmp_path / "none.urdf")
+    with pytest.raises(RobotLoadError, match="is a folder"):
+        read_urdf(tmp_path)
+    with pytest.raises(RobotLoadError, match="is a folder"):
+        read_urdf(find_robot("/").urdf)
+    with pytest.raises(RobotLoadError, match=r"there is no file|cannot be read"):
+        read_urdf(tmp_path / "a\0b.urdf")
+
+
+def test_binary_file_is_no_xml(tmp_path: Path) -> None:
+    path = tmp_path / "sample.urdf"
+    path.write_bytes(bytes(range(256)) * 40)
+    with pytest.raises(RobotLoadError, match="is no XML"):
+        read_urdf(path)
+
+
+def test_entities_are_refused(tmp_path: Path) -> None:
+    lines = ['<!ENTITY e0 "lol">']
+    lines += [f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12)]
+    text = f"<!DOCTYPE robot [{''.join(lines)}]><robot name='&e11;'/>"
+    with pytest.raises(RobotLoadError, match="declares a document type"):
+        read(tmp_path, text)
+
+
+def test_external_entities_are_refused(tmp_path: Path) -> None:
+    secret = write(tmp_path, "secret", "secret.txt")
+    text = f"<!DOCTYPE r [<!ENTITY x SYSTEM 'file://{secret}'>]><robot>&x;</robot>"
+    with pytest.raises(RobotLoadError, match="declares a document type"):
+        read(tmp_path, text)
+
+
+def test_size_depth_and_count_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RobotLoadError, match="nests them deeper"):
+        read(tmp_path, "<robot>" + "<a>" * 10_000 + "</a>" * 10_000 + "</robot>")
+    monkeypatch.setattr(xml_reader, "MAX_ELEMENTS", 100)
+    with pytest.raises(RobotLoadError, match="more than 100 elements"):
+        read(tmp_path, "<robot>" + "<a/>" * 200 + "</robot>")
+    monkeypatch.setattr(xml_reader, "MAX_BYTES", 100)
+    with pytest.raises(RobotLoadError, match="bytes, more than"):
+        read(tmp_path, one_joint())
+
+
+def test_too_many_links_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RobotLoadError, match="has 2001 links"):
+        read(tmp_path, chain(*[""] * 2000))
+
+
+# What is read
+
+
+def test_joint_values(tmp_path: Path) -> None:
+    text = one_joint(inside='<dynamics damping="0.5" friction="1"/>')
+    (found,) = read(tmp_path, text).joints
+    assert (found.name, found.kind) == ("j1", "revolute")
+    assert (found.lower, found.upper) == (-1, 2)
+    assert (found.effort, found.velocity, found.damping) == (10, 3, 0.5)
+    assert found.mimic is None
+
+
+def test_continuous_joint_has_no_position_limits(tmp_path: Path) -> None:
+    description = read(tmp_path, one_joint(kind="continuous"))
+    (found,) = description.joints
+    assert (found.lower, found.upper) == (-math.inf, math.inf)
+    assert "continuous" not in description.xml
+
+
+def test_limits_left_out(tmp_path: Path) -> None:
+    (found,) = read(tmp_path, one_joint(limit="")).joints
+    values = (found.lower, found.upper, found.velocity, found.effort)
+    assert all(map(math.isnan, values))
+    # By the URDF specification a limit that is left out beside another one is zero.
+    (found,) = read(tmp_path, one_joint(limit='<limit upper="0.04"/>')).joints
+    assert (found.lower, found.upper) == (0, 0.04)
+
+
+def test_infinite_limits_are_read(tmp_path: Path) -> None:
+    limit = '<limit lower="-inf" upper="1e16" velocity="INF" effort="1"/>'
+    (found,) = read(tmp_path, one_joint(limit=limit)).joints
+    assert (found.lower, found.upper, found.velocity) == (-math.inf, math.inf, math.inf)
+
+
+def test_mimic(tmp_path: Path) -> None:
+    text = chain(
+        "", '<mimic joint="j1"/>', '<mimic joint="j2" multiplier="-2" offset="1"/>'
+    )
+    first, second, third = read(tmp_path, text).joints
+    assert first.mimic is None
+    assert second.mimic == Mimic("j1", 1.0, 0.0)
+    assert third.mimic == Mimic("j2", -2.0, 1.0)
+
+
+def test_gravity_and_name_of_the_file(tmp_path: Path) -> None:
+    description = read(tmp_path, one_joint())
+    assert description.gravity is None
+    assert description.name == "sample"
+    text = one_joint().replace("<link", '<tominpmp gravity="1 2 3"/><link', 1)
+    assert read(tmp_path, text).gravity == (1, 2, 3)
+    with pytest.raises(RobotLoadError, match="gravity='1 2', expected 3 numbers"):
+        read(tmp_path, text.replace("1 2 3", "1 2"))
+    nameless = one_joint().replace(' name="sample"', "")
+    assert read_urdf(write(tmp_path, nameless, "arm.urdf")).name == "arm"
+
+
+def test_remains_of_other_tools_are_left_out(tmp_path: Path) -> None:
+    text = one_joint(inside='<safety_controller soft_lower_limit="no"/>').replace(
+        "</robot>",
+        "<gazebo><sensor:camera/></gazebo><transmission><joint name='j1'/>"
+        "</transmission></robot>",
+    )
+    description = read(tmp_path, text)
+    assert [found.name for found in description.joints] == ["j1"]
+    assert "gazebo" not in description.xml
+    assert "soft_lower_limit" not in description.xml
+
+
+def test_colours_of_one_name_remain_different(tmp_path: Path) -> None:
+    def visual(color: str) -> str:
+        return (
+            '<visual><geometry><sphere radius="1"/></geometry><material name="m">'
+            f'<color rgba="{color}"/></material></visual>'
+        )
+
+    inside = INERTIAL + visual("1 0 0 1") + visual("0 1 0 1") + visual("no colour")
+    xml = read(tmp_path, robot(link("a", inside))).xml
+    assert 'name="a 0"><color rgba="1.0 0.0 0.0 1.0"' in xml
+    assert 'name="a 1"><color rgba="0.0 1.0 0.0 1.0"' in xml
+    assert xml.count("<color") == 2
+
+
+# Joints that are not free
+
+
+def linkage(folder: Path, *insides: str, **locked: float) -> Linkage:
+    return Linkage.resolve(read(folder, chain(*insides)).joints, locked)
+
+
+FOLLOW_1 = '<mimic joint="j1" multiplier="2" offset="0.5"/>'
+FOLLOW_2 = '<mimic joint="j2" multiplier="-3" offset="1"/>'
+
+
+def test_chain_of_followers_is_resolved(tmp_path: Path) -> None:
+    found = linkage(tmp_path, "", FOLLOW_1, FOLLOW_2)
+    assert found.locked == {}
+    # q3 = -3 (2 q1 + 0.5) + 1
+    assert found.followers == {"j2": Mimic("j1", 2, 0.5), "j3": Mimic("j1", -6, -0.5)}
+
+
+def test_locked_leader_locks_those_that_follow(tmp_path: Path) -> None:
+    found = linkage(tmp_path, "", FOLLOW_1, FOLLOW_2, j1=0.25)
+    assert found.locked == {"j1": 0.25, "j2": 1.0, "j3": -2.0}
+    assert found.followers == {}
+    assert found.reasons() == dict.fromkeys(("j1", "j2", "j3"), "is locked")
+
+
+def test_locked_follower_must_agree_with_its_leader(tmp_path: Path) -> None:
+    assert linkage(tmp_path, "", FOLLOW_1, j1=0.25, j2=1.0).locked["j2"] == 1.0
+    with pytest.raises(OptionsError, match=r"j2 got 2, but it follows j1.* at 1"):
+        linkage(tmp_path, "", FOLLOW_1, j1=0.25, j2=2.0)
+    with pytest.raises(OptionsError, match="j2 follows j1; lock that one"):
+        linkage(tmp_path, "", FOLLOW_1, j2=1.0)
+
+
+def test_followers_in_a_circle_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RobotLoadError, match="j1 follows itself"):
+        linkage(tmp_path, '<mimic joint="j2"/>', '<mimic joint="j1"/>')
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, "0", None, [0.0]])
+def test_locked_position_must_be_a_number(tmp_path: Path, value: object) -> None:
+    with pytest.raises(OptionsError, match=r"joint j1 got .*, expected a finite"):
+        linkage(tmp_path, "", j1=value)  # type: ignore[arg-type]
+
+
+def test_unknown_locked_joint(tmp_path: Path) -> None:
+    with pytest.raises(JointNotFound, match="'j9'; the robot has: j1, j2"):
+        linkage(tmp_path, "", "", j9=0.0)
+
+
+# SRDF
+
+
+def test_srdf(tmp_path: Path) -> None:
+    text = """<robot name="sample">
+      <group_state name="home" group="arm"><joint name="j1" value="0.5"/>
+        <joint name="other" value="1 2 3"/></group_state>
+      <group_state name="home" group="hand"><joint name="j2" value="-1"/></group_state>
+      <disable_collisions link1="l2" link2="l1" reason="Adjacent"/>
+      <disable_collisions link1="l1" link2="l2"/>
+      <disable_collisions link1="l1" link2="tool"/>
+    </robot>"""
+    path = write(tmp_path, text, "sample.srdf")
+    found = read_srdf(path, ["l1", "l2"], ["j1", "j2"])
+    assert found.disabled_pairs == (("l1", "l2"),)
+    assert found.group_states == {"home": {"j1": 0.5, "j2": -1.0}}
+    assert found.path == path
+    with pytest.raises(TypeError):
+        found.group_states["home"]["j1"] = 0.0  # type: ignore[index]
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<sdf/>", "is no SRDF file: its root is <sdf>"),
+        ("<robot><disable_collisions link1='l1'/></robot>", "lacks .*'link2'"),
+        ("<robot><group_state/></robot>", "lacks .*'name'"),
+        (
+            "<robot><group_state name='a'><joint name='j1' value='x'/></group_state>"
+            + "</robot>",
+            "group_state a: joint value='x', expected a number",
+        ),
+        (
+            "<robot><disable_collisions link1='x' link2='y'/></robot>",
+            "belongs to another robot: it names the links x, y",
+        ),
+    ],
+)
+def test_wrong_srdf(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text, "sample.srdf")
+    with pytest.raises(RobotLoadError, match=message):
+        read_srdf(path, ["l1"], ["j1"])
