@@ -1,0 +1,135 @@
+"""Where frames of a robot are and how they move, with derivatives."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array
+from tominpmp.robot import Robot
+
+
+class FrameMotion(NamedTuple):
+    """Velocity of a frame's origin, with derivatives.
+
+    Attributes:
+        velocity: Linear velocity in the world [m/s], shape (3,).
+        by_q: Derivative with respect to q, shape (3, n).
+        by_v: Derivative with respect to v (the Jacobian), shape (3, n).
+    """
+
+    velocity: Array
+    by_q: Array
+    by_v: Array
+
+
+class RobotKinematics:
+    """Frame placements and Jacobians of a robot.
+
+    Attributes:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._data = robot.model.createData()  # scratch of the algorithms
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the scratch data."""
+        return type(self), (self.robot,)
+
+    def placement(self, q: Array, frame: str) -> pin.SE3:
+        """Placement frame_to_world.
+
+        Args:
+            q: Positions, shape (n,) [rad or m].
+            frame: Name of the frame.
+
+        Returns:
+            The placement.
+
+        Raises:
+            FrameNotFound: If there is no such frame.
+        """
+        index = self.robot.frame_id(frame)
+        model, data = self.robot.model, self._data
+        pin.forwardKinematics(model, data, self.robot.expand(q))
+        return pin.updateFramePlacement(model, data, index).copy()
+
+    def jacobian(self, q: Array, frame: str, *, local: bool = False) -> Array:
+        """Jacobian of a frame: linear part above angular part.
+
+        Args:
+            q: Positions, shape (n,).
+            frame: Name of the frame.
+            local: Whether in the axes of the frame, else in those of the world.
+
+        Returns:
+            Shape (6, n).
+        """
+        reference = (
+            pin.ReferenceFrame.LOCAL if local else pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        jacobian = pin.computeFrameJacobian(
+            self.robot.model,
+            self._data,
+            self.robot.expand(q),
+            self.robot.frame_id(frame),
+            reference,
+        )
+        return self.robot.reduce_tangent(jacobian)
+
+    def motion(self, q: Array, v: Array, frame: str) -> FrameMotion:
+        """Linear velocity of a frame's origin, with derivatives.
+
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,).
+            frame: Name of the frame.
+
+        Returns:
+            Velocity and derivatives.
+        """
+        robot, data = self.robot, self._data
+        v_model = robot.expand_tangent(v)
+        pin.computeForwardKinematicsDerivatives(
+            robot.model, data, robot.expand(q), v_model, np.zeros(robot.model.nv)
+        )
+        index = robot.frame_id(frame)
+        by_q, by_v = pin.getFrameVelocityDerivatives(
+            robot.model, data, index, pin.ReferenceFrame.LOCAL
+        )
+        rotation = pin.updateFramePlacement(robot.model, data, index).rotation
+        velocity = by_v[:3] @ v_model
+        # d(R v) = R (dv + w x v), as the axes of the frame turn with q.
+        turned = by_q[:3] + np.cross(by_v[3:].T, velocity).T
+        return FrameMotion(
+            np.asarray(rotation @ velocity),
+            robot.reduce_tangent(rotation @ turned),
+            robot.reduce_tangent(rotation @ by_v[:3]),
+        )
+
+    def reach(self) -> float:
+        """Upper bound on the distance of any frame from the base, at any q [m].
+
+        The sum of the offsets along the chain, plus the travel of prismatic joints; used
+        to scale lengths and to prove that a position is out of reach.
+        """
+        model = self.robot.model
+        span = np.zeros(model.njoints)
+        lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+        for joint in range(1, model.njoints):
+            offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
+            kind = model.joints[joint].shortname()
+            travel = 0.0
+            if "P" in kind.replace("JointModel", "")[:1]:
+                index = model.joints[joint].idx_q
+                travel = float(max(abs(lower[index]), abs(upper[index])))
+            span[joint] = span[model.parents[joint]] + offset + travel
+        best = 0.0
+        for frame in model.frames:
+            offset = float(np.linalg.norm(frame.placement.translation))
+            best = max(best, span[frame.parentJoint] + offset)
+        return best

@@ -1,0 +1,154 @@
+"""Options of a plan: one frozen record, checked when it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import OptionsError
+
+if TYPE_CHECKING:
+    from tominpmp.solution import IterationRecord
+
+Method = Literal["auto", "inverse", "collocation", "adjoint", "penalty"]
+METHODS = ("auto", "inverse", "collocation", "adjoint", "penalty")
+STEP_RULES = ("adaptive", "paper")
+GRIDS = ("cosine", "uniform")
+CONTROLS = ("constant",)
+LP_SOLVERS = ("auto", "highs", "piqp")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How a motion is planned. The defaults are sensible for any arm.
+
+    Attributes:
+        method: Transcription: "inverse" (accelerations, torque limits as rows),
+            "collocation" (states and torques), "adjoint" (the paper's), "penalty" (the
+            paper's comparison), or "auto": "inverse" for arms with a motor at every
+            joint, else "collocation".
+        intervals: Number N of intervals of the time grid.
+        grid: "cosine" (short intervals at both ends, see
+            :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
+        control: How the torque (adjoint, collocation) or the acceleration (inverse) runs
+            over an interval.
+        smoothing: Weight of the total variation of the controls in the objective, in s
+            per full range: it makes those controls quiet that the minimum time leaves
+            free. None takes 1e-4 T for "inverse" and "collocation", 0 for "adjoint".
+        starts: Number of initial guesses; None lets the planner choose.
+        seed: Seed of everything random.
+        max_planning_time: Time limit [s]; the best motion so far is returned.
+        max_iterations: Largest number of iterations a start.
+        tolerance: Relative progress below which the iteration stops: when the last three
+            iterations together brought less than this share of T.
+        feasibility: Largest violation that counts as none: relative for torques and
+            velocities, in m and rad for goals and clearances.
+        trust_region: Initial radius of the trust region [rad].
+        step_rule: For "adjoint": "adaptive", or "paper" (fixed steps, every step taken).
+        control_step: Largest torque change an iteration with step_rule="paper", the
+            paper's rho [N m].
+        time_step: Largest change of T an iteration with step_rule="paper", the paper's
+            epsilon [s].
+        initial_duration: Duration of the initial guess [s]: the paper's T^0 for
+            "adjoint" and "penalty"; None lets the planner choose.
+        initial_control: Initial torques for "adjoint" and "penalty", the paper's u^0,
+            shape (n,) or (N, n) [N m]; None for zero.
+        lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the
+            name of any other solver that qpsolvers knows, or "auto".
+        processes: Number of processes for several starts.
+        callback: Called with an IterationRecord after every iteration; returning True
+            stops the planning.
+    """
+
+    method: Method = "auto"
+    intervals: int = 40
+    grid: Literal["cosine", "uniform"] = "cosine"
+    control: Literal["constant"] = "constant"
+    smoothing: float | None = None
+    starts: int | None = None
+    seed: int = 0
+    max_planning_time: float | None = None
+    max_iterations: int = 100
+    tolerance: float = 1e-4
+    feasibility: float = 1e-6
+    trust_region: float = 0.3
+    step_rule: Literal["adaptive", "paper"] = "adaptive"
+    control_step: float = 0.05
+    time_step: float = 0.01
+    initial_duration: float | None = None
+    initial_control: Array | None = None
+    lp_solver: str = "auto"
+    processes: int = 1
+    callback: Callable[[IterationRecord], bool | None] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every option."""
+        self._one_of("method", METHODS)
+        self._one_of("step_rule", STEP_RULES)
+        self._one_of("control", CONTROLS)
+        self._one_of("grid", GRIDS)
+        for name, least in (
+            ("intervals", 4),
+            ("max_iterations", 1),
+            ("processes", 1),
+            ("seed", 0),
+            ("starts", 1),
+        ):
+            self._integer(name, least)
+        for name in (
+            "max_planning_time",
+            "tolerance",
+            "feasibility",
+            "trust_region",
+            "control_step",
+            "time_step",
+            "initial_duration",
+        ):
+            self._positive(name)
+        if self.smoothing is not None and not (
+            np.isfinite(self.smoothing) and self.smoothing >= 0.0
+        ):
+            self._fail("smoothing", "a number >= 0, or None")
+        if self.callback is not None and not callable(self.callback):
+            self._fail("callback", "a function")
+        if self.initial_control is not None:
+            control = np.array(self.initial_control, dtype=np.float64)
+            if not np.all(np.isfinite(control)):
+                self._fail("initial_control", "finite torques [N m]")
+            control.setflags(write=False)
+            object.__setattr__(self, "initial_control", control)
+
+    def _fail(self, name: str, expected: str) -> None:
+        value = getattr(self, name)
+        raise OptionsError(f"{name} is {value!r}, expected {expected}", option=name)
+
+    def _one_of(self, name: str, known: tuple[str, ...]) -> None:
+        if getattr(self, name) not in known:
+            self._fail(name, f"one of: {', '.join(known)}")
+
+    def _integer(self, name: str, least: int) -> None:
+        value = getattr(self, name)
+        if value is None and name == "starts":
+            return
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            self._fail(name, f"an integer >= {least}")
+        if value < least:
+            self._fail(name, f"an integer >= {least}")
+
+    def _positive(self, name: str) -> None:
+        value = getattr(self, name)
+        if value is None and name in ("max_planning_time", "initial_duration"):
+            return
+        if not isinstance(value, int | float | np.number) or isinstance(value, bool):
+            self._fail(name, "a positive number")
+        if not (np.isfinite(value) and value > 0.0):
+            self._fail(name, "a positive number")
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of all options."""
+        return tuple(item.name for item in fields(cls))

@@ -1,0 +1,177 @@
+"""What planning returns: a motion, how it ended and how it got there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tominpmp.exceptions import PlanningFailed, ProblemError
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Status(Enum):
+    """How planning ended; the value is a sentence."""
+
+    CONVERGED = "A locally time-optimal motion was found."
+    ITERATION_LIMIT = "The iteration limit was reached before the time had settled."
+    TIME_LIMIT = "The planning time was used up before the time had settled."
+    INTERRUPTED = "The planning was interrupted."
+    STALLED = "The iteration made no more progress before the time had settled."
+    INFEASIBLE = "No motion was found that keeps all constraints."
+    NUMERICAL_FAILURE = "The linear programs could not be solved."
+
+
+@dataclass(frozen=True)
+class IterationRecord:
+    """One iteration of a solver.
+
+    Attributes:
+        iteration: Its number, from 0.
+        duration: T after it [s].
+        violation: Largest violation after it, in the scaled units of the rows.
+        objective: Merit after it [s].
+        predicted: Reduction of the merit that the linear program predicted [s].
+        actual: Reduction that was had [s].
+        radius: Trust region radius, as a share of the initial one.
+        accepted: Whether the step was taken.
+        programs: Linear programs solved in it.
+        pivots: Simplex or interior-point iterations in them.
+        program_seconds: Time spent in them [s].
+        seconds: Time since the start [s].
+        start: Number of the initial guess it belongs to.
+    """
+
+    iteration: int
+    duration: float
+    violation: float
+    objective: float
+    predicted: float
+    actual: float
+    radius: float
+    accepted: bool
+    programs: int
+    pivots: int
+    program_seconds: float
+    seconds: float
+    start: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The outcome of planning.
+
+    Attributes:
+        problem: The problem.
+        options: The options it was planned with, "auto" replaced by what was taken.
+        status: How it ended.
+        message: The status with its reason, in a sentence or two.
+        feasible: Whether the motion keeps all constraints.
+        trajectory: The best motion found; None if there is none at all.
+        initial: The motion the iteration began with.
+        history: One record an iteration.
+        planning_time: Time taken [s].
+        violations: Largest violation by kind of constraint, scaled as in the rows.
+        verification: Independent replay of the torques, if it was done.
+        certificate: Optimality certificate, if it was made.
+    """
+
+    problem: Problem
+    options: Options
+    status: Status
+    message: str
+    feasible: bool
+    trajectory: Trajectory | None
+    initial: Trajectory | None = None
+    history: tuple[IterationRecord, ...] = ()
+    planning_time: float = 0.0
+    violations: dict[str, float] = field(default_factory=dict)
+    verification: Any = None
+    certificate: Any = None
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a motion that reaches the goal and keeps all constraints."""
+        return self.feasible and self.trajectory is not None
+
+    @property
+    def T(self) -> float:
+        """Duration of the motion [s]; infinite if there is none."""
+        return np.inf if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return len(self.history)
+
+    def raise_if_failed(self) -> Solution:
+        """Return itself, or raise if planning failed.
+
+        Raises:
+            PlanningFailed: If there is no motion that keeps all constraints.
+        """
+        if not self.success:
+            raise PlanningFailed(self)
+        return self
+
+    def _motion(self) -> Trajectory:
+        if self.trajectory is None:
+            raise ProblemError(f"there is no motion: {self.message}", "trajectory")
+        return self.trajectory
+
+    def play(self, path: str | Path | None = None, **options: Any) -> Any:
+        """Show the motion in Meshcat; see :func:`tominpmp.output.playback.play`.
+
+        Args:
+            path: Where to write a page that works offline; None opens a browser.
+            **options: Passed on.
+
+        Raises:
+            ProblemError: If there is no motion.
+            MissingDependency: If Meshcat is not installed.
+        """
+        from tominpmp.output.playback import play
+
+        return play(self.problem, self._motion(), path=path, **options)
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Plot positions, velocities and torques over time with their limits.
+
+        Args:
+            path: File to write (PNG, PDF or SVG by its ending), if any.
+
+        Returns:
+            The figure.
+
+        Raises:
+            ProblemError: If there is no motion.
+            MissingDependency: If matplotlib is not installed.
+        """
+        from tominpmp.output.plots import plot_trajectory
+
+        return plot_trajectory(self.problem, self._motion(), path=path)
+
+    def export(self, path: str | Path, *, dt: float | None = None) -> Path:
+        """Write the motion as CSV or NPZ, by the ending of the path.
+
+        Args:
+            path: File to write.
+            dt: Time between rows [s]; None writes the nodes.
+
+        Returns:
+            The path.
+
+        Raises:
+            ProblemError: If there is no motion or the ending is unknown.
+        """
+        from tominpmp.output.export import export
+
+        return export(self._motion(), path, dt=dt)
