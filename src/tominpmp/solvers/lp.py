@@ -1,0 +1,279 @@
+"""Linear programs: one record, a few solvers. The only module that knows them.
+
+HiGHS is called directly, since the portable interface of qpsolvers cannot hand over a
+basis; PIQP is an interior-point method whose cost grows linearly with the grid; every
+other solver is reached through qpsolvers by its name.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import highspy
+import numpy as np
+import piqp
+import qpsolvers
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.exceptions import SolverNotFound
+
+# Bounds beyond this are none, for solvers that have no infinity.
+HUGE = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProgram:
+    """Minimise cost @ x with row_lower <= A x <= row_upper, lower <= x <= upper.
+
+    Attributes:
+        cost: Shape (n,).
+        matrix: A, shape (m, n).
+        row_lower: Shape (m,); equal to ``row_upper`` for equations.
+        row_upper: Shape (m,).
+        lower: Shape (n,).
+        upper: Shape (n,).
+        row_keys: Names of the rows, which tie the bases of successive programs, (m,).
+        column_keys: Names of the columns, shape (n,).
+    """
+
+    cost: Array
+    matrix: sp.csc_matrix
+    row_lower: Array
+    row_upper: Array
+    lower: Array
+    upper: Array
+    row_keys: IntArray
+    column_keys: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class LpSolution:
+    """Outcome of a linear program.
+
+    Attributes:
+        optimal: Whether it was solved.
+        x: Solution, shape (n,); meaningless unless optimal.
+        row_duals: Sensitivity of the optimum to the bound that is active, shape (m,):
+            positive at an upper bound, negative at a lower one.
+        iterations: Simplex pivots or interior-point iterations.
+        seconds: Time taken [s].
+    """
+
+    optimal: bool
+    x: Array
+    row_duals: Array
+    iterations: int
+    seconds: float
+
+
+class LpSolver(ABC):
+    """A solver of a sequence of related linear programs."""
+
+    @abstractmethod
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program, warm started from the last one where that is possible."""
+
+    @abstractmethod
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve the last program again with other row bounds."""
+
+
+class HighsSolver(LpSolver):
+    """HiGHS' bounded dual simplex, started from the last basis (Huangfu, Hall, 2018)."""
+
+    def __init__(self) -> None:
+        highs = highspy.Highs()
+        for option, value in (
+            ("output_flag", False),
+            ("threads", 1),
+            ("solver", "simplex"),
+            ("primal_feasibility_tolerance", 1e-9),
+            ("dual_feasibility_tolerance", 1e-9),
+        ):
+            highs.setOptionValue(option, value)
+        self._highs = highs
+        self._program: LinearProgram | None = None
+        self._basis: highspy.HighsBasis | None = None
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program from the basis of the last one."""
+        matrix = program.matrix
+        lp = highspy.HighsLp()
+        lp.num_row_, lp.num_col_ = matrix.shape
+        lp.col_cost_ = program.cost
+        lp.col_lower_, lp.col_upper_ = program.lower, program.upper
+        lp.row_lower_, lp.row_upper_ = program.row_lower, program.row_upper
+        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        lp.a_matrix_.start_ = matrix.indptr
+        lp.a_matrix_.index_ = matrix.indices
+        lp.a_matrix_.value_ = matrix.data
+        self._highs.passModel(lp)
+        if self._basis is not None and self._program is not None:
+            self._carry_basis(self._program, program)
+        self._program = program
+        return self._run()
+
+    def _carry_basis(self, old: LinearProgram, new: LinearProgram) -> None:
+        basis = self._basis
+        assert basis is not None  # noqa: S101
+        before_rows = dict(zip(old.row_keys.tolist(), basis.row_status, strict=True))
+        before = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
+        basic, at_lower = highspy.HighsBasisStatus.kBasic, highspy.HighsBasisStatus.kLower
+        carried = highspy.HighsBasis()
+        carried.row_status = [before_rows.get(k, basic) for k in new.row_keys.tolist()]
+        carried.col_status = [before.get(k, at_lower) for k in new.column_keys.tolist()]
+        carried.valid = True
+        self._highs.setBasis(carried)
+
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve again; the basis stays dual feasible, so that a few pivots do."""
+        indices = np.arange(row_lower.size, dtype=np.int32)
+        self._highs.changeRowsBounds(row_lower.size, indices, row_lower, row_upper)
+        return self._run()
+
+    def _run(self) -> LpSolution:
+        begin = time.perf_counter()
+        self._highs.run()
+        optimal = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        solution, info = self._highs.getSolution(), self._highs.getInfo()
+        self._basis = self._highs.getBasis() if optimal else None
+        return LpSolution(
+            optimal,
+            np.array(solution.col_value),
+            -np.array(solution.row_dual),
+            max(int(info.simplex_iteration_count), 0),
+            time.perf_counter() - begin,
+        )
+
+
+class PiqpSolver(LpSolver):
+    """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023)."""
+
+    def __init__(self) -> None:
+        solver = piqp.SparseSolver()
+        solver.settings.verbose = False
+        solver.settings.eps_abs = 1e-8
+        solver.settings.eps_rel = 1e-8
+        solver.settings.check_duality_gap = True
+        self._solver = solver
+        self._equal: BoolArray = np.zeros(0, dtype=bool)
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program; interior points have no warm start."""
+        begin = time.perf_counter()
+        equal = program.row_lower == program.row_upper
+        self._equal = equal
+        rows = program.matrix.tocsr()
+        size = program.cost.size
+        self._solver.setup(
+            sp.csc_matrix((size, size)),
+            program.cost,
+            rows[equal].tocsc() if equal.any() else None,
+            program.row_lower[equal] if equal.any() else None,
+            rows[~equal].tocsc(),
+            np.maximum(program.row_lower[~equal], -HUGE),
+            np.minimum(program.row_upper[~equal], HUGE),
+            np.maximum(program.lower, -HUGE),
+            np.minimum(program.upper, HUGE),
+        )
+        return self._run(begin)
+
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve again, with the symbolic factorisation kept."""
+        begin = time.perf_counter()
+        equal = self._equal
+        self._solver.update(
+            b=row_lower[equal] if equal.any() else None,
+            h_l=np.maximum(row_lower[~equal], -HUGE),
+            h_u=np.minimum(row_upper[~equal], HUGE),
+        )
+        return self._run(begin)
+
+    def _run(self, begin: float) -> LpSolution:
+        status = self._solver.solve()
+        result = self._solver.result
+        duals = np.zeros(self._equal.size)
+        duals[self._equal] = result.y
+        duals[~self._equal] = result.z_u - result.z_l
+        return LpSolution(
+            status == piqp.PIQP_SOLVED and bool(np.all(np.isfinite(result.x))),
+            np.array(result.x),
+            duals,
+            int(result.info.iter),
+            time.perf_counter() - begin,
+        )
+
+
+class QpsolversSolver(LpSolver):
+    """Any solver that qpsolvers knows.
+
+    Attributes:
+        name: Its name there.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._program: LinearProgram | None = None
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program from scratch."""
+        self._program = program
+        return self.resolve(program.row_lower, program.row_upper)
+
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve the last program from scratch with other row bounds."""
+        program = self._program
+        assert program is not None  # noqa: S101
+        begin = time.perf_counter()
+        rows, size = program.matrix.tocsr(), program.cost.size
+        equal = row_lower == row_upper
+        high = ~equal & (row_upper < HUGE)
+        low = ~equal & (row_lower > -HUGE)
+        problem = qpsolvers.Problem(
+            sp.csc_matrix((size, size)),
+            program.cost,
+            sp.vstack([rows[high], -rows[low]], format="csc"),
+            np.concatenate([row_upper[high], -row_lower[low]]),
+            rows[equal].tocsc() if equal.any() else None,
+            row_upper[equal] if equal.any() else None,
+            program.lower,
+            program.upper,
+        )
+        solution = qpsolvers.solve_problem(problem, solver=self.name)
+        duals = np.zeros(row_lower.size)
+        if solution.found and solution.z is not None:
+            count = int(high.sum())
+            duals[high] = solution.z[:count]
+            duals[low] -= solution.z[count:]
+        if solution.found and solution.y is not None and equal.any():
+            duals[equal] = solution.y
+        x = np.zeros(size) if solution.x is None else solution.x
+        return LpSolution(
+            bool(solution.found), x, duals, 0, time.perf_counter() - begin
+        )
+
+
+def available_solvers() -> tuple[str, ...]:
+    """Names of the solvers that are installed."""
+    return tuple(dict.fromkeys(["highs", "piqp", *qpsolvers.available_solvers]))
+
+
+def make_solver(name: str) -> LpSolver:
+    """Make a solver by its name.
+
+    Args:
+        name: "highs", "piqp" or a name that qpsolvers knows.
+
+    Raises:
+        SolverNotFound: If it is not installed.
+    """
+    if name == "highs":
+        return HighsSolver()
+    if name == "piqp":
+        return PiqpSolver()
+    if name not in qpsolvers.available_solvers:
+        raise SolverNotFound(name, available_solvers())
+    return QpsolversSolver(name)

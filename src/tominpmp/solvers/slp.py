@@ -1,0 +1,363 @@
+"""Sequential linear programming: linearise, solve, correct, accept or shrink, repeat.
+
+After each linear program its second-order error is put into the right-hand side and the
+same program is solved once more, which keeps steps along curved constraints from being
+refused (Maratos effect; Fletcher and Sainz de la Maza, 1989; the feasibility iterations of
+Kiessling, Zanelli, Nurkanovic, Gillis, Diehl, Zeilinger, Pipeleers and Swevers, 2022). If
+the merit still does not fall, a line search shortens the step: it costs evaluations, while
+a smaller trust region would cost another linear program.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.options import Options
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.lp import LpSolution, LpSolver, make_solver
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.subproblem import Subproblem, build_subproblem
+from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
+from tominpmp.transcription.base import Transcription, Variation
+
+# Violations below this are removed by slowing down at the end.
+RESTORABLE = 1e-2
+RESTORATIONS = 6
+# Weights of the merit before any multiplier is known, in shares of T: what the duration
+# can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
+FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
+OTHER_WEIGHT = 10.0
+# Raising of the weights when the iteration settles on a violated constraint.
+WEIGHT_GROWTH = 10.0
+WEIGHT_RAISES = 4
+# Progress is judged over this many iterations.
+WINDOW = 3
+LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
+# A step that brings this share of what was predicted needs no correction.
+ENOUGH = 0.8
+# Second-order corrections are tried while violations are below this.
+CORRECTABLE = 1.0
+
+Monitor = Callable[[IterationRecord], Status | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """State of the iteration.
+
+    Attributes:
+        z: Unknowns.
+        values: Row values there.
+        merit: Weights of the merit.
+        region: Trust region.
+        multipliers: Of all rows, from the last linear program.
+        raises: How often weights were raised for want of feasibility.
+        gains: Merit gained in the last iterations [s], the newest last.
+    """
+
+    z: Array
+    values: Array
+    merit: Merit
+    region: TrustRegion
+    multipliers: Array
+    raises: int = 0
+    gains: tuple[float, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self.merit.cost @ self.z)
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of all rows."""
+        return float(np.max(self.merit.rows.violation(self.values), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class SlpResult:
+    """Outcome of the iteration.
+
+    Attributes:
+        status: How it ended.
+        iterate: The last iterate.
+        best: The fastest iterate without violation, if there was one.
+        history: One record an iteration.
+    """
+
+    status: Status
+    iterate: Iterate
+    best: Iterate | None
+    history: tuple[IterationRecord, ...]
+
+
+@dataclass
+class Effort:
+    """Counts the work of one iteration."""
+
+    programs: int = 0
+    pivots: int = 0
+    seconds: float = 0.0
+
+    def add(self, solution: LpSolution) -> LpSolution:
+        """Count a linear program and hand it on."""
+        self.programs += 1
+        self.pivots += solution.iterations
+        self.seconds += solution.seconds
+        return solution
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A point tried, with its merit."""
+
+    z: Array
+    values: Array
+    merit: float
+    damping: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step brought."""
+
+    trial: Trial
+    predicted: float
+    actual: float
+    ratio: float
+    accepted: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SlpSolver:
+    """Sequential linear programming on any transcription.
+
+    Attributes:
+        transcription: The nonlinear program.
+        options: Tolerances, limits and the trust region.
+        smoothing: Weight of the total variation [s].
+        lp: Solver of the linear programs.
+        monitor: Sees every record; a status ends the iteration.
+    """
+
+    transcription: Transcription
+    options: Options
+    smoothing: float
+    lp: LpSolver
+    monitor: Monitor = field(default=lambda record: None)
+
+    def run(self, z: Array) -> SlpResult:
+        """Iterate from a start until it settles or has to stop."""
+        begin = time.perf_counter()
+        iterate = self.init(z)
+        best: Iterate | None = None
+        history: list[IterationRecord] = []
+        status: Status | None = None
+        try:
+            while status is None:
+                effort = Effort()
+                iterate, outcome = self.step(iterate, effort)
+                best = self.better(best, iterate)
+                record = self.record(len(history), iterate, outcome, effort, begin)
+                history.append(record)
+                status = self.terminate(iterate, outcome, len(history))
+                status = status or self.monitor(record)
+        except KeyboardInterrupt:
+            status = Status.INTERRUPTED
+        assert status is not None  # noqa: S101
+        iterate = self.restored(iterate)
+        best = self.better(best, iterate)
+        if status is Status.CONVERGED and best is None:
+            status = Status.INFEASIBLE
+        return SlpResult(status, iterate, best, tuple(history))
+
+    def init(self, z: Array) -> Iterate:
+        """Iterate at the start."""
+        nlp = self.transcription
+        duration = float(nlp.cost @ z)
+        shares = [FIRST_WEIGHTS.get(kind, OTHER_WEIGHT) for kind in nlp.rows.kinds]
+        merit = Merit(nlp.cost, nlp.rows, self.smoothing, duration * np.array(shares))
+        values = nlp.evaluate(z)
+        return Iterate(z, values, merit, TrustRegion(), np.zeros(nlp.rows.size))
+
+    def step(self, iterate: Iterate, effort: Effort) -> tuple[Iterate, Outcome | None]:
+        """One iteration: linearise, solve, correct, search, accept or shrink."""
+        nlp, z, merit = self.transcription, iterate.z, iterate.merit
+        radius = self.options.trust_region * iterate.region.radius
+        steps = nlp.step_bounds(z, radius)
+        variation = nlp.variation(z) if self.smoothing > 0.0 else None
+        linearization = nlp.linearize(z, iterate.values, steps)
+        program = build_subproblem(
+            merit, iterate.values, linearization, steps, variation, z
+        )
+        solution = effort.add(self.lp.solve(program.program))
+        if not solution.optimal:
+            solution = effort.add(make_solver("highs").solve(program.program))
+        if not solution.optimal:
+            region = iterate.region.after(0.0, 0.1)
+            return replace(iterate, region=region), None
+        outcome = self.search(iterate, program, solution, variation, effort)
+        multipliers = program.multipliers(solution)
+        merit = merit.raised(multipliers)
+        region = iterate.region.after(outcome.ratio, outcome.trial.damping)
+        if outcome.accepted:
+            iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
+        iterate = replace(
+            iterate,
+            merit=merit,
+            region=region,
+            multipliers=multipliers,
+            gains=(*iterate.gains, max(outcome.actual, 0.0))[-WINDOW:],
+        )
+        if self.settled(iterate, outcome) and iterate.violation > RESTORABLE:
+            # Settled on a violated constraint: its weight may be below its multiplier.
+            merit = iterate.merit.scaled(WEIGHT_GROWTH)
+            iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
+        return iterate, outcome
+
+    def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
+        """Whether no more progress is predicted, or was had lately."""
+        little = self.options.tolerance * iterate.duration
+        if outcome.predicted < 0.1 * little:
+            return True
+        return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
+
+    def restored(self, iterate: Iterate) -> Iterate:
+        """Slow a motion down until it keeps the limits, where that is enough.
+
+        The iteration stops when the duration has settled, which may be before the last
+        second-order errors are gone; slowing down by half of such an error removes it.
+        """
+        nlp, limit = self.transcription, self.options.feasibility
+        if iterate.violation <= limit or iterate.violation > RESTORABLE:
+            return iterate
+        low, high = 1.0, 1.0 + 2.0 * RESTORABLE
+        best: Iterate | None = None
+        for factor in (1.0 + iterate.violation, high):
+            z = nlp.stretch(iterate.z, factor)
+            trial = replace(iterate, z=z, values=nlp.evaluate(z))
+            if trial.violation <= limit:
+                best, high = trial, factor
+                break
+        if best is None:
+            return iterate
+        for _ in range(RESTORATIONS):
+            factor = 0.5 * (low + high)
+            z = nlp.stretch(iterate.z, factor)
+            trial = replace(iterate, z=z, values=nlp.evaluate(z))
+            if trial.violation <= limit:
+                best, high = trial, factor
+            else:
+                low = factor
+        return best
+
+    def search(
+        self,
+        iterate: Iterate,
+        program: Subproblem,
+        solution: LpSolution,
+        variation: Variation | None,
+        effort: Effort,
+    ) -> Outcome:
+        """Full step, second-order correction, then a line search on the merit."""
+        nlp, merit = self.transcription, iterate.merit
+
+        def attempt(step: Array, damping: float = 1.0) -> Trial:
+            z = iterate.z + damping * step
+            values = nlp.evaluate(z)
+            return Trial(z, values, merit(z, values, variation), damping)
+
+        now = merit(iterate.z, iterate.values, variation)
+        step = program.step(solution)
+        # At a solution of the linear program its objective is the model of the merit.
+        predicted = max(now - self.model(iterate, program, step, variation), 0.0)
+        full = best = attempt(step)
+        scale = max(predicted, 1e-12)
+        if (now - full.merit) / scale < ENOUGH and self.violation(full) < CORRECTABLE:
+            error = full.values[program.rows] - (
+                iterate.values[program.rows] + program.matrix @ step
+            )
+            again = effort.add(self.lp.resolve(*program.corrected(error)))
+            if again.optimal:
+                corrected = attempt(program.step(again))
+                best = min(full, corrected, key=lambda trial: trial.merit)
+        ratio = (now - best.merit) / scale
+        if ratio < ACCEPT:
+            for damping in LINE_SEARCH:
+                trial = attempt(step, damping)
+                if now - trial.merit > ACCEPT * damping * predicted:
+                    best = trial
+                    break
+            else:
+                best = replace(best, damping=LINE_SEARCH[-1])
+        actual = now - best.merit
+        return Outcome(best, predicted, actual, ratio, actual > 0.0)
+
+    def model(
+        self,
+        iterate: Iterate,
+        program: Subproblem,
+        step: Array,
+        variation: Variation | None,
+    ) -> float:
+        """Merit that the linearised rows promise for a step."""
+        values = iterate.values.copy()
+        values[program.rows] += program.matrix @ step
+        return iterate.merit(iterate.z + step, values, variation)
+
+    def violation(self, trial: Trial) -> float:
+        """Largest violation at a trial."""
+        return float(np.max(self.transcription.rows.violation(trial.values), initial=0.0))
+
+    def better(self, best: Iterate | None, iterate: Iterate) -> Iterate | None:
+        """The faster of two iterates without violation."""
+        if iterate.violation > self.options.feasibility:
+            return best
+        if best is None or iterate.duration < best.duration:
+            return iterate
+        return best
+
+    def terminate(
+        self, iterate: Iterate, outcome: Outcome | None, count: int
+    ) -> Status | None:
+        """Status if the iteration is to end, else None."""
+        if outcome is None:
+            return Status.NUMERICAL_FAILURE if iterate.region.exhausted else None
+        if self.settled(iterate, outcome) and iterate.violation <= RESTORABLE:
+            return Status.CONVERGED
+        if iterate.raises > WEIGHT_RAISES:
+            return Status.INFEASIBLE
+        if iterate.region.exhausted:
+            return Status.STALLED
+        if count >= self.options.max_iterations:
+            return Status.ITERATION_LIMIT
+        return None
+
+    def record(
+        self,
+        number: int,
+        iterate: Iterate,
+        outcome: Outcome | None,
+        effort: Effort,
+        begin: float,
+    ) -> IterationRecord:
+        """Record of an iteration."""
+        return IterationRecord(
+            iteration=number,
+            duration=iterate.duration,
+            violation=iterate.violation,
+            objective=np.inf if outcome is None else outcome.trial.merit,
+            predicted=0.0 if outcome is None else outcome.predicted,
+            actual=0.0 if outcome is None else outcome.actual,
+            radius=iterate.region.radius,
+            accepted=outcome is not None and outcome.accepted,
+            programs=effort.programs,
+            pivots=effort.pivots,
+            program_seconds=effort.seconds,
+            seconds=time.perf_counter() - begin,
+        )

@@ -1,0 +1,172 @@
+"""The linear program of an iteration: step, total variation and elastic variables.
+
+.. math::
+    \\min \\; c^T d + \\gamma \\sum (p + m) + \\sum_g \\mu_g e_g
+    \\quad s.t. \\quad l \\le g(z) + J d - s e_g \\le u, \\quad
+    G (z + d) + G_0 = p - m
+
+Elastic variables e_g exist for the groups of rows that are violated, up to their present
+violation. Their coefficients s are the signs of the violations (for equations the
+violations relative to the largest of the group, so that all shrink in proportion), and
+zero on rows that are satisfied: d = 0 is always feasible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.solvers.lp import LinearProgram, LpSolution
+from tominpmp.solvers.merit import NEGLIGIBLE, Merit
+from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+
+# Keys of rows and columns that are not of the transcription begin here.
+_KEY_BLOCK = 10_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Subproblem:
+    """A linear program and how to read its solution.
+
+    Attributes:
+        program: The linear program.
+        free: Indices of the unknowns that can move, shape (k,).
+        rows: Indices of the transcription's rows in it, shape (r,).
+        size: Number of unknowns of the transcription.
+        row_count: Number of rows of the transcription.
+        matrix: Jacobian of its rows in all unknowns, shape (r, size).
+    """
+
+    program: LinearProgram
+    free: IntArray
+    rows: IntArray
+    size: int
+    row_count: int
+    matrix: sp.csr_matrix
+
+    def step(self, solution: LpSolution) -> Array:
+        """Step in all unknowns, shape (size,)."""
+        step = np.zeros(self.size)
+        step[self.free] = solution.x[: self.free.size]
+        return step
+
+    def multipliers(self, solution: LpSolution) -> Array:
+        """Multipliers of all rows of the transcription, shape (row_count,)."""
+        out = np.zeros(self.row_count)
+        out[self.rows] = solution.row_duals[: self.rows.size]
+        return out
+
+    def corrected(self, error: Array) -> tuple[Array, Array]:
+        """Row bounds with a second-order error of the rows put in, shape (r,)."""
+        lower, upper = self.program.row_lower.copy(), self.program.row_upper.copy()
+        count = self.rows.size
+        lower[:count] -= error
+        upper[:count] -= error
+        return lower, upper
+
+
+def build_subproblem(
+    merit: Merit,
+    values: Array,
+    linearization: Linearization,
+    steps: StepBounds,
+    variation: Variation | None,
+    z: Array,
+) -> Subproblem:
+    """Build the linear program at an iterate.
+
+    Args:
+        merit: Weights.
+        values: Row values g(z), shape (m,).
+        linearization: Jacobian of the rows that may matter.
+        steps: Box for the step.
+        variation: Differences of the controls; None leaves them out.
+        z: Iterate, shape (size,).
+
+    Returns:
+        The program with its map back to the unknowns.
+    """
+    rows = merit.rows
+    free = np.flatnonzero(steps.upper - steps.lower > 0.0)
+    reach = np.maximum(np.abs(steps.lower), np.abs(steps.upper))
+    matrix = linearization.matrix.tocsr()
+    change = abs(matrix) @ reach
+    here = values[linearization.rows]
+    low, high = rows.lower[linearization.rows], rows.upper[linearization.rows]
+    # A row that no step in the box can bring to its bound is left out: lossless.
+    keep = (here + change >= high) | (here - change <= low)
+    chosen, matrix = linearization.rows[keep], matrix[keep]
+    here, low, high = here[keep], low[keep], high[keep]
+    # Where a bound is out of reach it is made infinite, which helps the solver.
+    low = np.where(here - change[keep] > low, -np.inf, low) - here
+    high = np.where(here + change[keep] < high, np.inf, high) - here
+
+    violation = rows.group_violation(values)
+    slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
+    count = chosen.size
+    columns = [matrix[:, free].tocsc()]
+    cost, lower, upper = [merit.cost[free]], [steps.lower[free]], [steps.upper[free]]
+    keys = [free]
+    if variation is not None:
+        differences = variation.matrix @ z + variation.offset
+        k = differences.size
+        columns += [sp.csc_matrix((count, 2 * k))]
+        cost += [np.full(2 * k, merit.smoothing)]
+        lower += [np.zeros(2 * k)]
+        upper += [np.full(2 * k, np.inf)]
+        keys += [_KEY_BLOCK + np.arange(2 * k)]
+    row_keys, row_low, row_high = [chosen], [low], [high]
+    blocks = [sp.hstack(columns, format="csr")]
+    if variation is not None:
+        eye = sp.identity(k, format="csr")
+        blocks.append(sp.hstack([variation.matrix[:, free], -eye, eye], format="csr"))
+        row_low.append(-differences)
+        row_high.append(-differences)
+        row_keys.append(_KEY_BLOCK + np.arange(k))
+    body = sp.vstack(blocks, format="csr")
+    if slack_groups.size:
+        elastic = _elastic_columns(rows, values, chosen, violation, slack_groups)
+        padding = sp.csr_matrix((body.shape[0] - count, slack_groups.size))
+        body = sp.hstack([body, sp.vstack([elastic, padding])], format="csr")
+        cost += [merit.weights[rows.group_kind[slack_groups]]]
+        lower += [np.zeros(slack_groups.size)]
+        upper += [violation[slack_groups] * (1.0 + 1e-9)]
+        keys += [2 * _KEY_BLOCK + slack_groups]
+    program = LinearProgram(
+        np.concatenate(cost),
+        body.tocsc(),
+        np.concatenate(row_low),
+        np.concatenate(row_high),
+        np.concatenate(lower),
+        np.concatenate(upper),
+        np.concatenate(row_keys),
+        np.concatenate(keys),
+    )
+    return Subproblem(program, free, chosen, z.size, rows.size, matrix)
+
+
+def _elastic_columns(
+    rows: Rows,
+    values: Array,
+    chosen: IntArray,
+    violation: Array,
+    slack_groups: IntArray,
+) -> sp.csr_matrix:
+    """Coefficients of the elastic variables in the chosen rows."""
+    here = values[chosen]
+    low, high = rows.lower[chosen], rows.upper[chosen]
+    group = rows.group[chosen]
+    column = np.full(violation.size, -1)
+    column[slack_groups] = np.arange(slack_groups.size)
+    sign = np.where(here > high, 1.0, np.where(here < low, -1.0, 0.0))
+    equal = low == high
+    share = (here - high)[equal] / np.maximum(violation[group[equal]], NEGLIGIBLE)
+    sign[equal] = share
+    used = np.flatnonzero((sign != 0.0) & (column[group] >= 0))
+    return sp.csr_matrix(
+        (-sign[used], (used, column[group[used]])),
+        shape=(chosen.size, slack_groups.size),
+    )

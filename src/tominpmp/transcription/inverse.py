@@ -1,0 +1,457 @@
+"""Inverse dynamics: torque limits as rows on an exact double integrator.
+
+The unknowns are the points of a quadratic spline and the lengths of its intervals (see
+:mod:`tominpmp.transcription.spline`); torques at both ends of every interval follow from
+the inverse dynamics. This is the paper's state-dependent control limit (its section 4) for
+the control v = acceleration: u_l <= u(q, v, a) <= u_u. Joint friction, however stiff, makes
+it no harder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.spline import Spline, SplineDerivatives, differentiate
+from tominpmp.transcription.system import System
+
+# Lengths of intervals change by this share at most in one step.
+LENGTH_STEP = 0.3
+# Instants of each interval at which clearances are rows: its middle and its end.
+CLEARANCE_SHARES = (0.5, 1.0)
+
+
+class InverseTranscription:
+    """A problem in the points of a spline.
+
+    The unknowns are stacked as z = (points, final velocity, lengths): N points of n
+    joints, of which the first is the start and the last the final configuration; the
+    lengths are h = H eta with a matrix H of shares, of one column (uniform scaling of a
+    given grid) or more.
+
+    Attributes:
+        system: The functions of the problem.
+        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+    """
+
+    def __init__(self, system: System, shares: Array, duration: float) -> None:
+        self.system = system
+        self.shares = shares
+        self._N, self._m = shares.shape
+        self._n = system.n
+        self._reference = duration / self._N  # scales the velocity rows [s]
+        self._rows = self._build_rows()
+        self._torque_pattern = self._pattern()
+        self._acceleration_range: Array | None = None
+
+    # -- unknowns ----------------------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self._N * self._n + self._n + self._m
+
+    @property
+    def rows(self) -> Rows:
+        """What the rows are."""
+        return self._rows
+
+    @property
+    def cost(self) -> Array:
+        """Gradient of the duration."""
+        cost = np.zeros(self.size)
+        cost[-self._m :] = self.shares.sum(axis=0)
+        return cost
+
+    def pack(self, points: Array, v_end: Array, eta: Array) -> Array:
+        """Stack points, of which the last is the final configuration, into z."""
+        return np.concatenate([points.ravel(), v_end, eta])
+
+    def start(self, position: Callable[[Array], Array], duration: float) -> Array:
+        """Iterate for a guess.
+
+        Args:
+            position: Configurations at times, shape (k,) to (k, n).
+            duration: T of the iterate [s]; the guess is sampled over its own duration,
+                which the first argument of the constructor gave.
+
+        Returns:
+            The iterate.
+        """
+        guessed = self._reference * self._N
+        share = self.shares.sum(axis=1)
+        nodes = np.concatenate([[0.0], np.cumsum(share)]) / share.sum()
+        points = position(0.5 * (nodes[1:] + nodes[:-1]) * guessed)
+        points[0] = position(np.zeros(1))[0]
+        points[-1] = position(np.array([guessed]))[0]
+        v_end = self.system.final_velocity
+        v_end = np.zeros(self._n) if v_end is None else v_end
+        eta = np.full(self._m, duration / share.sum())
+        return self.pack(points, v_end, eta)
+
+    def spline(self, z: Array) -> Spline:
+        """Spline of an iterate."""
+        N, n = self._N, self._n
+        points = z[: N * n].reshape(N, n).copy()
+        v_end, h = z[N * n : N * n + n], self.shares @ z[-self._m :]
+        v_start = self.system.problem.v_start
+        ends = np.stack([self.system.problem.q_start, points[-1]])
+        points[0] += 0.5 * h[0] * v_start
+        points[-1] -= 0.5 * h[-1] * v_end
+        return Spline(points, h, ends, np.stack([v_start, v_end]))
+
+    def _chain(self, z: Array, spline: Spline) -> sp.csr_matrix:
+        """Derivative of (points, lengths, final q, final v) with respect to z."""
+        N, n, m = self._N, self._n, self._m
+        points, end = N * n, N * n + n
+        joints, columns = np.arange(n), end + np.arange(m)
+        # Points and final q; the end velocity and lengths are unknowns of their own.
+        entries = [
+            (np.arange(points), np.arange(points), np.ones(points)),
+            (points + N + joints, points - n + joints, np.ones(n)),
+            (points + N + n + joints, points + joints, np.ones(n)),
+            (points - n + joints, points + joints, np.full(n, -0.5 * spline.h[-1])),
+            (
+                np.repeat(points + np.arange(N), m),
+                np.tile(columns, N),
+                self.shares.ravel(),
+            ),
+        ]
+        # The first and the last point hang on the lengths beside them.
+        for first, by in (
+            (0, 0.5 * np.outer(spline.v_ends[0], self.shares[0])),
+            (points - n, -0.5 * np.outer(spline.v_ends[1], self.shares[-1])),
+        ):
+            rows = np.repeat(first + joints, m)
+            entries.append((rows, np.tile(columns, n), by.ravel()))
+        rows, cols, data = (np.concatenate(part) for part in zip(*entries, strict=True))
+        return sp.csr_matrix((data, (rows, cols)), shape=(self._wide, self.size))
+
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Trust region within position limits, fixed ends and positive lengths."""
+        system, N, n, m = self.system, self._N, self._n, self._m
+        limits = system.problem.robot.limits
+        box = np.broadcast_to(radius * system.step_scale, (N, n))
+        points = z[: N * n].reshape(N, n)
+        lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
+        upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
+        lower[0] = upper[0] = 0.0
+        if system.joint_goal is not None:
+            lower[-1] = upper[-1] = 0.0
+        v_box = np.zeros(n)
+        v_end = z[N * n : N * n + n]
+        if system.final_velocity is None:
+            duration = float(self.cost @ z)
+            v_box = 10.0 * radius * system.step_scale / duration
+        v_lower = np.maximum(-v_box, np.minimum(-limits.velocity - v_end, 0.0))
+        v_upper = np.minimum(v_box, np.maximum(limits.velocity - v_end, 0.0))
+        length = min(LENGTH_STEP, radius) * z[-m:]
+        return StepBounds(
+            np.concatenate([lower.ravel(), v_lower, -length]),
+            np.concatenate([upper.ravel(), v_upper, length]),
+        )
+
+    # -- rows --------------------------------------------------------------------------
+
+    def _build_rows(self) -> Rows:
+        system, N, n = self.system, self._N, self._n
+        limits = system.problem.robot.limits
+        self._limited = np.flatnonzero(np.isfinite(limits.velocity))
+        speeds = 2 * (N - 1) * self._limited.size
+        none = np.full(speeds, -np.inf)
+        ones = np.ones(2 * N * n)
+        parts = [
+            ("torque", -ones, ones, np.zeros(2 * N * n, dtype=np.int64)),
+            ("velocity", none, np.zeros(speeds), np.zeros(speeds, dtype=np.int64)),
+        ]
+        self._end_points = bool(np.any(system.problem.v_start)) or (
+            system.final_velocity is None or bool(np.any(system.final_velocity))
+        )
+        if self._end_points:
+            parts.append(
+                (
+                    "position",
+                    np.tile(limits.position_lower, 2),
+                    np.tile(limits.position_upper, 2),
+                    np.zeros(2 * n, dtype=np.int64),
+                )
+            )
+        if system.clearance is not None:
+            count, instants = system.clearance.count, N * len(CLEARANCE_SHARES)
+            parts.append(
+                (
+                    "clearance",
+                    np.full(instants * count, -np.inf),
+                    np.zeros(instants * count),
+                    np.repeat(np.arange(instants), count),
+                )
+            )
+        if system.joint_goal is None:
+            k = self._goal(np.zeros(n), np.zeros(n))[0].size
+            parts.append(("goal", np.zeros(k), np.zeros(k), np.zeros(k, dtype=np.int64)))
+        return Rows.stack(parts)
+
+    def _goal(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        return self.system.problem.goal.residual(self.system.kinematics, q, v)
+
+    def evaluate(self, z: Array) -> Array:
+        """Row values."""
+        system, spline = self.system, self.spline(z)
+        q, v, a = spline.q, spline.v, spline.a
+        both = (np.concatenate([x[:-1], x[1:]]) for x in (q, v))
+        parts = [
+            system.torque(*both, np.concatenate([a, a])).ravel(),
+            self._speed_values(spline),
+        ]
+        if self._end_points:
+            parts.append(spline.points[[0, -1]].ravel())
+        if system.clearance is not None:
+            parts.append(system.clearance.values(self._instants(spline)).ravel())
+        if system.joint_goal is None:
+            parts.append(self._goal(q[-1], v[-1])[0])
+        return np.concatenate(parts)
+
+    def _speed_values(self, spline: Spline) -> Array:
+        # |v_k| <= v_max times s_k is linear in points and lengths.
+        limit = self.system.problem.robot.limits.velocity[self._limited]
+        s = (spline.h[:-1] + spline.h[1:])[:, None]
+        ratio = 2.0 * np.diff(spline.points, axis=0)[:, self._limited] / limit
+        values = np.stack([ratio - s, -ratio - s]) / (2.0 * self._reference)
+        return values.ravel()
+
+    def _instants(self, spline: Spline) -> Array:
+        """Configurations at which clearances are rows, shape (N * shares, n)."""
+        q = spline.q
+        rows = [
+            (1.0 - r) ** 2 * q[:-1] + 2.0 * r * (1.0 - r) * spline.points + r**2 * q[1:]
+            for r in CLEARANCE_SHARES
+        ]
+        return np.stack(rows, axis=1).reshape(-1, self._n)
+
+    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
+        """Jacobian of the rows that can become active within a box of steps."""
+        spline = self.spline(z)
+        coefficients = differentiate(spline)
+        count = self._rows
+        blocks = [
+            self._torque_jacobian(spline, coefficients),
+            self._speed_jacobian,
+        ]
+        chosen = [np.flatnonzero(count.kind <= 1)]
+        if self._end_points:
+            blocks.append(self._end_point_jacobian())
+            chosen.append(np.flatnonzero(count.kind == count.kinds.index("position")))
+        if self.system.clearance is not None:
+            rows = np.flatnonzero(count.kind == count.kinds.index("clearance"))
+            radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
+            near = rows[values[rows] > -2.0 * radius]
+            blocks.append(self._clearance_jacobian(spline, coefficients, near - rows[0]))
+            chosen.append(near)
+        if self.system.joint_goal is None:
+            blocks.append(self._goal_jacobian(spline))
+            chosen.append(np.flatnonzero(count.kind == count.kinds.index("goal")))
+        matrix = sp.vstack(blocks, format="csr") @ self._chain(z, spline)
+        return Linearization(np.concatenate(chosen), matrix)
+
+    # -- Jacobians with respect to (points, lengths, final q, final v) -------------------
+
+    @property
+    def _wide(self) -> int:
+        return self._N * self._n + self._N + 2 * self._n
+
+    def _pattern(self) -> tuple[IntArray, IntArray, Array]:
+        """Rows, columns and validity of the entries of the torque Jacobian."""
+        N, n = self._N, self._n
+        interval = np.arange(N)
+        neighbour = interval[:, None] + np.array([-1, 0, 1])
+        valid = (neighbour >= 0) & (neighbour < N)
+        points = neighbour[:, :, None] * n + np.arange(n)  # (N, 3, n)
+        lengths = N * n + neighbour  # (N, 3)
+        columns = np.concatenate([points.reshape(N, 3 * n), lengths], axis=1)
+        ok = np.concatenate([np.repeat(valid, n, axis=1), valid], axis=1)
+        rows = np.arange(2 * N * n).reshape(2, N, n)
+        shape = (2, N, n, 3 * n + 3)
+        return (
+            np.broadcast_to(rows[..., None], shape).ravel(),
+            np.broadcast_to(columns[None, :, None, :], shape).ravel(),
+            np.broadcast_to(ok[None, :, None, :], shape).ravel(),
+        )
+
+    def _torque_jacobian(
+        self, spline: Spline, by: SplineDerivatives
+    ) -> sp.csr_matrix:
+        N, n, half = self._N, self._n, self.system.effort_half
+        q, v, a = spline.q, spline.v, spline.a
+        parts = self.system.dynamics.inverse_jacobians(
+            np.concatenate([q[:-1], q[1:]]),
+            np.concatenate([v[:-1], v[1:]]),
+            np.concatenate([a, a]),
+        )
+        shape = (2, N, n, n)
+        tau_q, tau_v, tau_a = (
+            (part / half[:, None]).reshape(shape)
+            for part in (parts.tau_q, parts.tau_v, parts.tau_a)
+        )
+        by_point = (
+            tau_q[:, :, :, None, :] * by.q_points[:, :, None, :, None]
+            + tau_v[:, :, :, None, :] * by.v_points[:, :, None, :, None]
+            + tau_a[:, :, :, None, :] * by.a_points[None, :, None, :, None]
+        ).reshape(2, N, n, 3 * n)
+        by_length = (
+            tau_q @ np.swapaxes(by.q_lengths, 2, 3)
+            + tau_v @ np.swapaxes(by.v_lengths, 2, 3)
+            + tau_a @ np.swapaxes(by.a_lengths, 1, 2)
+        )
+        if self._acceleration_range is None:
+            mass = np.einsum("ekii->i", tau_a) / (2 * N)
+            self._acceleration_range = 2.0 / np.maximum(mass, 1e-12)
+        data = np.concatenate([by_point, by_length], axis=3).ravel()
+        rows, columns, valid = self._torque_pattern
+        # At the end of the last interval q and v are unknowns of their own.
+        v_end = tau_v[1, -1] + tau_a[1, -1] / spline.h[-1]
+        ends = [tau_q[1, -1], v_end, tau_a[0, -1] / spline.h[-1]]
+        final = N * n + N + np.arange(n)
+        last = (2 * N - 1) * n + np.arange(n)
+        places = [(last, final), (last, final + n), (last - N * n, final + n)]
+        return sp.csr_matrix(
+            (
+                np.concatenate([data[valid], *(part.ravel() for part in ends)]),
+                (
+                    np.concatenate([rows[valid], *(np.repeat(r, n) for r, _ in places)]),
+                    np.concatenate([columns[valid], *(np.tile(c, n) for _, c in places)]),
+                ),
+            ),
+            shape=(2 * N * n, self._wide),
+        )
+
+    @cached_property
+    def _speed_jacobian(self) -> sp.csr_matrix:
+        N, n = self._N, self._n
+        limit = self.system.problem.robot.limits.velocity[self._limited]
+        pick = sp.identity(n, format="csr")[self._limited]
+        difference = sp.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N))
+        ratio = sp.kron(difference, sp.diags(2.0 / limit) @ pick)
+        pairs = sp.kron(
+            sp.diags([1.0, 1.0], [0, 1], shape=(N - 1, N)), np.ones((limit.size, 1))
+        )
+        rest = sp.csr_matrix((ratio.shape[0], 2 * n))
+        blocks = [[ratio, -pairs, rest], [-ratio, -pairs, rest]]
+        return sp.bmat(blocks, format="csr") / (2.0 * self._reference)
+
+    def _end_point_jacobian(self) -> sp.csr_matrix:
+        N, n = self._N, self._n
+        jacobian = sp.lil_matrix((2 * n, self._wide))
+        jacobian[:n, :n] = sp.identity(n)
+        jacobian[n:, (N - 1) * n : N * n] = sp.identity(n)
+        return jacobian.tocsr()
+
+    def _clearance_jacobian(
+        self, spline: Spline, by: SplineDerivatives, chosen: IntArray
+    ) -> sp.csr_matrix:
+        clearance, N, n = self.system.clearance, self._N, self._n
+        if clearance is None or not chosen.size:
+            return sp.csr_matrix((0, self._wide))
+        per_instant = clearance.count
+        configurations = self._instants(spline)
+        data: list[Array] = []
+        columns: list[Array] = []
+        rows: list[Array] = []
+        first = 0
+        for instant in np.unique(chosen // per_instant):
+            which = chosen[chosen // per_instant == instant] % per_instant
+            gradient = clearance.gradients(configurations[instant], which)
+            k, part = divmod(int(instant), len(CLEARANCE_SHARES))
+            r = CLEARANCE_SHARES[part]
+            c0, c1, c2 = (1.0 - r) ** 2, 2.0 * r * (1.0 - r), r**2
+            by_points = c0 * by.q_points[0, k] + c2 * by.q_points[1, k]
+            by_points = by_points + c1 * np.array([0.0, 1.0, 0.0])
+            by_lengths = c0 * by.q_lengths[0, k] + c2 * by.q_lengths[1, k]
+            neighbours = np.array([k - 1, k, k + 1])
+            ok = (neighbours >= 0) & (neighbours < N)
+            index = (neighbours[ok, None] * n + np.arange(n)).ravel()
+            blocks = [(by_points[ok][None, :, None] * gradient[:, None, :])]
+            entries = blocks[0].reshape(which.size, -1)
+            lengths = gradient @ by_lengths[ok].T
+            index = np.concatenate([index, N * n + neighbours[ok]])
+            entries = np.concatenate([entries, lengths], axis=1)
+            if k == N - 1:
+                index = np.concatenate([index, N * n + N + np.arange(n)])
+                entries = np.concatenate([entries, c2 * gradient], axis=1)
+            data.append(entries.ravel())
+            columns.append(np.tile(index, which.size))
+            rows.append(np.repeat(first + np.arange(which.size), index.size))
+            first += which.size
+        return sp.csr_matrix(
+            (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))),
+            shape=(first, self._wide),
+        )
+
+    def _goal_jacobian(self, spline: Spline) -> sp.csr_matrix:
+        n = self._n
+        _, by_q, by_v = self._goal(spline.q_ends[1], spline.v_ends[1])
+        jacobian = sp.lil_matrix((by_q.shape[0], self._wide))
+        jacobian[:, self._wide - 2 * n : self._wide - n] = by_q
+        jacobian[:, self._wide - n :] = by_v
+        return jacobian.tocsr()
+
+    # -- the rest of the interface -------------------------------------------------------
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps of the accelerations between intervals, in full ranges.
+
+        The full range of a joint's acceleration is that of its torque over its own
+        inertia, averaged over the first motion that was linearized.
+        """
+        spline = self.spline(z)
+        scale = self._acceleration_range
+        if scale is None:
+            self._torque_jacobian(spline, differentiate(spline))
+            scale = self._acceleration_range
+        assert scale is not None  # noqa: S101
+        jumps = self._jumps(spline.h)
+        data = (jumps.data[:, None] / scale).ravel()
+        rows = (jumps.row[:, None] * self._n + np.arange(self._n)).ravel()
+        columns = (jumps.col[:, None] * self._n + np.arange(self._n)).ravel()
+        matrix = sp.csr_matrix(
+            (data, (rows, columns)), shape=((self._N - 1) * self._n, self.size)
+        )
+        offset = (np.diff(spline.a, axis=0) / scale).ravel() - matrix @ z
+        return Variation(matrix, offset)
+
+    def _jumps(self, h: Array) -> sp.coo_matrix:
+        """Jumps of the acceleration of one joint at the inner nodes, by its points."""
+        N = self._N
+        s = h[:-1] + h[1:]
+        # v at the inner nodes, then a on the intervals, then its jumps.
+        v = sp.diags([-2.0 / s, 2.0 / s], [0, 1], shape=(N - 1, N))
+        a = sp.diags([1.0 / h[:-1], -1.0 / h[1:]], [0, -1], shape=(N, N - 1)) @ v
+        jumps = sp.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N)) @ a
+        return sp.coo_matrix(jumps)
+
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The same points, traversed slower."""
+        out = z.copy()
+        out[-self._m :] *= factor
+        return out
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate; its torque follows from the inverse dynamics."""
+        spline = self.spline(z)
+        q, v, a = spline.q, spline.v, spline.a
+        dynamics = self.system.dynamics
+        tau = dynamics.inverse(q, v, np.concatenate([a, a[-1:]]))
+        return Trajectory(
+            joint_names=self.system.problem.robot.joint_names,
+            t=np.concatenate([[0.0], np.cumsum(spline.h)]),
+            q=q,
+            v=v,
+            u=tau,
+            a=a,
+            inverse_dynamics=dynamics.inverse,
+        )
