@@ -193,7 +193,7 @@ class Contest:
             "T": float(solution.T),
             "seconds": seconds,
             "iterations": len(solution.history),
-            "lps": sum(getattr(r, "lp_solves", 0) for r in solution.history),
+            "lps": sum(getattr(r, "programs", 0) for r in solution.history),
         }
         return values, lambda times: solution.trajectory(times)[:3]
 

@@ -36,6 +36,11 @@ LP_SOLVERS = {
     "adjoint": "highs",
     "penalty": "highs",
 }
+# Relative torque excess between the rows that is let pass, and rounds of adding rows.
+OVERLOAD = 2e-3
+EXCHANGES = 4
+# How a solver ends when it was told to.
+STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 # Guesses for a goal on a frame, whose final configuration is free.
 FRAME_STARTS = 4
 # More guesses are made, up to this number, while none has led to a motion.
@@ -123,7 +128,7 @@ def plan(problem: Problem, options: Options | None = None) -> Solution:
             attempts.append(attempt)
             status = attempt.result.status
             logger.info("start %d: %s", watch.start, status.value)
-            if status in (Status.TIME_LIMIT, Status.INTERRUPTED):
+            if status in STOPPED:
                 break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
@@ -204,7 +209,16 @@ def solve_from_guess(
         smoothing = SMOOTHING_SHARE * guess.duration
     lp = make_solver(options.lp_solver)
     solver = SlpSolver(transcription, options, smoothing, lp, watch)
-    return Attempt(transcription, z, solver.run(z))
+    result = solver.run(z)
+    for _ in range(EXCHANGES):
+        # Torques run between the rows: add rows where they pass their limits there.
+        extra = transcription.overloaded(result.iterate.z, OVERLOAD)
+        if not extra.interval.size or result.status in STOPPED:
+            break
+        transcription = transcription.with_instants(extra)
+        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+        result = solver.run(result.iterate.z, after=result)
+    return Attempt(transcription, z, result)
 
 
 def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
@@ -244,7 +258,7 @@ def conclude(
     }
     feasible = result.best is not None
     ended = result.status
-    if status in (Status.TIME_LIMIT, Status.INTERRUPTED):
+    if status in STOPPED:
         ended = status
     if ended is Status.CONVERGED and not feasible:
         ended = Status.INFEASIBLE

@@ -155,9 +155,13 @@ class PiqpSolver(LpSolver):
     def __init__(self) -> None:
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
-        solver.settings.eps_abs = 1e-8
-        solver.settings.eps_rel = 1e-8
+        # Residuals are in units of the limits; a duality gap is in seconds, of which the
+        # steps of sequential linear programming need no more than the microseconds.
+        solver.settings.eps_abs = 1e-7
+        solver.settings.eps_rel = 1e-7
         solver.settings.check_duality_gap = True
+        solver.settings.eps_duality_gap_abs = 1e-6
+        solver.settings.eps_duality_gap_rel = 1e-6
         self._solver = solver
         self._equal: BoolArray = np.zeros(0, dtype=bool)
 

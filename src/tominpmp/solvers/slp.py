@@ -25,6 +25,8 @@ from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
 from tominpmp.transcription.base import Transcription, Variation
 
+# Trust region radius of a start that is nearly optimal, as a share of the usual one.
+WARM_RADIUS = 0.1
 # Violations below this are removed by slowing down at the end.
 RESTORABLE = 1e-2
 RESTORATIONS = 6
@@ -151,12 +153,23 @@ class SlpSolver:
     lp: LpSolver
     monitor: Monitor = field(default=lambda record: None)
 
-    def run(self, z: Array) -> SlpResult:
-        """Iterate from a start until it settles or has to stop."""
+    def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
+        """Iterate until it settles or has to stop.
+
+        Args:
+            z: Where to begin.
+            after: Result for nearly the same program, whose history goes on.
+
+        Returns:
+            The outcome.
+        """
         begin = time.perf_counter()
         iterate = self.init(z)
-        best: Iterate | None = None
         history: list[IterationRecord] = []
+        if after is not None:
+            history += after.history
+            iterate = replace(iterate, region=TrustRegion(WARM_RADIUS))
+        best: Iterate | None = None
         status: Status | None = None
         try:
             while status is None:

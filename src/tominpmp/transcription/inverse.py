@@ -10,12 +10,13 @@ it no harder.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.spline import Spline, SplineDerivatives, differentiate
@@ -25,6 +26,28 @@ from tominpmp.transcription.system import System
 LENGTH_STEP = 0.3
 # Instants of each interval at which clearances are rows: its middle and its end.
 CLEARANCE_SHARES = (0.5, 1.0)
+# Instants at which torques are looked at between the rows.
+INSPECTED_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Instants within intervals.
+
+    Attributes:
+        interval: Index of the interval, shape (m,).
+        share: Where in it, from 0 to 1, shape (m,).
+    """
+
+    interval: IntArray
+    share: Array
+
+    def joined(self, other: Instants) -> Instants:
+        """These instants and others."""
+        return Instants(
+            np.concatenate([self.interval, other.interval]),
+            np.concatenate([self.share, other.share]),
+        )
 
 
 class InverseTranscription:
@@ -38,13 +61,24 @@ class InverseTranscription:
     Attributes:
         system: The functions of the problem.
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+
+    Torques are rows at both ends of every interval, and at extra instants.
     """
 
-    def __init__(self, system: System, shares: Array, duration: float) -> None:
+    def __init__(
+        self,
+        system: System,
+        shares: Array,
+        duration: float,
+        extra: Instants | None = None,
+    ) -> None:
         self.system = system
         self.shares = shares
         self._N, self._m = shares.shape
         self._n = system.n
+        every = np.arange(self._N)
+        ends = Instants(np.tile(every, 2), np.repeat([0.0, 1.0], self._N))
+        self._at = ends if extra is None else ends.joined(extra)
         self._reference = duration / self._N  # scales the velocity rows [s]
         self._rows = self._build_rows()
         self._torque_pattern = self._pattern()
@@ -165,9 +199,9 @@ class InverseTranscription:
         self._limited = np.flatnonzero(np.isfinite(limits.velocity))
         speeds = 2 * (N - 1) * self._limited.size
         none = np.full(speeds, -np.inf)
-        ones = np.ones(2 * N * n)
+        ones = np.ones(self._at.interval.size * n)
         parts = [
-            ("torque", -ones, ones, np.zeros(2 * N * n, dtype=np.int64)),
+            ("torque", -ones, ones, np.zeros(ones.size, dtype=np.int64)),
             ("velocity", none, np.zeros(speeds), np.zeros(speeds, dtype=np.int64)),
         ]
         self._end_points = bool(np.any(system.problem.v_start)) or (
@@ -203,10 +237,9 @@ class InverseTranscription:
     def evaluate(self, z: Array) -> Array:
         """Row values."""
         system, spline = self.system, self.spline(z)
-        q, v, a = spline.q, spline.v, spline.a
-        both = (np.concatenate([x[:-1], x[1:]]) for x in (q, v))
+        q, v = spline.q, spline.v
         parts = [
-            system.torque(*both, np.concatenate([a, a])).ravel(),
+            system.torque(*self._states(spline, self._at)).ravel(),
             self._speed_values(spline),
         ]
         if self._end_points:
@@ -216,6 +249,45 @@ class InverseTranscription:
         if system.joint_goal is None:
             parts.append(self._goal(q[-1], v[-1])[0])
         return np.concatenate(parts)
+
+    def _states(self, spline: Spline, at: Instants) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at instants, shape (m, n) each."""
+        k, r = at.interval, at.share[:, None]
+        q, v = spline.q, spline.v
+        position = (1 - r) ** 2 * q[k] + 2 * r * (1 - r) * spline.points[k]
+        return position + r**2 * q[k + 1], (1 - r) * v[k] + r * v[k + 1], spline.a[k]
+
+    def overloaded(self, z: Array, tolerance: float) -> Instants:
+        """Instants between the rows at which torques exceed their limits.
+
+        Args:
+            z: Iterate.
+            tolerance: Relative excess that is let pass.
+
+        Returns:
+            For each interval and joint the worst of the inspected instants, if it is
+            overloaded; without repetitions.
+        """
+        N, count = self._N, len(INSPECTED_SHARES)
+        at = Instants(np.tile(np.arange(N), count), np.repeat(INSPECTED_SHARES, N))
+        load = np.abs(self.system.torque(*self._states(self.spline(z), at)))
+        load = load.reshape(count, N, self._n)
+        worst = np.argmax(load, axis=0)  # (N, n)
+        over = np.max(load, axis=0) > 1.0 + tolerance
+        pairs = sorted({(int(k), int(worst[k, j])) for k, j in np.argwhere(over)})
+        return Instants(
+            np.array([k for k, _ in pairs], dtype=np.int64),
+            np.array([INSPECTED_SHARES[i] for _, i in pairs]),
+        )
+
+    def with_instants(self, extra: Instants) -> InverseTranscription:
+        """The same problem with torque rows at more instants."""
+        former = self._at.interval.size - 2 * self._N
+        if former:
+            before = Instants(self._at.interval[-former:], self._at.share[-former:])
+            extra = before.joined(extra)
+        duration = self._reference * self._N
+        return InverseTranscription(self.system, self.shares, duration, extra)
 
     def _speed_values(self, spline: Spline) -> Array:
         # |v_k| <= v_max times s_k is linear in points and lengths.
@@ -227,12 +299,10 @@ class InverseTranscription:
 
     def _instants(self, spline: Spline) -> Array:
         """Configurations at which clearances are rows, shape (N * shares, n)."""
-        q = spline.q
-        rows = [
-            (1.0 - r) ** 2 * q[:-1] + 2.0 * r * (1.0 - r) * spline.points + r**2 * q[1:]
-            for r in CLEARANCE_SHARES
-        ]
-        return np.stack(rows, axis=1).reshape(-1, self._n)
+        count = len(CLEARANCE_SHARES)
+        every = np.repeat(np.arange(self._N), count)
+        at = Instants(every, np.tile(CLEARANCE_SHARES, self._N))
+        return self._states(spline, at)[0]
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""
@@ -265,69 +335,79 @@ class InverseTranscription:
     def _wide(self) -> int:
         return self._N * self._n + self._N + 2 * self._n
 
-    def _pattern(self) -> tuple[IntArray, IntArray, Array]:
+    def _pattern(self) -> tuple[IntArray, IntArray, BoolArray]:
         """Rows, columns and validity of the entries of the torque Jacobian."""
         N, n = self._N, self._n
-        interval = np.arange(N)
-        neighbour = interval[:, None] + np.array([-1, 0, 1])
+        neighbour = self._at.interval[:, None] + np.array([-1, 0, 1])  # (m, 3)
         valid = (neighbour >= 0) & (neighbour < N)
-        points = neighbour[:, :, None] * n + np.arange(n)  # (N, 3, n)
-        lengths = N * n + neighbour  # (N, 3)
-        columns = np.concatenate([points.reshape(N, 3 * n), lengths], axis=1)
+        points = neighbour[:, :, None] * n + np.arange(n)  # (m, 3, n)
+        count = neighbour.shape[0]
+        columns = np.concatenate([points.reshape(count, 3 * n), N * n + neighbour], axis=1)
         ok = np.concatenate([np.repeat(valid, n, axis=1), valid], axis=1)
-        rows = np.arange(2 * N * n).reshape(2, N, n)
-        shape = (2, N, n, 3 * n + 3)
+        rows = np.arange(count * n).reshape(count, n)
+        shape = (count, n, 3 * n + 3)
         return (
             np.broadcast_to(rows[..., None], shape).ravel(),
-            np.broadcast_to(columns[None, :, None, :], shape).ravel(),
-            np.broadcast_to(ok[None, :, None, :], shape).ravel(),
+            np.broadcast_to(columns[:, None, :], shape).ravel(),
+            np.broadcast_to(ok[:, None, :], shape).ravel(),
         )
 
     def _torque_jacobian(
         self, spline: Spline, by: SplineDerivatives
     ) -> sp.csr_matrix:
         N, n, half = self._N, self._n, self.system.effort_half
-        q, v, a = spline.q, spline.v, spline.a
-        parts = self.system.dynamics.inverse_jacobians(
-            np.concatenate([q[:-1], q[1:]]),
-            np.concatenate([v[:-1], v[1:]]),
-            np.concatenate([a, a]),
-        )
-        shape = (2, N, n, n)
+        k, r = self._at.interval, self._at.share
+        parts = self.system.dynamics.inverse_jacobians(*self._states(spline, self._at))
         tau_q, tau_v, tau_a = (
-            (part / half[:, None]).reshape(shape)
-            for part in (parts.tau_q, parts.tau_v, parts.tau_a)
-        )
-        by_point = (
-            tau_q[:, :, :, None, :] * by.q_points[:, :, None, :, None]
-            + tau_v[:, :, :, None, :] * by.v_points[:, :, None, :, None]
-            + tau_a[:, :, :, None, :] * by.a_points[None, :, None, :, None]
-        ).reshape(2, N, n, 3 * n)
-        by_length = (
-            tau_q @ np.swapaxes(by.q_lengths, 2, 3)
-            + tau_v @ np.swapaxes(by.v_lengths, 2, 3)
-            + tau_a @ np.swapaxes(by.a_lengths, 1, 2)
+            part / half[:, None] for part in (parts.tau_q, parts.tau_v, parts.tau_a)
         )
         if self._acceleration_range is None:
-            mass = np.einsum("ekii->i", tau_a) / (2 * N)
-            self._acceleration_range = 2.0 / np.maximum(mass, 1e-12)
-        data = np.concatenate([by_point, by_length], axis=3).ravel()
+            # A change of acceleration that lasts an interval takes inertia and friction.
+            mass = np.einsum("mii->mi", tau_a)
+            drag = np.abs(np.einsum("mii->mi", tau_v)) * spline.h[k, None]
+            mean = np.mean(mass + drag, axis=0)
+            self._acceleration_range = 2.0 / np.maximum(mean, 1e-12)
+        left, middle, right = (1 - r) ** 2, 2 * r * (1 - r), r**2
+        q_points = left[:, None] * by.q_points[0, k] + right[:, None] * by.q_points[1, k]
+        q_points[:, 1] += middle
+        v_points = (1 - r)[:, None] * by.v_points[0, k] + r[:, None] * by.v_points[1, k]
+        left, right, r3 = left[:, None, None], right[:, None, None], r[:, None, None]
+        q_lengths = left * by.q_lengths[0, k] + right * by.q_lengths[1, k]
+        v_lengths = (1 - r3) * by.v_lengths[0, k] + r3 * by.v_lengths[1, k]
+        by_point = (
+            tau_q[:, :, None, :] * q_points[:, None, :, None]
+            + tau_v[:, :, None, :] * v_points[:, None, :, None]
+            + tau_a[:, :, None, :] * by.a_points[k][:, None, :, None]
+        ).reshape(k.size, n, 3 * n)
+        by_length = (
+            tau_q @ np.swapaxes(q_lengths, 1, 2)
+            + tau_v @ np.swapaxes(v_lengths, 1, 2)
+            + tau_a @ np.swapaxes(by.a_lengths[k], 1, 2)
+        )
+        data = np.concatenate([by_point, by_length], axis=2).ravel()
         rows, columns, valid = self._torque_pattern
-        # At the end of the last interval q and v are unknowns of their own.
-        v_end = tau_v[1, -1] + tau_a[1, -1] / spline.h[-1]
-        ends = [tau_q[1, -1], v_end, tau_a[0, -1] / spline.h[-1]]
+        # In the last interval the final q and v are unknowns of their own.
+        last = np.flatnonzero(k == N - 1)
+        weight = r[last, None, None]
+        by_q_end = weight**2 * tau_q[last]
+        by_v_end = weight * tau_v[last] + tau_a[last] / spline.h[-1]
+        last_rows = (last[:, None] * n + np.arange(n)).ravel()
         final = N * n + N + np.arange(n)
-        last = (2 * N - 1) * n + np.arange(n)
-        places = [(last, final), (last, final + n), (last - N * n, final + n)]
         return sp.csr_matrix(
             (
-                np.concatenate([data[valid], *(part.ravel() for part in ends)]),
+                np.concatenate([data[valid], by_q_end.ravel(), by_v_end.ravel()]),
                 (
-                    np.concatenate([rows[valid], *(np.repeat(r, n) for r, _ in places)]),
-                    np.concatenate([columns[valid], *(np.tile(c, n) for _, c in places)]),
+                    np.concatenate([rows[valid], *2 * [np.repeat(last_rows, n)]]),
+                    np.concatenate(
+                        [
+                            columns[valid],
+                            np.tile(final, last_rows.size),
+                            np.tile(final + n, last_rows.size),
+                        ]
+                    ),
                 ),
             ),
-            shape=(2 * N * n, self._wide),
+            shape=(k.size * n, self._wide),
         )
 
     @cached_property
@@ -405,8 +485,9 @@ class InverseTranscription:
     def variation(self, z: Array) -> Variation:
         """Jumps of the accelerations between intervals, in full ranges.
 
-        The full range of a joint's acceleration is that of its torque over its own
-        inertia, averaged over the first motion that was linearized.
+        The full range of a joint's acceleration is what its full torque range can bring
+        about for an interval against its own inertia and friction, averaged over the
+        first motion that was linearized.
         """
         spline = self.spline(z)
         scale = self._acceleration_range
