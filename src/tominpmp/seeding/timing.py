@@ -70,7 +70,8 @@ def time_straight_line(system: System, q_start: Array, q_end: Array) -> LineTimi
     if not np.any(moved):
         return None
     limits = system.problem.robot.limits
-    s = np.linspace(0.0, 1.0, POINTS)
+    # Near the ends s grows with the square of time: spacing that is even in time.
+    s = 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, POINTS)))
     q = q_start + s[:, None] * direction
     along = np.broadcast_to(direction, q.shape)
     zero = np.zeros_like(q)
@@ -81,13 +82,13 @@ def time_straight_line(system: System, q_start: Array, q_end: Array) -> LineTimi
     slow = dynamics.inverse(q, -along, zero) - g
     b, d = 0.5 * (fast + slow), 0.5 * (fast - slow)  # even and odd in the speed
 
-    # Largest speed at any acceleration: velocity limits, and the room of the torques.
     with np.errstate(divide="ignore"):
         top = float(np.min(limits.velocity[moved] / np.abs(direction[moved])))
-    if not np.isfinite(top):
-        room = np.minimum(limits.effort_upper - g, g - limits.effort_lower)
-        scale = np.abs(m).max() + 1e-12
-        top = float(np.sqrt(4.0 * max(room.max(), 1e-12) / scale)) * 2.0
+    # From rest on a path of length 1, x is at most twice the largest s''.
+    _, push = _acceleration_range(m, b, d, g, np.zeros(1), limits)
+    top = min(top, 2.0 * float(np.sqrt(max(push.max(), 0.0))))
+    if not 0.0 < top < np.inf:
+        return None
     # Quadratic spacing: resolution where the motion begins and ends.
     table = top**2 * np.linspace(0.0, 1.0, SPEEDS) ** 2
     lower, upper = _acceleration_range(m, b, d, g, table, limits)
@@ -113,39 +114,44 @@ def _acceleration_range(
 def _integrate(
     q_start: Array, q_end: Array, s: Array, table: Array, lower: Array, upper: Array
 ) -> LineTiming | None:
-    step = s[1] - s[0]
-    count = s.size
+    count, steps = s.size, np.diff(s)
     controllable = np.zeros(count)
     allowed = lower <= upper
     for i in range(count - 2, -1, -1):
+        step, target = steps[i], controllable[i + 1]
+        # Trapezoidal rule: friction changes along the step.
+        brake = 0.5 * (lower[i] + np.interp(target, table, lower[i + 1]))
         reachable = (
             allowed[i]
-            & (table + 2.0 * step * lower[i] <= controllable[i + 1] + 1e-12)
+            & (table + 2.0 * step * brake <= target + 1e-12)
             & (table + 2.0 * step * upper[i] >= 0.0)
         )
         if not reachable[0]:
             return None
         # The set is an interval from rest; the first failure ends it.
         last = int(np.argmin(reachable)) - 1 if not reachable.all() else table.size - 1
-        controllable[i] = _refine(last, table, lower[i], controllable[i + 1], step)
+        controllable[i] = _refine(last, table, brake, target, step)
     x = np.zeros(count)
     for i in range(count - 1):
+        step = steps[i]
         push = float(np.interp(x[i], table, upper[i]))
+        ahead = min(controllable[i + 1], max(x[i] + 2.0 * step * push, 0.0))
+        push = 0.5 * (push + float(np.interp(ahead, table, upper[i + 1])))
         x[i + 1] = min(controllable[i + 1], max(x[i] + 2.0 * step * push, 0.0))
         if x[i + 1] <= 0.0 and i + 1 < count - 1:
             return None
     speed = np.sqrt(x)
-    t = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[:-1] + speed[1:]))])
+    t = np.concatenate([[0.0], np.cumsum(2.0 * steps / (speed[:-1] + speed[1:]))])
     return LineTiming(q_start, q_end, s, t, x)
 
 
-def _refine(last: int, table: Array, lower: Array, target: float, step: float) -> float:
+def _refine(last: int, table: Array, brake: Array, target: float, step: float) -> float:
     """Largest x between two table entries that can still brake to the target."""
     if last + 1 >= table.size:
         return float(table[last])
     x0, x1 = table[last], table[last + 1]
-    f0 = x0 + 2.0 * step * lower[last] - target
-    f1 = x1 + 2.0 * step * lower[last + 1] - target
+    f0 = x0 + 2.0 * step * brake[last] - target
+    f1 = x1 + 2.0 * step * brake[last + 1] - target
     if not (np.isfinite(f1) and f1 > 0.0 >= f0):
         return float(x0)
     return float(x0 + (x1 - x0) * (-f0) / (f1 - f0))

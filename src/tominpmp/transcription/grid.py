@@ -7,21 +7,38 @@ import numpy as np
 from tominpmp.arrays import Array
 
 
+# Nodes inside the first interval of the cosine grid, as shares of it, and mirrored in the
+# last: found on benchmarks/random_goals.py, where without them a few motions were 0.1 %
+# slower than a time-optimal straight line.
+END_NODES = (0.05, 0.3)
+
+
 def interval_shares(kind: str, intervals: int) -> Array:
     """Shares of the duration that the intervals take.
 
     Fast joints want to change speed at once when a motion begins and ends; with one
     acceleration an interval a uniform grid makes such a motion longer by about one
-    interval, 1/(N - 1). The cosine grid has short intervals at both ends.
+    interval, 1/(N - 1). The cosine grid has short intervals at both ends: nodes at
+    (1 - cos(pi k / M)) / 2, of which the first and the last interval are split again.
 
     Args:
-        kind: "uniform" or "cosine" (nodes at (1 - cos(pi k / N)) / 2).
+        kind: "uniform" or "cosine".
         intervals: Number N of intervals.
 
     Returns:
         Shares that add up to 1, shape (N, 1).
     """
-    nodes = np.linspace(0.0, 1.0, intervals + 1)
-    if kind == "cosine":
-        nodes = 0.5 * (1.0 - np.cos(np.pi * nodes))
+    extra = len(END_NODES)
+    if kind == "uniform":
+        nodes = np.linspace(0.0, 1.0, intervals + 1)
+    elif intervals < 4 * extra:
+        nodes = _cosine_nodes(intervals)
+    else:
+        inner = _cosine_nodes(intervals - 2 * extra)
+        ends = inner[1] * np.array(END_NODES)
+        nodes = np.sort(np.concatenate([inner, ends, 1.0 - ends]))
     return np.asarray(np.diff(nodes))[:, None]
+
+
+def _cosine_nodes(intervals: int) -> Array:
+    return 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, intervals + 1)))

@@ -1,0 +1,144 @@
+"""Linear programs: all solvers agree, and with hand-solved ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.optimize import linprog
+
+from tominpmp.exceptions import SolverNotFound
+from tominpmp.solvers.lp import LinearProgram, available_solvers, make_solver
+
+SOLVERS = ["highs", "piqp", "clarabel"]
+
+
+def program(cost, matrix, row_lower, row_upper, lower, upper):
+    matrix = sp.csc_matrix(np.atleast_2d(np.array(matrix, dtype=float)))
+    arrays = [
+        np.array(part, dtype=float) for part in (row_lower, row_upper, lower, upper)
+    ]
+    rows, columns = matrix.shape
+    return LinearProgram(
+        np.array(cost, dtype=float), matrix, *arrays, np.arange(rows), np.arange(columns)
+    )
+
+
+def random_program(rng, rows=12, columns=8):
+    matrix = rng.normal(size=(rows, columns))
+    center = matrix @ rng.uniform(-0.5, 0.5, columns)
+    lower, upper = center - rng.uniform(0.1, 1, rows), center + rng.uniform(0.1, 1, rows)
+    lower[:3], upper[3:5] = -np.inf, np.inf
+    lower[6] = upper[6] = center[6]
+    ones = np.ones(columns)
+    return program(rng.normal(size=columns), matrix, lower, upper, -ones, ones)
+
+
+def reference(p):
+    rows = p.matrix.toarray()
+    equal = p.row_lower == p.row_upper
+    high, low = ~equal & np.isfinite(p.row_upper), ~equal & np.isfinite(p.row_lower)
+    return linprog(
+        p.cost,
+        np.vstack([rows[high], -rows[low]]),
+        np.concatenate([p.row_upper[high], -p.row_lower[low]]),
+        rows[equal],
+        p.row_upper[equal],
+        list(zip(p.lower, p.upper, strict=True)),
+    )
+
+
+def installed(name):
+    if name not in available_solvers():
+        pytest.skip(f"the optional solver {name} is not installed")
+    return make_solver(name)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_duals_are_sensitivities_to_the_active_bound(name):
+    # min -x - 2y, x + y <= 3, x - y >= -1, x, y in [0, 10]: optimum at (1, 2).
+    p = program([-1, -2], [[1, 1], [1, -1]], [-np.inf, -1], [3, np.inf], [0, 0], [10, 10])
+    solution = installed(name).solve(p)
+    assert solution.optimal
+    np.testing.assert_allclose(solution.x, [1, 2], atol=1e-5)
+    # d cost / d bound = -dual at an upper bound; the lower bound has a negative dual.
+    np.testing.assert_allclose(solution.row_duals, [1.5, -0.5], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("seed", range(5))
+def test_solvers_agree_with_scipy(name, seed):
+    p = random_program(np.random.default_rng(seed))
+    expected = reference(p)
+    solution = installed(name).solve(p)
+    assert solution.optimal == (expected.status == 0)
+    if solution.optimal:
+        assert p.cost @ solution.x == pytest.approx(expected.fun, abs=1e-5)
+        rows = p.matrix @ solution.x
+        assert np.all(rows <= p.row_upper + 1e-6)
+        assert np.all(rows >= p.row_lower - 1e-6)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_resolving_equals_solving_afresh(name):
+    rng = np.random.default_rng(7)
+    p = random_program(rng)
+    solver = installed(name)
+    assert solver.solve(p).optimal
+    shift = 0.02 * rng.normal(size=p.row_lower.size)
+    again = solver.resolve(p.row_lower + shift, p.row_upper + shift)
+    fresh = program(
+        p.cost,
+        p.matrix.toarray(),
+        p.row_lower + shift,
+        p.row_upper + shift,
+        p.lower,
+        p.upper,
+    )
+    assert again.optimal
+    assert p.cost @ again.x == pytest.approx(reference(fresh).fun, abs=1e-5)
+
+
+def test_highs_starts_from_the_last_basis():
+    rng = np.random.default_rng(3)
+    p = random_program(rng, rows=60, columns=40)
+    solver = make_solver("highs")
+    first, second = solver.solve(p), solver.solve(p)
+    assert first.iterations > 5
+    assert second.iterations == 0
+
+
+def test_basis_survives_other_rows_and_columns():
+    rng = np.random.default_rng(4)
+    p = random_program(rng, rows=60, columns=40)
+    keep = np.arange(60) != 50
+    smaller = LinearProgram(
+        p.cost,
+        sp.csc_matrix(p.matrix.toarray()[keep]),
+        p.row_lower[keep],
+        p.row_upper[keep],
+        p.lower,
+        p.upper,
+        p.row_keys[keep],
+        p.column_keys,
+    )
+    solver = make_solver("highs")
+    cold = make_solver("highs").solve(smaller)
+    solver.solve(p)
+    warm = solver.solve(smaller)
+    assert warm.optimal
+    assert p.cost @ warm.x == pytest.approx(p.cost @ cold.x, abs=1e-8)
+    assert warm.iterations < cold.iterations
+
+
+@pytest.mark.parametrize("name", ["highs", "piqp"])
+def test_infeasible_is_not_optimal(name):
+    p = program([1.0], [[1.0], [1.0]], [2.0, -np.inf], [np.inf, 1.0], [-5], [5])
+    assert not make_solver(name).solve(p).optimal
+
+
+def test_unknown_solver_lists_the_known_ones():
+    with pytest.raises(SolverNotFound) as caught:
+        make_solver("simplicissimus")
+    assert caught.value.name == "simplicissimus"
+    assert "highs" in caught.value.available
