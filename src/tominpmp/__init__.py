@@ -1,40 +1,94 @@
 """Time-optimal motions of robot manipulators, planned from their URDF.
 
-    import tominpmp as tm
+import tominpmp as tm
 
-    robot = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
-    problem = tm.Problem(robot, q_start, tm.JointGoal(q_goal))
-    solution = tm.plan(problem)
-    print(solution.T, solution.trajectory(0.1).q)
+robot = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+problem = tm.Problem(robot, q_start, tm.JointGoal(q_goal))
+solution = tm.plan(problem)
+print(solution.T, solution.trajectory(0.1).q)
 """
 
 from __future__ import annotations
 
 import logging
-from importlib.metadata import version
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from tominpmp.exceptions import (
-    FrameNotFound,
-    JointNotFound,
-    MissingDependency,
-    OptionsError,
-    PlanningFailed,
-    ProblemError,
-    RobotLoadError,
-    ScenarioError,
-    SceneError,
-    SolverNotFound,
-    TominpmpError,
-    TominpmpWarning,
-)
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
-from tominpmp.options import Options
-from tominpmp.planner import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import JointLimits, Robot, load_robot
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
-from tominpmp.solution import IterationRecord, Solution, Status
-from tominpmp.trajectory import Samples, State, Trajectory
+if TYPE_CHECKING:
+    from tominpmp.exceptions import (
+        FrameNotFound,
+        JointNotFound,
+        MissingDependency,
+        OptionsError,
+        PlanningFailed,
+        ProblemError,
+        RobotLoadError,
+        ScenarioError,
+        SceneError,
+        SolverNotFound,
+        TominpmpError,
+        TominpmpWarning,
+    )
+    from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+    from tominpmp.options import Options
+    from tominpmp.planner import plan
+    from tominpmp.problem import Problem
+    from tominpmp.robot import JointLimits, Robot, load_robot
+    from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+    from tominpmp.solution import IterationRecord, Solution, Status
+    from tominpmp.trajectory import Samples, State, Trajectory
+
+# Where the public names are: a module is imported when one of its names is first used,
+# so that the command line shows its help without loading the robotics libraries.
+_HOMES = {
+    "exceptions": (
+        "FrameNotFound",
+        "JointNotFound",
+        "MissingDependency",
+        "OptionsError",
+        "PlanningFailed",
+        "ProblemError",
+        "RobotLoadError",
+        "ScenarioError",
+        "SceneError",
+        "SolverNotFound",
+        "TominpmpError",
+        "TominpmpWarning",
+    ),
+    "goals": (
+        "Goal",
+        "JointGoal",
+        "PoseGoal",
+        "PositionGoal",
+    ),
+    "options": ("Options",),
+    "planner": ("plan",),
+    "problem": ("Problem",),
+    "robot": (
+        "JointLimits",
+        "Robot",
+        "load_robot",
+    ),
+    "scene": (
+        "Box",
+        "Capsule",
+        "Cylinder",
+        "Obstacle",
+        "Scene",
+        "Sphere",
+    ),
+    "solution": (
+        "IterationRecord",
+        "Solution",
+        "Status",
+    ),
+    "trajectory": (
+        "Samples",
+        "State",
+        "Trajectory",
+    ),
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Box",
@@ -73,7 +127,24 @@ __all__ = [
     "plan",
 ]
 
-__version__ = version("tominpmp")
-
 # A library leaves it to the application whether its log is shown.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("tominpmp")
+    elif name in _MODULE_OF:
+        value = getattr(import_module(f"tominpmp.{_MODULE_OF[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, imported or not."""
+    return sorted({*globals(), *__all__, "__version__"})

@@ -1,0 +1,236 @@
+"""The commands."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from typing import Annotated
+
+import typer
+
+from tominpmp.cli import arguments as a
+from tominpmp.cli.request import MotionRequest, OutputRequest, RobotRequest
+from tominpmp.cli.terminal import guarded
+from tominpmp.cli.usage import Command, Commands
+
+# A line that begins with \b keeps a paragraph from being wrapped.
+EXAMPLES = """\b
+Examples:
+  tominpmp info panda
+  tominpmp plan planar3r --start 0.5 1.7 -1.7 --goal 2 -1 0.5
+  tominpmp plan planar3r --start start --goal-position tip 4 1 0 \\
+      --obstacle sphere:O:r=0.8:at=4,0,0 --html motion.html
+  tominpmp plan panda --lock panda_finger_joint1=0.04 --start default \\
+      --goal panda_joint1=90,panda_joint4=-60 --degrees -o motion.npz --dt 0.001
+"""
+
+EXIT_CODES = """\b
+Exit codes:
+  0    a motion was planned
+  1    no motion was found
+  2    bad input
+  130  interrupted before there was a motion
+"""
+
+PLAN_HELP = (
+    "Plan the fastest motion from a start to a goal and write it to a file.\n\n"
+    "The motion keeps the limits of positions, velocities and torques of the robot and "
+    "stays clear of the obstacles. It begins and ends at rest unless a velocity is "
+    "given. Lists of numbers may be separated by spaces or commas."
+)
+
+app = typer.Typer(
+    cls=Commands,
+    subcommand_metavar="COMMAND [ARGS]...",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+    },
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"tominpmp {metadata.version('tominpmp')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True, epilog=EXAMPLES)
+def tominpmp(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            help="Show the version and exit.",
+            callback=_print_version,
+            is_eager=True,
+        ),
+    ] = False,
+) -> None:
+    """Plan time-optimal motions of robot arms from their URDF."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command(
+    cls=Command,
+    help=PLAN_HELP,
+    short_help="Plan the fastest motion to a goal and write it to a file.",
+    epilog=f"{EXAMPLES}\n{EXIT_CODES}",
+)
+def plan(
+    robot: a.RobotName,
+    start: a.Start,
+    goal: a.Goal = None,
+    goal_position: a.GoalPosition = None,
+    goal_pose: a.GoalPose = None,
+    start_velocity: a.StartVelocity = None,
+    goal_velocity: a.GoalVelocity = None,
+    degrees: a.Degrees = False,
+    obstacle: a.Obstacles = None,
+    margin: a.Margin = 0.0,
+    package_dir: a.PackageDirs = None,
+    srdf: a.Srdf = None,
+    lock: a.Locks = None,
+    gravity: a.Gravity = None,
+    effort: a.Effort = None,
+    velocity: a.Velocity = None,
+    damping: a.Damping = None,
+    armature: a.Armature = None,
+    method: a.Method = None,
+    intervals: a.Intervals = None,
+    smoothing: a.Smoothing = None,
+    starts: a.Starts = None,
+    seed: a.Seed = None,
+    max_time: a.MaxTime = None,
+    max_iterations: a.MaxIterations = None,
+    lp_solver: a.LpSolver = None,
+    output: a.MotionFile = None,
+    no_output: a.NoOutput = False,
+    dt: a.Dt = None,
+    plot: a.Plot = None,
+    html: a.Html = None,
+    json: a.Json = False,
+    quiet: a.Quiet = False,
+    verbose: a.Verbose = False,
+    debug: a.Debug = False,
+) -> None:
+    """Plan a motion; the help has a text of its own."""
+    robot_request = RobotRequest(
+        robot=robot,
+        package_dirs=package_dir or (),
+        srdf=srdf,
+        locks=lock or (),
+        gravity=gravity,
+        effort=effort,
+        velocity=velocity,
+        damping=damping,
+        armature=armature,
+    )
+    motion_request = MotionRequest(
+        start=start,
+        goal=goal,
+        goal_position=goal_position,
+        goal_pose=goal_pose,
+        start_velocity=start_velocity,
+        goal_velocity=goal_velocity,
+        obstacles=obstacle or (),
+        margin=margin,
+        degrees=degrees,
+    )
+    options = {
+        "method": method,
+        "intervals": intervals,
+        "smoothing": smoothing,
+        "starts": starts,
+        "seed": seed,
+        "max_planning_time": max_time,
+        "max_iterations": max_iterations,
+        "lp_solver": lp_solver,
+    }
+    output_request = OutputRequest(
+        motion=output,
+        write=not no_output,
+        dt=dt,
+        plot=plot,
+        page=html,
+        json=json,
+        quiet=quiet,
+        verbose=verbose,
+    )
+    with guarded(debug):
+        from tominpmp.cli.planning import run_plan
+
+        code = run_plan(robot_request, motion_request, options, output_request)
+    raise typer.Exit(code)
+
+
+@app.command(cls=Command, short_help="Show a motion from a file in the browser.")
+def play(
+    motion: a.RecordedMotion,
+    robot: a.MovingRobot,
+    obstacle: a.Obstacles = None,
+    package_dir: a.PackageDirs = None,
+    srdf: a.Srdf = None,
+    lock: a.Locks = None,
+    output: a.Page = None,
+    debug: a.Debug = False,
+) -> None:
+    """Show a motion in the browser, or write a page that plays it without network."""
+    request = RobotRequest(
+        robot=robot, package_dirs=package_dir or (), srdf=srdf, locks=lock or ()
+    )
+    with guarded(debug):
+        from tominpmp.cli.playing import run_play
+
+        page = run_play(motion, request, obstacle or (), output)
+        typer.echo(f"page  {page}")
+
+
+@app.command(cls=Command, short_help="Show the joints, limits and frames of a robot.")
+def info(
+    robot: a.RobotName,
+    package_dir: a.PackageDirs = None,
+    srdf: a.Srdf = None,
+    lock: a.Locks = None,
+    gravity: a.Gravity = None,
+    effort: a.Effort = None,
+    velocity: a.Velocity = None,
+    damping: a.Damping = None,
+    armature: a.Armature = None,
+    json: a.Json = False,
+    debug: a.Debug = False,
+) -> None:
+    """Show the joints of a robot with their limits, its frames and group states."""
+    request = RobotRequest(
+        robot=robot,
+        package_dirs=package_dir or (),
+        srdf=srdf,
+        locks=lock or (),
+        gravity=gravity,
+        effort=effort,
+        velocity=velocity,
+        damping=damping,
+        armature=armature,
+    )
+    with guarded(debug):
+        from tominpmp.cli.listing import run_info
+
+        run_info(request, json)
+
+
+@app.command(cls=Command, short_help="List the robots known by name.")
+def robots(debug: a.Debug = False) -> None:
+    """List the robots known by name: bundled ones, and those of example-robot-data."""
+    with guarded(debug):
+        from tominpmp.description.files import robot_names
+
+        typer.echo("\n".join(robot_names()))
+
+
+def main() -> None:
+    """Run the command line and leave with its exit code."""
+    app(prog_name="tominpmp")

@@ -1,0 +1,140 @@
+"""Where the command line writes to, checked before anything takes long."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import count
+from pathlib import Path
+
+import typer
+
+from tominpmp.cli.request import OutputRequest
+from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
+from tominpmp.solution import Solution
+
+DEFAULT_MOTION = "motion.csv"
+STDOUT = "-"
+MOTION_ENDINGS = (".csv", ".npz")
+PLOT_ENDINGS = (".png", ".pdf", ".svg")
+PAGE_ENDINGS = (".html", ".htm")
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Files to write.
+
+    Attributes:
+        motion: File for the motion; None for none or standard output.
+        to_stdout: Whether the motion goes to standard output.
+        dt: Time between its rows [s]; None for the nodes.
+        plot: File for the plot.
+        page: File for the page.
+    """
+
+    motion: Path | None
+    to_stdout: bool
+    dt: float | None
+    plot: Path | None
+    page: Path | None
+
+    @classmethod
+    def of(cls, request: OutputRequest) -> Targets:
+        """Choose and check the files.
+
+        Raises:
+            OptionsError: If options contradict each other.
+            ScenarioError: If a file cannot be written.
+            MissingDependency: If a package for the plot or the page is missing.
+        """
+        to_stdout = request.write and request.motion == STDOUT
+        if to_stdout and request.json:
+            raise OptionsError(
+                "--json and --output - both write to standard output", "output"
+            )
+        if request.motion is not None and not request.write:
+            raise OptionsError("--output and --no-output contradict", "output")
+        if request.dt is not None and not 0.0 < request.dt < float("inf"):
+            raise OptionsError(
+                f"--dt is {request.dt}, expected a positive time [s]", "dt"
+            )
+        motion = None
+        if request.write and not to_stdout:
+            motion = _free_name() if request.motion is None else Path(request.motion)
+            check_target(motion, "--output", MOTION_ENDINGS)
+        if request.plot is not None:
+            check_target(request.plot, "--plot", PLOT_ENDINGS)
+            need_package("matplotlib", "plots", "--plot")
+        if request.page is not None:
+            check_target(request.page, "--html", PAGE_ENDINGS)
+            need_package("meshcat", "viz", "--html")
+        return cls(motion, to_stdout, request.dt, request.plot, request.page)
+
+    def write(self, solution: Solution) -> dict[str, str]:
+        """Write the files.
+
+        Returns:
+            What was written, by what it holds.
+        """
+        files: dict[str, str] = {}
+        if self.motion is not None:
+            files["motion"] = str(solution.export(self.motion, dt=self.dt))
+        if self.to_stdout:
+            _stream(solution, self.dt)
+        if self.plot is not None:
+            solution.plot(self.plot)
+            files["plot"] = str(self.plot)
+        if self.page is not None:
+            solution.play(self.page)
+            files["page"] = str(self.page)
+        return files
+
+
+def _free_name() -> Path:
+    """Name for the motion in the current folder that no file has."""
+    first = Path(DEFAULT_MOTION)
+    if not os.path.lexists(first):
+        return first
+    names = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
+    return next(name for name in names if not os.path.lexists(name))
+
+
+def check_target(path: Path, option: str, endings: Sequence[str]) -> None:
+    """Check ending and folder of a file to write.
+
+    Raises:
+        ScenarioError: If it cannot be written.
+    """
+    if path.suffix.lower() not in endings:
+        raise ScenarioError(
+            f"{option}: {str(path)!r} must end in {' or '.join(endings)}", path
+        )
+    if not path.parent.is_dir():
+        raise ScenarioError(f"{option}: there is no folder {str(path.parent)!r}", path)
+    if path.is_dir():
+        raise ScenarioError(f"{option}: {str(path)!r} is a folder", path)
+    if not os.access(path.parent, os.W_OK):
+        raise ScenarioError(
+            f"{option}: the folder {str(path.parent)!r} cannot be written to", path
+        )
+
+
+def need_package(package: str, extra: str, purpose: str) -> None:
+    """Check that an optional package is installed.
+
+    Raises:
+        MissingDependency: If it is not.
+    """
+    if find_spec(package) is None:
+        raise MissingDependency(package, extra, purpose)
+
+
+def _stream(solution: Solution, dt: float | None) -> None:
+    """Write the motion to standard output, as CSV."""
+    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+        path = solution.export(Path(folder) / DEFAULT_MOTION, dt=dt)
+        with path.open(encoding="utf-8", newline="") as file:
+            typer.echo(file.read(), nl=False)

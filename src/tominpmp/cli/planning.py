@@ -1,0 +1,100 @@
+"""The command ``plan``: load, check, plan, write, report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import typer
+from rich.console import Console
+
+from tominpmp.cli.files import Targets
+from tominpmp.cli.progress import Progress
+from tominpmp.cli.report import report_data, report_text
+from tominpmp.cli.request import (
+    MotionRequest,
+    OutputRequest,
+    RobotRequest,
+    make_options,
+)
+from tominpmp.cli.terminal import (
+    INTERRUPTED,
+    NO_PLAN,
+    PLANNED,
+    error_console,
+    logged,
+)
+from tominpmp.solution import Solution, Status
+
+
+def run_plan(
+    robot: RobotRequest,
+    motion: MotionRequest,
+    options: Mapping[str, Any],
+    output: OutputRequest,
+) -> int:
+    """Plan and report.
+
+    Args:
+        robot: The robot asked for.
+        motion: Start, goal and obstacles.
+        options: Options of the planner; None for its own choice.
+        output: What to write and show.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        TominpmpError: If anything given is wrong.
+    """
+    errors = error_console()
+    targets = Targets.of(output)
+    with logged(output.verbose, errors):
+        solution = _solve(robot, motion, options, output, errors)
+    files: dict[str, str] = {}
+    try:
+        if solution.success:
+            files = targets.write(solution)
+    finally:
+        # The figures are worth having even if the disk is full.
+        _report(solution, files, output, to_stderr=targets.to_stdout)
+    if solution.success:
+        return PLANNED
+    return INTERRUPTED if solution.status is Status.INTERRUPTED else NO_PLAN
+
+
+def _solve(
+    robot: RobotRequest,
+    motion: MotionRequest,
+    options: Mapping[str, Any],
+    output: OutputRequest,
+    console: Console,
+) -> Solution:
+    from tominpmp.planner import plan
+
+    make_options(options)  # a wrong one is to be told of before a robot is loaded
+    with Progress(console, quiet=output.quiet, verbose=output.verbose) as progress:
+        progress.phase(f"loading {robot.robot}")
+        problem = motion.problem(robot.load())
+        progress.phase("planning")
+        return plan(problem, make_options({**options, "callback": progress}))
+
+
+def _report(
+    solution: Solution,
+    files: Mapping[str, str],
+    output: OutputRequest,
+    to_stderr: bool,
+) -> None:
+    """Write the report."""
+    data = report_data(solution, files)
+    if output.json:
+        text = json.dumps(data, indent=2, allow_nan=False)
+    elif not output.quiet:
+        text = report_text(data)
+    elif not solution.success:
+        text, to_stderr = solution.message, True
+    else:
+        return
+    typer.echo(text, err=to_stderr)

@@ -1,0 +1,225 @@
+"""What was asked for on the command line, and the problem that it makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tominpmp.cli.arguments import Pose, Position
+
+if TYPE_CHECKING:
+    from tominpmp.arrays import Array
+    from tominpmp.goals import Goal
+    from tominpmp.options import Options
+    from tominpmp.problem import Problem
+    from tominpmp.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotRequest:
+    """A robot, and what is to be different from its description.
+
+    Attributes:
+        robot: Name or path.
+        package_dirs: Folders in which to look for ``package://``.
+        srdf: Semantic description.
+        locks: ``JOINT=VALUE`` of joints that are not to move.
+        gravity: Three numbers [m/s^2].
+        effort: Torque limits [N m or N], as text.
+        velocity: Velocity limits [rad/s or m/s], as text.
+        damping: Viscous friction [N m s/rad or N s/m], as text.
+        armature: Rotor inertia [kg m^2 or kg], as text.
+    """
+
+    robot: str
+    package_dirs: Sequence[Path] = ()
+    srdf: Path | None = None
+    locks: Sequence[str] = ()
+    gravity: str | None = None
+    effort: str | None = None
+    velocity: str | None = None
+    damping: str | None = None
+    armature: str | None = None
+
+    def load(self) -> Robot:
+        """Load the robot.
+
+        Raises:
+            TominpmpError: If anything in it is wrong.
+        """
+        from tominpmp.cli.values import joint_pair, joint_values, vector
+        from tominpmp.exceptions import OptionsError
+        from tominpmp.robot import load_robot
+
+        locked: dict[str, float] = {}
+        for text in self.locks:
+            joint, value = joint_pair(text, "--lock")
+            if joint in locked:
+                raise OptionsError(f"--lock: joint {joint!r} is named twice", "--lock")
+            locked[joint] = value
+        changes: dict[str, Any] = {}
+        for name in ("effort", "velocity", "damping", "armature"):
+            text = getattr(self, name)
+            if text is not None:
+                changes[name] = joint_values(text, f"--{name}")
+        if self.gravity is not None:
+            changes["gravity"] = vector(self.gravity, "--gravity")
+        return load_robot(
+            self.robot,
+            package_dirs=self.package_dirs,
+            srdf=self.srdf,
+            locked_joints=locked,
+            **changes,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionRequest:
+    """A start, a goal and what is in the way.
+
+    Attributes:
+        start: Positions at the start, as text.
+        goal: Positions at the end, as text.
+        goal_position: Frame and point [m].
+        goal_pose: Frame, point [m] and quaternion (x, y, z, w).
+        start_velocity: Joint velocities at the start, as text.
+        goal_velocity: Velocities at the end, as text: of the joints, or of the frame.
+        obstacles: Obstacles, as text.
+        margin: Distance to keep from them [m].
+        degrees: Whether angles are in degrees.
+    """
+
+    start: str
+    goal: str | None = None
+    goal_position: Position | None = None
+    goal_pose: Pose | None = None
+    start_velocity: str | None = None
+    goal_velocity: str | None = None
+    obstacles: Sequence[str] = ()
+    margin: float = 0.0
+    degrees: bool = False
+
+    def problem(self, robot: Robot) -> Problem:
+        """Make the problem.
+
+        Raises:
+            TominpmpError: If anything in it is wrong.
+        """
+        from tominpmp.cli.values import obstacle, positions, velocities
+        from tominpmp.problem import Problem
+        from tominpmp.scene import Scene
+
+        self._check_goal()
+        scene = Scene([obstacle(text) for text in self.obstacles])
+        q_start = positions(self.start, "--start", robot, degrees=self.degrees)
+        v_start = None
+        if self.start_velocity is not None:
+            v_start = velocities(
+                self.start_velocity, "--start-velocity", robot, degrees=self.degrees
+            )
+        return Problem(
+            robot,
+            q_start,
+            self._goal(robot, q_start),
+            scene=scene,
+            margin=self.margin,
+            v_start=v_start,
+        )
+
+    def _check_goal(self) -> None:
+        """Check that there is one goal."""
+        from tominpmp.exceptions import ProblemError
+
+        options = {
+            "--goal": self.goal,
+            "--goal-position": self.goal_position,
+            "--goal-pose": self.goal_pose,
+        }
+        given = [name for name, value in options.items() if value is not None]
+        if not given:
+            raise ProblemError(f"there is no goal: give {' or '.join(options)}", "goal")
+        if len(given) > 1:
+            raise ProblemError(
+                f"{' and '.join(given)} are given, expected one of them", "goal"
+            )
+
+    def _goal(self, robot: Robot, q_start: Array) -> Goal:
+        from tominpmp.cli.values import positions, vector, velocities
+        from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+
+        name = "--goal-velocity"
+        if self.goal is not None:
+            q = positions(
+                self.goal, "--goal", robot, base=q_start, degrees=self.degrees
+            )
+            v = None
+            if self.goal_velocity is not None:
+                v = velocities(self.goal_velocity, name, robot, degrees=self.degrees)
+            return JointGoal(q, v)
+        frame_v: Any = None
+        if self.goal_velocity is not None:
+            frame_v = vector(self.goal_velocity, name)
+        if self.goal_position is not None:
+            frame, *point = self.goal_position
+            position: Any = point
+            return PositionGoal(frame, position, frame_v)
+        assert self.goal_pose is not None  # noqa: S101
+        frame, *numbers = self.goal_pose
+        return PoseGoal(frame, _placement(numbers), frame_v)
+
+
+def _placement(numbers: Sequence[float]) -> Any:
+    """Placement from a point and a quaternion of any length but zero."""
+    import numpy as np
+    import pinocchio as pin
+
+    from tominpmp.exceptions import ProblemError
+
+    point, quaternion = np.array(numbers[:3]), np.array(numbers[3:])
+    length = float(np.linalg.norm(quaternion))
+    if not np.all(np.isfinite(numbers)) or length < 1e-9:
+        raise ProblemError(
+            f"--goal-pose is {' '.join(f'{x:g}' for x in numbers)}, expected finite "
+            "numbers X Y Z QX QY QZ QW, the quaternion not zero",
+            "goal",
+        )
+    return pin.SE3(pin.Quaternion(quaternion / length).matrix(), point)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputRequest:
+    """What to write and what to show.
+
+    Attributes:
+        motion: File for the motion (.csv, .npz), or "-" for standard output; None takes
+            a free name.
+        write: Whether to write the motion at all.
+        dt: Time between its rows [s]; None for the nodes.
+        plot: File for the plot.
+        page: File for the page with the playback.
+        json: Whether the report is JSON.
+        quiet: Whether to show errors and warnings only.
+        verbose: Whether to show the log.
+    """
+
+    motion: str | None = None
+    write: bool = True
+    dt: float | None = None
+    plot: Path | None = None
+    page: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+
+
+def make_options(given: Mapping[str, Any]) -> Options:
+    """Make options of those that were given, the others as the library has them.
+
+    Raises:
+        OptionsError: If one has a value that it cannot have.
+    """
+    from tominpmp.options import Options
+
+    return Options(**{k: v for k, v in given.items() if v is not None})

@@ -1,0 +1,172 @@
+"""What all commands have in common: errors, warnings, exit codes, a closed pipe."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING, TextIO
+
+import typer
+
+from tominpmp.exceptions import TominpmpError, TominpmpWarning
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+PLANNED = 0
+NO_PLAN = 1
+BAD_INPUT = 2
+# As sysexits.h and shells have them: a defect, Ctrl-C, a reader that went away.
+DEFECT = 70
+INTERRUPTED = 130
+CLOSED_PIPE = 141
+
+
+@cache
+def error_console() -> Console:
+    """Console for progress, warnings and errors.
+
+    There is one only, as it has to write a warning above the line of progress.
+    """
+    from rich.console import Console
+
+    return Console(stderr=True, markup=False, highlight=False, emoji=False)
+
+
+def complain(prefix: str, message: str, style: str = "bold red") -> None:
+    """Write a line like ``error: ...`` to standard error."""
+    from rich.text import Text
+
+    line = Text.assemble((f"{prefix}:", style), " ", " ".join(message.split()))
+    error_console().print(line, soft_wrap=True)
+
+
+@contextmanager
+def guarded(debug: bool = False) -> Iterator[None]:
+    """Turn what goes wrong in a command into one line and an exit code.
+
+    Args:
+        debug: Whether to show tracebacks too.
+
+    Raises:
+        typer.Exit: With the exit code.
+    """
+    try:
+        with _warnings_shown():
+            yield
+    except typer.Exit:
+        raise
+    except BrokenPipeError as error:
+        discard_output()
+        raise typer.Exit(CLOSED_PIPE) from error
+    except KeyboardInterrupt as error:
+        complain("error", "interrupted")
+        raise typer.Exit(INTERRUPTED) from error
+    except TominpmpError as error:
+        _explain(str(error), debug)
+        raise typer.Exit(BAD_INPUT) from error
+    except OSError as error:
+        where = "" if error.filename is None else f"{error.filename}: "
+        _explain(f"{where}{error.strerror or error}", debug)
+        raise typer.Exit(BAD_INPUT) from error
+    except Exception as error:
+        hint = "" if debug else "; --debug shows where"
+        what = f"{type(error).__name__}: {error}"
+        _explain(f"{what} (this is a defect of tominpmp{hint})", debug)
+        raise typer.Exit(DEFECT) from error
+
+
+def _explain(message: str, debug: bool) -> None:
+    if debug:
+        traceback.print_exc()
+    complain("error", message)
+
+
+@contextmanager
+def _warnings_shown() -> Iterator[None]:
+    """Show the library's warnings as lines, others as Python does."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, TominpmpWarning):
+                complain("warning", str(message), "bold yellow")
+            else:
+                usual(message, category, filename, lineno, file, line)
+
+        warnings.simplefilter("always", TominpmpWarning)
+        warnings.showwarning = show
+        yield
+
+
+class _ConsoleHandler(logging.Handler):
+    """Writes a log to a console, above a line that changes."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a message."""
+        text = f"{record.levelname.lower()}: {record.getMessage()}"
+        self._console.print(text, soft_wrap=True)
+
+
+@contextmanager
+def logged(verbose: bool, console: Console) -> Iterator[None]:
+    """Show the library's log, if wished for."""
+    if not verbose:
+        yield
+        return
+    logger = logging.getLogger("tominpmp")
+    handler = _ConsoleHandler(console)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
+def flush_output() -> int:
+    """Write what is still buffered.
+
+    Returns:
+        0, or the exit code if that fails.
+    """
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError as error:
+        discard_output()
+        if isinstance(error, BrokenPipeError):
+            return CLOSED_PIPE
+        complain("error", f"standard output: {error.strerror}")
+        return BAD_INPUT
+    return 0
+
+
+def discard_output() -> None:
+    """Send what is still buffered nowhere, as Python would complain at its end."""
+    try:
+        target = sys.stdout.fileno()
+    except (OSError, ValueError, AttributeError):
+        return  # not a file: nothing is written at the end
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, target)
+    os.close(nowhere)

@@ -1,0 +1,117 @@
+"""How commands are parsed, and how their help and wrong usage are shown."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from tominpmp.cli.arguments import GENERAL, LIST_OPTIONS, PANELS
+from tominpmp.cli.terminal import (
+    BAD_INPUT,
+    CLOSED_PIPE,
+    INTERRUPTED,
+    complain,
+    discard_output,
+    error_console,
+    flush_output,
+)
+
+
+class Command(TyperCommand):
+    """A command with options in groups, whose values may be several words."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Join the words of such values, then parse as usual."""
+        return list(super().parse_args(ctx, join_lists(args)))
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Name the arguments as they are, without marks of any kind."""
+        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the options group by group."""
+        rows: dict[str, list[tuple[str, str]]] = {"Arguments": []}
+        rows.update((panel, []) for panel in PANELS)
+        params: list[Any] = list(self.get_params(ctx))
+        for param in params:
+            record = param.get_help_record(ctx)
+            if param.param_type_name == "argument":
+                rows["Arguments"].append((param.metavar or "", param.help or ""))
+            elif record is not None:
+                panel = getattr(param, "rich_help_panel", None) or GENERAL
+                rows[panel].append(record)
+        for panel, records in rows.items():
+            if records:
+                with formatter.section(panel):
+                    formatter.write_dl(records, col_max=28)
+
+
+def join_lists(args: list[str]) -> list[str]:
+    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option."""
+    joined: list[str] = []
+    for arg in args:
+        if _is_list(joined[-2:]) and _is_value(arg):
+            joined[-1] += f",{arg}"
+        else:
+            joined.append(arg)
+    return joined
+
+
+def _is_list(words: list[str]) -> bool:
+    """Tell whether the last words are ``--start 1`` or ``--start=1``."""
+    if len(words) == 2 and words[0] in LIST_OPTIONS:
+        return True
+    option, equals, _ = words[-1].partition("=") if words else ("", "", "")
+    return bool(equals) and option in LIST_OPTIONS
+
+
+def _is_value(word: str) -> bool:
+    """Tell whether a word is ``JOINT=VALUE`` or a number, perhaps with a comma."""
+    if "=" in word and not word.startswith("-"):
+        return True
+    try:
+        float(word.rstrip(","))
+    except ValueError:
+        return False
+    return True
+
+
+class Commands(TyperGroup):
+    """The group of commands; tells of wrong usage as of any other error."""
+
+    def main(self, *args: Any, standalone_mode: bool = True, **kwargs: Any) -> Any:
+        """Run and, if standalone, exit with the code of the command."""
+        code = self._run(super().main, *args, **kwargs)
+        code = flush_output() or code
+        if standalone_mode:
+            sys.exit(code)
+        return code
+
+    def _run(self, run: Callable[..., Any], *args: Any, **kwargs: Any) -> int:
+        try:
+            return int(run(*args, standalone_mode=False, **kwargs) or 0)
+        except typer.Abort:
+            return INTERRUPTED
+        except SystemExit:
+            # So Typer ends when nobody reads the help that it writes.
+            discard_output()
+            return CLOSED_PIPE
+        except OSError as error:
+            discard_output()
+            complain("error", f"standard output: {error.strerror}")
+            return BAD_INPUT
+        except Exception as error:
+            # Where Typer has its parser's exceptions depends on its version.
+            message = getattr(error, "format_message", None)
+            if message is None:
+                raise
+            complain("error", message())
+            context = getattr(error, "ctx", None)
+            if context is not None:
+                hint = f"see {context.command_path} --help"
+                error_console().print(hint, soft_wrap=True)
+            return BAD_INPUT

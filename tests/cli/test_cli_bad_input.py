@@ -1,0 +1,173 @@
+"""Tests of what is refused, and how."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from cli_samples import (
+    Planner,
+    Run,
+)
+
+BAD = {
+    "unknown robot": ("plan planer3r --start 1 --goal 1", "Did you mean planar3r"),
+    "missing file": ("plan ./no.urdf --start 1 --goal 1", "no.urdf"),
+    "no number": ("plan planar3r --start 1,x,2 --goal 1,1,1", "'x' is not a number"),
+    "wrong count": (
+        "plan planar3r --start 1,2 --goal 1,1,1",
+        "--start has 2 numbers, expected 3, one for each of: joint1, joint2, joint3",
+    ),
+    "too many": ("plan planar3r --start start --goal 1,1,1,1", "--goal has 4 numbers"),
+    "nothing": (
+        "plan planar3r --start '' --goal 1,1,1",
+        "neither a number nor a group",
+    ),
+    "NaN": ("plan planar3r --start 1,nan,1 --goal 1,1,1", "'joint2' is nan"),
+    "infinite": ("plan planar3r --start start --goal 1,1,inf", "inf"),
+    "outside": ("plan planar3r --start 0.1,0,0 --goal 1,1,1", "[0.18, 3]"),
+    "unknown state": (
+        "plan planar3r --start home --goal 1,1,1",
+        "--start: 'home' is neither a number nor a group state of 'planar3r' (group "
+        "states: start)",
+    ),
+    "unknown joint": (
+        "plan planar3r --start start --goal elbow=1",
+        "no joint 'elbow'; the robot has: joint1, joint2, joint3",
+    ),
+    "joint twice": ("plan planar3r --start start --goal joint1=1,joint1=2", "twice"),
+    "half a pair": ("plan planar3r --start start --goal joint1=", "JOINT=VALUE"),
+    "unknown frame": (
+        "plan planar3r --start start --goal-position nose 1 1 0",
+        "no frame 'nose'; the robot has: base,",
+    ),
+    "beyond reach": (
+        "plan planar3r --start start --goal-position tip 7 0 0",
+        "outside reach by 1 m",
+    ),
+    "no quaternion": (
+        "plan planar3r --start start --goal-pose tip 1 1 0 0 0 0 0",
+        "the quaternion not zero",
+    ),
+    "pose of NaN": (
+        "plan planar3r --start start --goal-pose tip 1 1 0 0 0 nan 1",
+        "expected finite numbers",
+    ),
+    "no goal": ("plan planar3r --start start", "there is no goal"),
+    "two goals": (
+        "plan planar3r --start start --goal 1,1,1 --goal-position tip 1 1 0",
+        "--goal and --goal-position are given",
+    ),
+    "velocity of two": (
+        "plan planar3r --start start --goal 1,1,1 --start-velocity 1,2",
+        "--start-velocity has 2 numbers",
+    ),
+    "velocity of a stranger": (
+        "plan planar3r --start start --goal 1,1,1 --goal-velocity hand=1",
+        "no joint 'hand'",
+    ),
+    "frame velocity of two": (
+        "plan planar3r --start start --goal-position tip 4 1 0 --goal-velocity 1,2",
+        "goal.v has shape (2,)",
+    ),
+    "weak": ("plan planar3r --start start --goal 1,1,1 --effort 1", "cannot hold"),
+    "effort by stranger": (
+        "plan planar3r --start start --goal 1,1,1 --effort elbow=1",
+        "no joint 'elbow'",
+    ),
+    "gravity of two": ("info planar3r --gravity 0,1", "gravity"),
+    "lock without value": ("info planar3r --lock joint1", "'joint1', expected JOINT="),
+    "lock twice": ("info planar3r --lock joint1=1 --lock joint1=2", "twice"),
+    "lock of stranger": ("info planar3r --lock elbow=1", "elbow"),
+    "no package folder": ("info planar3r --package-dir ./none", "none"),
+    "no srdf": ("info planar3r --srdf none.srdf", "none.srdf"),
+    "margin": ("plan planar3r --start start --goal 1,1,1 --margin -1", "margin is -1"),
+    "obstacle kind": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle torus:x:r=1",
+        "no kind 'torus'; there are: sphere, box, cylinder, capsule",
+    ),
+    "obstacle name": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:r=1:at=1,1,1",
+        "it has no name",
+    ),
+    "obstacle key": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:size=1:at=1,1,1",
+        "'size=1': the keys of a sphere are r, at, quat",
+    ),
+    "obstacle lacks": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle box:x:at=1,1,1",
+        "it lacks size",
+    ),
+    "obstacle numbers": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=1,1",
+        "at is '1,1', expected 3 numbers",
+    ),
+    "obstacle size": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=-1:at=9,9,0",
+        "radius is -1.0, expected a positive length",
+    ),
+    "obstacle twice": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=9,9,0 "
+        "--obstacle sphere:x:r=1:at=9,9,0",
+        "two obstacles are named 'x'",
+    ),
+    "in collision": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=3,1,0",
+        "start in collision: 'link1_0' and 'x' overlap",
+    ),
+    "method": ("plan planar3r --start start --goal 1,1,1 --method best", "'best'"),
+    "intervals": (
+        "plan planar3r --start start --goal 1,1,1 --intervals 1",
+        "intervals is 1, expected an integer >= 4",
+    ),
+    "time": (
+        "plan planar3r --start start --goal 1,1,1 --max-time 0",
+        "max_planning_time is 0.0, expected a positive number",
+    ),
+    "dt": ("plan planar3r --start start --goal 1,1,1 --dt nan", "--dt is nan"),
+    "ending": (
+        "plan planar3r --start start --goal 1,1,1 -o motion.txt",
+        "--output: 'motion.txt' must end in .csv or .npz",
+    ),
+    "plot": (
+        "plan planar3r --start start --goal 1,1,1 --plot motion.csv",
+        "--plot: 'motion.csv' must end in .png or .pdf or .svg",
+    ),
+    "folder": (
+        "plan planar3r --start start --goal 1,1,1 --html no/where.html",
+        "there is no folder 'no'",
+    ),
+    "two outputs": (
+        "plan planar3r --start start --goal 1,1,1 --json --output -",
+        "both write to standard output",
+    ),
+    "no file": ("play none.csv --robot planar3r", "none.csv cannot be read"),
+    # Refused by the parser.
+    "no robot": ("plan --start 1", "ROBOT"),
+    "no start": ("plan planar3r --goal 1,1,1", "--start"),
+    "option": ("plan planar3r --sart 1,1,1", "--sart"),
+    "command": ("paln planar3r", "paln"),
+    "float": ("plan planar3r --start start --goal 1,1,1 --margin big", "--margin"),
+    "integer": ("plan planar3r --start start --goal 1,1,1 --seed 1.5", "--seed"),
+    "short point": ("plan planar3r --start start --goal-position tip 1 2", "position"),
+    "word as a point": (
+        "plan planar3r --start start --goal-position tip 1 2 up",
+        "--goal-position",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(case: str, run: Run, planner: Planner, tmp_path: Path) -> None:
+    text, message = BAD[case]
+    result = run(*shlex.split(text))
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    paragraph, *rest = result.stderr.splitlines()
+    assert paragraph.startswith("error: ")
+    assert message in paragraph
+    assert all(re.fullmatch(r"see [\w -]+ --help", line) for line in rest)
+    assert planner.problem is None
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,107 @@
+"""Tests of the help of the command line."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from cli_samples import (
+    Planner,
+    Run,
+    needs_panda,
+)
+
+import tominpmp.cli
+from tominpmp.cli.app import EXAMPLES, app
+from tominpmp.options import LP_SOLVERS, METHODS
+
+
+def test_help_names_every_command_on_a_line(run: Run) -> None:
+    result = run("--help")
+    assert result.exit_code == 0
+    assert "Plan time-optimal motions of robot arms" in result.stdout
+    commands = {item.name or item.callback.__name__ for item in app.registered_commands}
+    assert commands == {"plan", "play", "info", "robots"}
+    for name in commands:
+        line = re.search(rf"^  {name} .*\.$", result.stdout, re.MULTILINE)
+        assert line is not None, name
+        assert "..." not in line[0]
+    assert all(len(line) <= 90 for line in result.stdout.splitlines())
+
+
+def test_help_without_a_command_is_the_help(run: Run) -> None:
+    assert run().stdout == run("--help").stdout
+    assert run("-h").stdout == run("--help").stdout
+
+
+def test_help_of_plan_groups_all_options(run: Run) -> None:
+    text = run("plan", "--help").stdout
+    groups = re.findall(r"^(\w+):$", text, re.MULTILINE)
+    assert groups == [
+        "Arguments",
+        "Motion",
+        "Scene",
+        "Robot",
+        "Planning",
+        "Output",
+        "General",
+    ]
+    for name in (*METHODS, *LP_SOLVERS):
+        assert re.search(rf"\b{name}\b", text), name
+    for code in (0, 1, 2, 130):
+        assert re.search(rf"^    {code} +\w", text, re.MULTILINE), code
+    assert " plan [OPTIONS] ROBOT\n" in text
+
+
+def examples() -> list[list[str]]:
+    """The examples of the help, as lists of words."""
+    lines = EXAMPLES.replace("\\\n", " ").splitlines()
+    return [shlex.split(line)[1:] for line in lines if line.startswith("  tominpmp")]
+
+
+@needs_panda
+@pytest.mark.parametrize("words", examples(), ids=" ".join)
+def test_examples_in_the_help_work(
+    words: list[str], run: Run, planner: Planner
+) -> None:
+    result = run(*words)
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout
+
+
+def test_examples_are_shown_as_they_are_typed(run: Run) -> None:
+    for line in EXAMPLES.splitlines()[2:]:
+        assert line in run("--help").stdout
+        assert line in run("plan", "--help").stdout
+
+
+def test_version(run: Run) -> None:
+    result = run("--version")
+    assert result.exit_code == 0
+    assert result.stdout == f"tominpmp {version('tominpmp')}\n"
+
+
+LIGHT = ("__init__", "app", "arguments", "request", "terminal", "usage")
+
+
+@pytest.mark.parametrize("module", LIGHT)
+def test_help_needs_no_heavy_import(module: str) -> None:
+    """Imports outside functions: the standard library, Typer, and light neighbours."""
+    path = Path(tominpmp.cli.__file__).with_name(f"{module}.py")
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    allowed = {f"tominpmp.cli.{name}" for name in LIGHT}
+    allowed |= {"tominpmp.cli", "tominpmp.exceptions", "typer", "typer.core"}
+    for node in tree.body:
+        names: Sequence[str] = ()
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module or ""]
+        for name in names:
+            assert name in allowed or name.split(".")[0] in sys.stdlib_module_names

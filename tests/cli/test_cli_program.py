@@ -1,0 +1,146 @@
+"""Tests of the other commands, and of the program as a whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_samples import (
+    PLAN,
+    Planner,
+    Run,
+    needs_panda,
+)
+
+from tominpmp.cli.listing import robot_data
+from tominpmp.description.files import robot_names
+from tominpmp.exceptions import (
+    TominpmpWarning,
+)
+from tominpmp.robot import Robot
+
+
+def test_robots(run: Run) -> None:
+    result = run("robots")
+    assert result.exit_code == 0
+    assert result.stdout.split() == list(robot_names())
+    assert "planar3r" in result.stdout.split()
+
+
+def test_info(run: Run) -> None:
+    result = run("info", "planar3r", "--velocity", "joint2=inf", "--lock", "joint3=1")
+    assert result.exit_code == 0
+    rows = [line.split() for line in result.stdout.splitlines()]
+    assert ["joint1", "revolute", "0.18", "3", "100", "20", "5", "0"] in rows
+    assert ["joint2", "revolute", "-3", "3", "inf", "7", "3", "0"] in rows
+    assert ["locked", "joint3=1"] in rows
+    assert ["group", "states", "start"] in rows
+    assert ["collision", "3", "geometries"] in rows
+    assert any(row[:1] == ["frames"] and row[-1] == "tip" for row in rows)
+
+
+def test_info_as_json(run: Run, slider: Robot) -> None:
+    result = run("info", "slider.urdf", "--json")
+    assert result.exit_code == 0
+    data = json.loads(result.stdout)
+    assert data == robot_data(slider)
+    slide, swing = data["joints"]
+    assert (slide["name"], slide["kind"], slide["position_upper"]) == (
+        "slide",
+        "prismatic",
+        2.0,
+    )
+    assert (swing["kind"], swing["position_lower"]) == ("continuous", None)
+    assert data["group_states"] == {}
+    assert data["collision_geometries"] == 0
+
+
+@needs_panda
+def test_info_tells_of_joints_that_follow(run: Run) -> None:
+    data = json.loads(run("info", "panda", "--json").stdout)
+    assert data["mimic_joints"] == ["panda_finger_joint2"]
+    locked = run("info", "panda", "--json", "--lock", "panda_finger_joint1=0.02")
+    assert json.loads(locked.stdout)["mimic_joints"] == []
+
+
+def test_play_writes_a_page(run: Run, planner: Planner) -> None:
+    run(*PLAN, "-o", "a.csv")
+    result = run("play", "a.csv", "--robot", "planar3r", "-o", "a.html")
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout == "page  a.html\n"
+    assert "planar3r: T = 2 s" in Path("a.html").read_text(encoding="utf-8")
+    other = run("play", "a.csv", "--robot", "planar3r", "--lock", "joint3=0")
+    assert other.exit_code == 2
+    assert "a.csv holds a motion of joint1, joint2, joint3" in other.stderr
+
+
+# As a program
+
+
+def program(*args: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tominpmp", *args],
+        text=True,
+        encoding="utf-8",
+        **{"capture_output": True, **options},
+    )
+
+
+def test_module_is_the_command() -> None:
+    result = program("--help")
+    assert result.returncode == 0
+    assert result.stdout.startswith("Usage: tominpmp [OPTIONS] COMMAND [ARGS]...\n")
+    assert result.stderr == ""
+
+
+def test_module_returns_the_exit_code(tmp_path: Path) -> None:
+    result = program("plan", "planar3r", "--start", "1", "--goal", "1", cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: --start has 1 number, expected 3")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals and pipes of POSIX")
+@pytest.mark.parametrize("args", [["robots"], ["--help"], ["info", "planar3r"]])
+def test_nobody_reads_the_output(args: list[str]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        result = program(*args, capture_output=False, stdout=writer, stderr=-1)
+    finally:
+        os.close(writer)
+    assert result.returncode == 141
+    assert result.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("args", [["robots"], ["--help"]])
+def test_output_cannot_be_written(args: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        result = program(*args, capture_output=False, stdout=full, stderr=-1)
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.endswith("No space left on device\n")
+    assert result.stderr.count("\n") == 1
+
+
+def test_warnings_of_the_library_do_not_stop_python() -> None:
+    """``-W error`` is about defects, not about a start on its limit."""
+    program_text = (
+        "import warnings; from tominpmp.cli.terminal import guarded\n"
+        "from tominpmp.exceptions import TominpmpWarning\n"
+        "with guarded(): warnings.warn('a [b] c', TominpmpWarning)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-W", f"error::{UserWarning.__name__}", "-c", program_text],
+        capture_output=True,
+        text=True,
+    )
+    assert (result.returncode, result.stderr) == (0, "warning: a [b] c\n")
+    assert issubclass(TominpmpWarning, UserWarning)

@@ -1,0 +1,136 @@
+"""Tests of numbers, joint values and obstacles as they are typed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tominpmp.cli.usage import join_lists
+from tominpmp.cli.values import joint_values, obstacle, positions, velocities
+from tominpmp.exceptions import (
+    JointNotFound,
+    OptionsError,
+    ProblemError,
+    SceneError,
+)
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scene import Capsule, Cylinder
+
+
+def test_positions_by_name(planar3r: Robot) -> None:
+    base = np.array([1.0, 2.0, 3.0])
+
+    def read(text: str, **options: Any) -> list[float]:
+        return positions(text, "--goal", planar3r, **options).tolist()
+
+    assert read("joint2=-1", base=base) == [1.0, -1.0, 3.0]
+    assert read("joint3=0.1 joint1=0.2", base=base) == [0.2, 2.0, 0.1]
+    assert read("start") == [0.5, 1.7, -1.7]
+    assert read("start,joint3=1") == [0.5, 1.7, 1.0]
+    assert read("joint1=1,joint2=1,joint3=1") == [1.0, 1.0, 1.0]
+    assert read("[0.5, 1.7, -1.7]") == [0.5, 1.7, -1.7]
+    with pytest.raises(ProblemError, match="says nothing about joint1, joint3"):
+        read("joint2=1")
+
+
+def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
+    read = positions("1.5, 90", "--start", slider, degrees=True)
+    np.testing.assert_allclose(read, [1.5, math.pi / 2], rtol=1e-15)
+    base = np.array([0.25, 1.0])
+    read = positions("swing=-180", "--goal", slider, base=base, degrees=True)
+    np.testing.assert_allclose(read, [0.25, -math.pi], rtol=1e-15)
+    read = velocities("slide=2,swing=180", "--start-velocity", slider, degrees=True)
+    np.testing.assert_allclose(read, [2.0, math.pi], rtol=1e-15)
+
+
+def test_degrees_leave_group_states_alone(planar3r: Robot) -> None:
+    read = positions("start,joint1=90", "--start", planar3r, degrees=True)
+    np.testing.assert_allclose(read, [math.pi / 2, 1.7, -1.7], rtol=1e-15)
+
+
+def test_joint_values() -> None:
+    assert joint_values("3", "--effort") == 3.0
+    assert joint_values("3 inf", "--velocity") == [3.0, math.inf]
+    assert joint_values("a=3, b=-1e2", "--effort") == {"a": 3.0, "b": -100.0}
+    with pytest.raises(OptionsError, match="'a' is named twice"):
+        joint_values("a=1,a=2", "--effort")
+
+
+@pytest.mark.parametrize(
+    ("typed", "joined"),
+    [
+        ("plan r --start 1 -2 3 --goal 4", "plan r --start 1,-2,3 --goal 4"),
+        ("plan --start 1 -2 3 r", "plan --start 1,-2,3 r"),
+        ("plan r --start=1 -2 -q", "plan r --start=1,-2 -q"),
+        ("plan r --goal a=1 b=-2 -o x", "plan r --goal a=1,b=-2 -o x"),
+        (
+            "plan r --gravity 0 0 -1 --margin 1 2",
+            "plan r --gravity 0,0,-1 --margin 1 2",
+        ),
+        ("plan r --goal-position tip 1 2 3", "plan r --goal-position tip 1 2 3"),
+        ("plan r --start", "plan r --start"),
+        ("1 2 3", "1 2 3"),
+    ],
+)
+def test_lists_of_words(typed: str, joined: str) -> None:
+    assert join_lists(typed.split()) == joined.split()
+
+
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3)
+)
+def test_numbers_arrive_as_they_were_typed(numbers: list[float]) -> None:
+    robot = load_robot_once()
+    for words in (
+        ["--start", *map(repr, numbers)],
+        ["--start", ", ".join(map(repr, numbers))],
+    ):
+        option, text = join_lists(words)
+        assert option == "--start"
+        assert positions(text, option, robot).tolist() == numbers
+
+
+_loaded: list[Robot] = []
+
+
+def load_robot_once() -> Robot:
+    """The bundled arm, as fixtures and generated examples do not go together."""
+    if not _loaded:
+        _loaded.append(load_robot("planar3r"))
+    return _loaded[0]
+
+
+def test_obstacle_kinds() -> None:
+    can = obstacle("cylinder:can:radius=0.03:length=.14:at=1 2 3")
+    assert isinstance(can, Cylinder)
+    assert (can.name, can.radius, can.length) == ("can", 0.03, 0.14)
+    np.testing.assert_array_equal(can.position, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(can.rotation, np.eye(3))
+    pill = obstacle("capsule:pill:l=1:r=2:at=-1,0,0:quat=1,0,0,0")
+    assert isinstance(pill, Capsule)
+    assert (pill.radius, pill.length) == (2.0, 1.0)
+    np.testing.assert_array_equal(pill.rotation, np.diag([1.0, -1.0, -1.0]))
+
+
+@given(st.text(alphabet="sphereboxaml:=,.-019 '\"[]\u00e9\n", max_size=40))
+def test_any_obstacle_text_is_an_obstacle_or_a_scene_error(text: str) -> None:
+    for form in (text, f"sphere:{text}", f"box:a:{text}", f"sphere:b:r=1:at={text}"):
+        try:
+            assert obstacle(form).name
+        except SceneError as error:
+            assert str(error)
+
+
+@given(st.text(alphabet="startjoint123=,. -e+inf[]()\u0663\n", max_size=30))
+def test_any_positions_are_read_or_refused(text: str) -> None:
+    try:
+        read = positions(text, "--start", load_robot_once())
+    except (OptionsError, ProblemError, JointNotFound) as error:
+        assert str(error)
+    else:
+        assert read.shape == (3,)
