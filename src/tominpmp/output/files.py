@@ -1,0 +1,52 @@
+"""Writing files so that nobody ever sees half of one."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from tominpmp.exceptions import ScenarioError
+
+
+def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
+    """Write a file as a whole or not at all.
+
+    The contents go to a new file in the same folder, which then takes the name: a full
+    disk or an interruption leaves what was there before.
+
+    Args:
+        path: File to write; one that exists is replaced.
+        write: Function that writes the contents to an open binary file.
+
+    Returns:
+        The path.
+
+    Raises:
+        ScenarioError: If the file cannot be written, with its path.
+    """
+    path = Path(path)
+    try:
+        # A link stays a link: what it points to is replaced.
+        target = path.resolve()
+        if target.is_dir():
+            raise ScenarioError(f"{path} is a folder, expected a file to write", path)
+        if target.exists() and not target.is_file():
+            # Replacing a device by a file would harm the machine.
+            raise ScenarioError(f"{path} is no regular file", path)
+        draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
+        try:
+            with draft.open("xb") as file:
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+            draft.replace(target)
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ScenarioError(f"{path} cannot be written: {reason}", path) from error
+    return path

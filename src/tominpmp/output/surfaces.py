@@ -1,0 +1,344 @@
+"""Triangulated surfaces: the one form in which viewer and plots know bodies.
+
+Solids of revolution, boxes, tubes and meshes all become vertices and triangles here, so
+that whatever draws them needs no case for each shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.exceptions import SceneError
+from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Sphere
+
+# Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
+AROUND = 40
+
+# Edges sharper than this stay edges, others are shaded smoothly [rad].
+CREASE = np.radians(35.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A surface of triangles.
+
+    Attributes:
+        vertices: Points [m], shape (m, 3).
+        faces: Indices of the three corners of each triangle, shape (k, 3).
+        colors: Colour of each triangle, red, green and blue from 0 to 1, shape (k, 3);
+            None where the body has one colour.
+    """
+
+    vertices: Array
+    faces: IntArray
+    colors: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ShadedSurface:
+    """A surface as graphics hardware wants it, with a normal at each vertex.
+
+    Attributes:
+        positions: Shape (m, 3) [m].
+        normals: Unit vectors times 127, shape (m, 3).
+        colors: Colours from 0 to 255, shape (m, 3), or None.
+        faces: Shape (k, 3).
+    """
+
+    positions: NDArray[np.float32]
+    normals: NDArray[np.int8]
+    colors: NDArray[np.uint8] | None
+    faces: NDArray[np.uint32]
+
+
+def lathe(profile: ArrayLike, around: int = AROUND) -> Surface:
+    """Turn a profile about the z axis.
+
+    Args:
+        profile: Radius and height of its points from the bottom up, shape (k, 2) [m];
+            the first and the last lie on the axis.
+        around: Number of facets around the axis.
+
+    Returns:
+        The closed surface.
+    """
+    points = np.asarray(profile, dtype=np.float64)
+    angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(around)], axis=1)
+    rings = points[1:-1, :1, None] * circle
+    rings[:, :, 2] = points[1:-1, 1:]
+    ends = [[0.0, 0.0, points[0, 1]], [0.0, 0.0, points[-1, 1]]]
+    vertices = np.concatenate([rings.reshape(-1, 3), ends])
+    bottom, top = len(vertices) - 2, len(vertices) - 1
+    here = np.arange(around)
+    there = np.roll(here, -1)
+    last = (len(points) - 3) * around
+    faces = [
+        np.stack([there, here, np.full(around, bottom)], axis=1),
+        np.stack([last + here, last + there, np.full(around, top)], axis=1),
+    ]
+    for low in range(0, last, around):
+        high = low + around
+        faces.append(np.stack([low + here, low + there, high + there], axis=1))
+        faces.append(np.stack([low + here, high + there, high + here], axis=1))
+    return Surface(vertices, np.concatenate(faces))
+
+
+def capsule(radius: float, length: float) -> Surface:
+    """Capsule along z about the origin.
+
+    Args:
+        radius: Radius [m].
+        length: Length of the straight part [m].
+    """
+    angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
+    lower, upper = angle[angle < 0.0], angle[angle >= 0.0]
+    middle = [[radius, -length / 2], [radius, length / 2]] if length > 0.0 else []
+    return lathe(
+        [
+            *([radius * np.cos(a), radius * np.sin(a) - length / 2] for a in lower),
+            *middle,
+            *([radius * np.cos(a), radius * np.sin(a) + length / 2] for a in upper),
+        ]
+    )
+
+
+def sphere(radius: float) -> Surface:
+    """Sphere about the origin."""
+    return capsule(radius, 0.0)
+
+
+def cylinder(radius: float, length: float) -> Surface:
+    """Cylinder along z about the origin."""
+    half = length / 2
+    return lathe([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
+
+
+def cone(radius: float, length: float) -> Surface:
+    """Cone along z with its point up; the origin halfway between base and point."""
+    half = length / 2
+    return lathe([[0.0, -half], [radius, -half], [0.0, half]])
+
+
+def box(size: ArrayLike) -> Surface:
+    """Box about the origin.
+
+    Args:
+        size: Edge lengths, shape (3,) [m].
+    """
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    quads = [
+        [0, 1, 3, 2],
+        [4, 6, 7, 5],
+        [0, 4, 5, 1],
+        [2, 3, 7, 6],
+        [0, 2, 6, 4],
+        [1, 5, 7, 3],
+    ]
+    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
+    return Surface(signs * np.asarray(size, dtype=np.float64) / 2, np.array(faces))
+
+
+def scaled(surface: Surface, factors: ArrayLike) -> Surface:
+    """Stretch a surface along the axes by factors of shape (3,)."""
+    return Surface(
+        surface.vertices * np.asarray(factors), surface.faces, surface.colors
+    )
+
+
+def moved(surface: Surface, placement: Array) -> Surface:
+    """Move a surface by a homogeneous matrix, shape (4, 4)."""
+    vertices = surface.vertices @ placement[:3, :3].T + placement[:3, 3]
+    return Surface(vertices, surface.faces, surface.colors)
+
+
+def tube(points: Array, radius: float, around: int = 8) -> Surface:
+    """A tube along a polyline.
+
+    Args:
+        points: Points of the line, no two in a row alike, shape (m, 3) [m].
+        radius: Radius [m].
+        around: Number of facets around it.
+    """
+    along = np.gradient(points, axis=0)
+    lengths = np.linalg.norm(along, axis=1, keepdims=True)
+    # Where the line turns back on itself the central difference vanishes.
+    chord = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])
+    along = np.where(lengths > 1e-12, along, chord)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    side = np.cross(along[0], np.eye(3)[np.argmin(np.abs(along[0]))])
+    frames = np.empty((len(points), 2, 3))
+    for i, direction in enumerate(along):
+        # Carried along without twist.
+        rest = side - direction * (side @ direction)
+        if np.linalg.norm(rest) < 1e-9:
+            rest = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+        side = rest / np.linalg.norm(rest)
+        frames[i] = side, np.cross(direction, side)
+    angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rings = points[:, None] + circle @ frames
+    here = np.arange(around)
+    there = np.roll(here, -1)
+    faces = []
+    for low in range(0, (len(points) - 1) * around, around):
+        high = low + around
+        faces.append(np.stack([low + here, low + there, high + there], axis=1))
+        faces.append(np.stack([low + here, high + there, high + here], axis=1))
+    return Surface(rings.reshape(-1, 3), np.concatenate(faces))
+
+
+def obstacle_surface(obstacle: Obstacle) -> Surface:
+    """Surface of an obstacle in its own axes.
+
+    Raises:
+        SceneError: If its type has no surface.
+    """
+    if isinstance(obstacle, Sphere):
+        return sphere(obstacle.radius)
+    if isinstance(obstacle, Box):
+        return box(obstacle.size)
+    if isinstance(obstacle, Cylinder):
+        return cylinder(obstacle.radius, obstacle.length)
+    if isinstance(obstacle, Capsule):
+        return capsule(obstacle.radius, obstacle.length)
+    raise SceneError(
+        f"obstacle {obstacle.name!r}: a {type(obstacle).__name__} cannot be drawn",
+        obstacle.name,
+    )
+
+
+def obstacle_placement(obstacle: Obstacle) -> Array:
+    """Placement obstacle_to_world as a homogeneous matrix, shape (4, 4)."""
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = obstacle.rotation, obstacle.position
+    return placement
+
+
+def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
+    """Give a surface normals: smooth ones, but for sharp edges.
+
+    Args:
+        surface: The surface; its corners may be shared between triangles or not.
+        crease: Angle between neighbouring triangles from which on their edge is sharp
+            [rad].
+    """
+    # Adding zero makes one of the two zeros.
+    exact = surface.vertices.astype(np.float32) + np.float32(0.0)
+    first, back = _distinct_rows(exact.view(np.uint8))
+    points, faces = exact[first], back[surface.faces]
+    corners = points[faces].astype(np.float64)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_area = np.linalg.norm(cross, axis=1)
+    solid = double_area > 1e-9 * double_area.max(initial=0.0)
+    faces, cross, double_area = faces[solid], cross[solid], double_area[solid]
+    unit = cross / double_area[:, None]
+    normals = _corner_normals(faces, unit, cross, len(points), np.cos(crease))
+    parts = [
+        points[faces.reshape(-1)].view(np.uint8).reshape(-1, 12),
+        np.rint(127.0 * normals).astype(np.int8).view(np.uint8),
+    ]
+    if surface.colors is not None:
+        colors = np.rint(255.0 * surface.colors[solid]).astype(np.uint8)
+        parts.append(np.repeat(colors, 3, axis=0))
+    # Corners that agree in everything become one vertex.
+    rows = np.concatenate(parts, axis=1)
+    first, back = _distinct_rows(rows)
+    kept = rows[first]
+    return ShadedSurface(
+        np.ascontiguousarray(kept[:, :12]).view(np.float32),
+        np.ascontiguousarray(kept[:, 12:15]).view(np.int8),
+        kept[:, 15:18] if surface.colors is not None else None,
+        back.reshape(-1, 3).astype(np.uint32),
+    )
+
+
+def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
+    """Where each distinct row stands first, and which of them each row is.
+
+    Sorting words of eight bytes is much faster than sorting rows.
+    """
+    padded = np.zeros((len(rows), -(-rows.shape[1] // 8) * 8), dtype=np.uint8)
+    padded[:, : rows.shape[1]] = rows
+    words = padded.view(np.uint64)
+    order = np.lexsort(words.T)
+    ordered = words[order]
+    new = np.ones(len(rows), dtype=np.bool_)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    back = np.empty(len(rows), dtype=np.int64)
+    back[order] = np.cumsum(new) - 1
+    return order[new], back
+
+
+def _corner_normals(
+    faces: IntArray, unit: Array, weighted: Array, points: int, cosine: float
+) -> Array:
+    """Average over the triangles around each corner that lie nearly level with it."""
+    owner = np.repeat(np.arange(len(faces)), 3)
+    point = faces.reshape(-1)
+    order = np.argsort(point, kind="stable")
+    count = np.bincount(point, minlength=points)
+    start = np.concatenate([[0], np.cumsum(count)])[:-1]
+    # Every pair of a corner and a triangle that has the same point.
+    repeats = count[point]
+    corner = np.repeat(np.arange(len(point)), repeats)
+    offset = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    other = owner[order[start[point[corner]] + offset]]
+    level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= cosine
+    sums = np.zeros((len(point), 3))
+    for axis in range(3):
+        sums[:, axis] = np.bincount(
+            corner[level], weighted[other[level], axis], minlength=len(point)
+        )
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.where(length > 0.0, sums / np.maximum(length, 1e-300), unit[owner])
+
+
+def native_surface(geometry: Any) -> Surface | None:
+    """Surface of a geometry of Coal in its own axes; None for an unbounded one.
+
+    Types are told apart by name, so that nothing here depends on the release of Coal.
+    """
+    kind = type(geometry).__name__
+    if kind == "Box":
+        return box(2.0 * np.asarray(geometry.halfSide))
+    if kind == "Sphere":
+        return sphere(geometry.radius)
+    if kind == "Capsule":
+        return capsule(geometry.radius, 2.0 * geometry.halfLength)
+    if kind == "Cylinder":
+        return cylinder(geometry.radius, 2.0 * geometry.halfLength)
+    if kind == "Cone":
+        return cone(geometry.radius, 2.0 * geometry.halfLength)
+    if kind == "Ellipsoid":
+        return scaled(sphere(1.0), geometry.radii)
+    if kind.startswith("BVHModel"):
+        return _mesh_surface(geometry)
+    if kind.startswith("Convex"):
+        return _hull_surface(geometry)
+    return None
+
+
+def _mesh_surface(geometry: Any) -> Surface:
+    triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
+    faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
+    vertices = np.array(geometry.vertices(), dtype=np.float64)
+    return Surface(vertices.reshape(-1, 3), faces.reshape(-1, 3))
+
+
+def _hull_surface(geometry: Any) -> Surface:
+    from scipy.spatial import ConvexHull
+
+    points = np.array([geometry.point(i) for i in range(geometry.num_points)])
+    hull = ConvexHull(points)
+    faces = hull.simplices.astype(np.int64)
+    corners = points[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return Surface(points, faces)

@@ -1,0 +1,311 @@
+"""Tests of writing motions and reading them back."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motion_samples import planar_motions
+
+from tominpmp.exceptions import ProblemError, ScenarioError
+from tominpmp.output.export import export, load_motion
+from tominpmp.output.files import write_file
+from tominpmp.trajectory import Samples, Trajectory
+
+HEADER = (
+    "time,q_joint1,q_joint2,q_joint3,v_joint1,v_joint2,v_joint3,"
+    "a_joint1,a_joint2,a_joint3,u_joint1,u_joint2,u_joint3"
+)
+KEYS = ("t", "q", "v", "a", "u")
+ENDINGS = ("csv", "npz")
+
+
+@pytest.fixture(scope="module")
+def motions() -> tuple[Trajectory, Trajectory]:
+    return planar_motions()[1:]
+
+
+def assert_same(left: Samples, right: Samples) -> None:
+    assert left.joint_names == right.joint_names
+    for key in KEYS:
+        np.testing.assert_array_equal(getattr(left, key), getattr(right, key), key)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("which", [0, 1], ids=["held torque", "held acceleration"])
+def test_nodes_come_back_to_the_last_bit(
+    motions: tuple[Trajectory, Trajectory], which: int, ending: str, tmp_path: Path
+) -> None:
+    motion = motions[which]
+    path = export(motion, tmp_path / f"motion.{ending}")
+    assert path == tmp_path / f"motion.{ending}"
+    back = load_motion(path)
+    assert back.joint_names == motion.joint_names
+    for key in ("t", "q", "v", "u"):
+        np.testing.assert_array_equal(getattr(back, key), getattr(motion, key))
+    np.testing.assert_array_equal(back.a, motion(motion.t).a)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_fixed_rate(
+    motions: tuple[Trajectory, Trajectory], ending: str, tmp_path: Path
+) -> None:
+    back = load_motion(export(motions[1], tmp_path / f"m.{ending}", dt=0.1))
+    np.testing.assert_allclose(back.t, [*np.arange(10) / 10, 0.95])
+    assert_same(back, motions[1].sample(0.1))
+    assert not back.q.flags.writeable
+
+
+def test_csv_is_plain(motions: tuple[Trajectory, Trajectory], tmp_path: Path) -> None:
+    motion = motions[0]
+    text = export(motion, tmp_path / "m.csv").read_bytes().decode("ascii")
+    lines = text.splitlines()
+    assert lines[0] == HEADER
+    assert len(lines) == 1 + motion.t.size
+    assert "\r" not in text
+    assert text.endswith("\n")
+    assert lines[1].startswith("0.0,0.5,1.7,-1.7,0.0,")
+    assert lines[2].split(",")[1] == repr(float(motion.q[1, 0]))
+
+
+def test_npz_holds_named_arrays(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
+    path = export(motions[0], tmp_path / "m.npz")
+    with np.load(path, allow_pickle=False) as archive:
+        assert set(archive.files) == {"joint_names", *KEYS}
+        assert archive["joint_names"].tolist() == ["joint1", "joint2", "joint3"]
+        assert archive["q"].shape == (21, 3)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_odd_joint_names_come_back(
+    motions: tuple[Trajectory, Trajectory], ending: str, tmp_path: Path
+) -> None:
+    names = ('a,"b"', "q_v_ ü", "line\nbreak")
+    motion = replace(motions[0], joint_names=names)
+    assert load_motion(export(motion, tmp_path / f"m.{ending}")).joint_names == names
+
+
+def test_unknown_ending_names_the_known(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
+    for path in (tmp_path / "m.xlsx", tmp_path / "m"):
+        with pytest.raises(ProblemError, match=r"\.csv, \.npz"):
+            export(motions[0], path)
+        with pytest.raises(ProblemError, match=r"\.csv, \.npz"):
+            load_motion(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_wrong_dt(motions: tuple[Trajectory, Trajectory], tmp_path: Path) -> None:
+    for dt in (0.0, -1.0, float("nan")):
+        with pytest.raises(ProblemError, match="dt"):
+            export(motions[0], tmp_path / "m.csv", dt=dt)
+
+
+# Writing as a whole or not at all
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, OSError])
+def test_interruption_leaves_the_old_file(
+    error: type[BaseException], tmp_path: Path
+) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("old")
+
+    def write(file: io.BufferedIOBase) -> None:
+        file.write(b"half of the new")
+        raise error
+
+    expected = ScenarioError if error is OSError else error
+    with pytest.raises(expected):
+        write_file(path, write)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_full_disk_is_told_with_the_path(tmp_path: Path) -> None:
+    def write(file: io.BufferedIOBase) -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(ScenarioError, match=r"m\.csv .*No space left") as caught:
+        write_file(tmp_path / "m.csv", write)
+    assert caught.value.path == tmp_path / "m.csv"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_folder_and_folder(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
+    with pytest.raises(ScenarioError, match="No such file or directory"):
+        export(motions[0], tmp_path / "nowhere" / "m.csv")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(ScenarioError, match="is a folder"):
+        export(motions[0], tmp_path / "folder.csv")
+
+
+def test_link_stays_a_link(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
+    target = tmp_path / "target.csv"
+    target.write_text("old")
+    link = tmp_path / "link.csv"
+    link.symlink_to(target)
+    export(motions[0], link)
+    assert link.is_symlink()
+    assert target.read_text().startswith(HEADER)
+
+
+def test_device_is_not_replaced() -> None:
+    with pytest.raises(ScenarioError, match="no regular file"):
+        write_file("/dev/null", lambda file: file.write(b"x"))
+    assert not Path("/dev/null").is_file()
+
+
+def test_new_file_has_the_usual_permissions(tmp_path: Path) -> None:
+    usual = tmp_path / "usual"
+    usual.touch()
+    path = write_file(tmp_path / "m.csv", lambda file: file.write(b"x"))
+    assert path.stat().st_mode == usual.stat().st_mode
+
+
+# Reading what is wrong
+
+
+def changed_csv(
+    motion: Trajectory, folder: Path, row: int, column: int, to: str
+) -> Path:
+    path = export(motion, folder / "m.csv")
+    lines = list(csv.reader(path.read_text().splitlines()))
+    lines[row][column] = to
+    path.write_text("\n".join(",".join(line) for line in lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "to", "message"),
+    [
+        (0, 0, "t", "line 1: expected the columns time"),
+        (0, 1, "x_joint1", "line 1: expected the columns time"),
+        (0, 5, "v_joint9", "line 1: expected the columns time"),
+        (3, 2, "one", "line 4, column q_joint2: 'one' is no number"),
+        (3, 2, "", "line 4, column q_joint2: '' is no number"),
+        (3, 2, "1,2", "line 4: 14 values for 13 columns"),
+        (3, 2, "nan", "q is not a finite number in row 3, joint 'joint2'"),
+        (3, 11, "inf", "u is not a finite number in row 3, joint 'joint2'"),
+        (3, 0, "0.0", "the time must increase, but is 0.055"),
+        (3, 0, "nan", "t is not a finite number in row 3"),
+    ],
+)
+def test_wrong_csv(
+    motions: tuple[Trajectory, Trajectory],
+    row: int,
+    column: int,
+    to: str,
+    message: str,
+    tmp_path: Path,
+) -> None:
+    path = changed_csv(motions[0], tmp_path, row, column, to)
+    with pytest.raises(ScenarioError, match=message) as caught:
+        load_motion(path)
+    assert caught.value.path == path
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "line 1: expected the columns"),
+        (b"\xff\xfe\x00", "is no CSV file"),
+        (b"time\n0.0\n", "line 1: expected the columns"),
+        (HEADER.encode() + b"\n", "holds 0 rows"),
+        (HEADER.encode() + b"\n" + b",".join([b"0"] * 13), "holds 1 rows"),
+        (b"time,q_a,q_a,v_a,v_a,a_a,a_a,u_a,u_a\n", "each its own"),
+        (b'time,"q_a\n', "is no CSV file"),
+    ],
+)
+def test_wrong_text(content: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_bytes(content)
+    with pytest.raises(ScenarioError, match=message):
+        load_motion(path)
+
+
+def test_foreign_csv_with_mark_blank_line_and_short_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    text = "\ufefftime,q_a,v_a,a_a,u_a\r\n0,1,2,3,4\r\n\r\n1e-1, 5,6,7,8\r\n"
+    path.write_bytes(text.encode("utf-8"))
+    samples = load_motion(path)
+    np.testing.assert_array_equal(samples.t, [0.0, 0.1])
+    np.testing.assert_array_equal(samples.u, [[4.0], [8.0]])
+
+
+def write_npz(path: Path, **changes: object) -> Path:
+    arrays: dict[str, object] = {
+        "joint_names": np.array(["a", "b"]),
+        "t": np.array([0.0, 1.0, 2.0]),
+        **{key: np.zeros((3, 2)) for key in KEYS[1:]},
+        **changes,
+    }
+    np.savez(path, **{k: v for k, v in arrays.items() if v is not None})  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"v": None}, "lacks v; it holds: "),
+        ({"a": np.zeros((3, 1))}, r"a has shape \(3, 1\), expected \(3, 2\)"),
+        ({"t": np.zeros(3)}, "the time must increase"),
+        ({"t": np.zeros((3, 1))}, "t has shape"),
+        ({"u": np.array([["x", "y"]] * 3)}, "u does not hold numbers"),
+        ({"q": np.full((3, 2), np.inf)}, "row 1, joint 'a'"),
+        ({"joint_names": np.array(["a", "a"])}, "each its own"),
+        ({"joint_names": np.zeros(2)}, "not a list of names"),
+        ({"q": np.array([[{}, {}]] * 3)}, "is no NPZ file"),
+    ],
+)
+def test_wrong_npz(changes: dict[str, object], message: str, tmp_path: Path) -> None:
+    path = write_npz(tmp_path / "m.npz", **changes)
+    with pytest.raises(ScenarioError, match=message):
+        load_motion(path)
+
+
+def test_what_is_no_npz(tmp_path: Path) -> None:
+    path = tmp_path / "m.npz"
+    with pytest.raises(ScenarioError, match="cannot be read: No such file"):
+        load_motion(path)
+    whole = write_npz(tmp_path / "whole.npz").read_bytes()
+    array = io.BytesIO()
+    np.save(array, np.zeros(3))
+    for content in (b"", b"nonsense", array.getvalue(), whole[: len(whole) // 2]):
+        path.write_bytes(content)
+        with pytest.raises(ScenarioError, match="is no NPZ file"):
+            load_motion(path)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_damaged_files_never_raise_anything_else(
+    motions: tuple[Trajectory, Trajectory],
+    ending: str,
+    rng: np.random.Generator,
+    tmp_path: Path,
+) -> None:
+    path = export(motions[0], tmp_path / f"m.{ending}")
+    whole = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    refused = 0
+    for case in range(120):
+        damaged = whole.copy()
+        damaged[rng.integers(len(whole), size=3)] = rng.integers(256, size=3)
+        end = int(rng.integers(len(whole))) if case % 3 == 0 else len(whole)
+        path.write_bytes(damaged[:end].tobytes())
+        try:
+            load_motion(path)
+        except ScenarioError:
+            refused += 1
+    assert refused > 60

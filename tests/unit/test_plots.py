@@ -1,0 +1,399 @@
+"""Tests of the figures: what is drawn, with which values."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pinocchio as pin
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
+from motion_samples import (
+    END,
+    START,
+    four_shapes,
+    planar_motions,
+    planar_problem,
+    quintic,
+    simple_arm,
+    speed_up_and_brake,
+)
+
+from tominpmp.exceptions import (
+    FrameNotFound,
+    MissingDependency,
+    ProblemError,
+    ScenarioError,
+)
+from tominpmp.goals import JointGoal, PoseGoal
+from tominpmp.output.figures import STYLE, color
+from tominpmp.output.plots import (
+    LEAST_VIOLATION,
+    curves,
+    plot_controls,
+    plot_convergence,
+    plot_motion,
+    plot_trajectory,
+)
+from tominpmp.problem import Problem
+from tominpmp.solution import IterationRecord
+from tominpmp.trajectory import Trajectory
+
+Motions = tuple[Problem, Trajectory, Trajectory]
+
+
+@pytest.fixture(scope="module")
+def motions() -> Motions:
+    return planar_motions()
+
+
+@pytest.fixture(autouse=True)
+def settings_stay_as_they_are() -> Iterator[None]:
+    before = dict(matplotlib.rcParams)
+    yield
+    assert dict(matplotlib.rcParams) == before
+
+
+def solid_lines(panel: Axes) -> list[Line2D]:
+    """The curves of a panel, without the dashed limits."""
+    return [line for line in panel.get_lines() if line.get_linestyle() != "--"]
+
+
+def limits(panel: Axes) -> list[float]:
+    """The limits drawn in a panel."""
+    dashed = [line for line in panel.get_lines() if line.get_linestyle() == "--"]
+    return [float(np.asarray(line.get_ydata())[0]) for line in dashed]
+
+
+def notes(panel: Axes) -> list[str]:
+    return [text.get_text() for text in panel.texts]
+
+
+def legend_texts(figure: Figure) -> list[str]:
+    (legend,) = figure.legends
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def points(line: Line2D) -> np.ndarray:
+    return np.column_stack([line.get_xdata(), line.get_ydata()])
+
+
+# Curves
+
+
+def test_curve_of_held_torque_is_a_staircase(motions: Motions) -> None:
+    held = motions[1]
+    times, state = curves(held)
+    assert times[0] == 0.0
+    assert times[-1] == held.duration
+    assert np.all(np.diff(times) >= 0.0)
+    for k in range(held.t.size - 1):
+        inside = (times >= held.t[k]) & (times < held.t[k + 1])
+        assert inside.sum() > 10
+        assert np.all(state.u[inside] == held.u[k])
+
+
+def test_curve_has_both_sides_of_a_jump(motions: Motions) -> None:
+    braked = motions[2]
+    times, state = curves(braked)
+    switch = braked.t[6]
+    before, after = np.flatnonzero(np.abs(times - switch) < 1e-9)
+    assert after == before + 1
+    np.testing.assert_allclose(state.q[before], state.q[after], atol=1e-12)
+    np.testing.assert_array_equal(state.a[before], -state.a[after])
+    np.testing.assert_array_equal(state.u[after], braked(switch).u)
+    assert np.abs(state.u[before] - state.u[after]).min() > 0.5
+
+
+# Trajectory
+
+
+def test_trajectory_shows_all_quantities(motions: Motions) -> None:
+    problem, _, braked = motions
+    figure = plot_trajectory(problem, braked)
+    panels = np.array(figure.axes).reshape(3, 3)
+    times, state = curves(braked)
+    for i in range(3):
+        for panel, values in zip(panels[i], (state.q, state.v, state.u), strict=True):
+            (curve,) = solid_lines(panel)
+            np.testing.assert_array_equal(points(curve)[:, 0], times)
+            np.testing.assert_array_equal(points(curve)[:, 1], values[:, i])
+            assert curve.get_color() == color(i)
+            low, high = panel.get_ylim()
+            assert low < values[:, i].min() <= values[:, i].max() < high
+    titles = [panel.get_title("left") for panel in panels[0]]
+    assert titles == ["position [rad]", "velocity [rad/s]", "torque [N m]"]
+    assert [panel.get_xlabel() for panel in panels[2]] == ["time [s]"] * 3
+    names = [name for panel in panels[:, 0] for name in notes(panel)]
+    assert [name for name in names if "limit" not in name] == list(braked.joint_names)
+    assert legend_texts(figure) == ["limit", "beyond it"]
+
+
+def test_near_limits_are_drawn_and_far_ones_named(motions: Motions) -> None:
+    problem, held, _ = motions
+    panels = np.array(plot_trajectory(problem, held).axes).reshape(3, 3)
+    assert limits(panels[1, 0]) == [-3.0, 3.0]
+    assert limits(panels[0, 0]) == [0.18]
+    assert "upper limit 3" in notes(panels[0, 0])
+    assert limits(panels[0, 1]) == []
+    assert notes(panels[0, 1]) == ["limits \u00b1100"]
+    assert limits(panels[0, 2]) == [-20.0, 20.0]
+    spans = [patch for patch in panels[1, 0].patches if patch.get_alpha() is None]
+    assert len(spans) == 2
+
+
+@pytest.mark.parametrize("n", [1, 4, 14])
+def test_trajectory_of_any_number_of_joints(n: int, tmp_path: Path) -> None:
+    robot = simple_arm(tmp_path, ["0 0 1"] * n)
+    problem = Problem(robot, np.zeros(n), JointGoal(np.full(n, 0.1)))
+    motion = quintic(robot, np.zeros(n), np.full(n, 0.1), 1.0, 5)
+    figure = plot_trajectory(problem, motion)
+    panels = [panel for panel in figure.axes if panel.axison]
+    assert len(panels) == 3 * n
+    assert len({solid_lines(panel)[0].get_color() for panel in panels}) == n
+    # No panel is squeezed to nothing.
+    figure.canvas.draw()
+    assert min(panel.get_window_extent().height for panel in panels) > 50.0
+    controls = plot_controls(problem, {"quintic": motion})
+    assert len([panel for panel in controls.axes if panel.axison]) == n
+
+
+def test_sliding_joints_have_their_units(tmp_path: Path) -> None:
+    robot = simple_arm(tmp_path, ["1 0 0", "0 0 1"], ["prismatic", "revolute"])
+    problem = Problem(robot, np.zeros(2), JointGoal([0.1, 0.2]))
+    motion = quintic(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 5)
+    panels = np.array(plot_trajectory(problem, motion).axes).reshape(2, 3)
+    assert [panel.get_ylabel() for panel in panels[0]] == ["[m]", "[m/s]", "[N]"]
+    assert [panel.get_ylabel() for panel in panels[1]] == ["[rad]", "[rad/s]", "[N m]"]
+
+
+# Controls
+
+
+def test_controls_overlay_motions(motions: Motions) -> None:
+    problem, held, braked = motions
+    figure = plot_controls(problem, {"initial": held, "adjoint": braked})
+    assert len(figure.axes) == 3
+    for i, panel in enumerate(figure.axes):
+        first, second = solid_lines(panel)
+        np.testing.assert_array_equal(points(first)[:, 1], curves(held)[1].u[:, i])
+        np.testing.assert_array_equal(points(second)[:, 1], curves(braked)[1].u[:, i])
+        assert first.get_color() != second.get_color()
+        effort = problem.robot.limits.effort_upper[i]
+        assert limits(panel) == [-effort, effort]
+        assert panel.get_xlim() == (0.0, 1.1)
+        assert panel.get_ylabel() == f"$u_{{{i + 1}}}$ [N m]"
+        assert panel.get_title("left") == held.joint_names[i]
+    labels = ["initial (T = 1.1 s)", "adjoint (T = 0.95 s)", "limit"]
+    assert legend_texts(figure) == labels
+
+
+# Convergence
+
+
+def records(durations: list[float], start: int = 0) -> list[IterationRecord]:
+    return [
+        IterationRecord(
+            iteration=i,
+            duration=duration,
+            violation=0.0 if i == len(durations) - 1 else 10.0**-i,
+            objective=duration,
+            predicted=0.1,
+            actual=0.1,
+            radius=1.0,
+            accepted=True,
+            programs=1,
+            pivots=3,
+            program_seconds=0.0,
+            seconds=0.1 * i,
+            start=start,
+        )
+        for i, duration in enumerate(durations)
+    ]
+
+
+def test_convergence_of_several_methods() -> None:
+    history = {
+        "adjoint": records([1.5, 1.2, 1.0, 0.9]),
+        "inverse": records([1.4, 0.9]) + records([1.3, 1.1, 1.0], start=1),
+        "none": [],
+    }
+    above, below = (figure := plot_convergence(history)).axes
+    assert below.get_yscale() == "log"
+    assert above.get_ylabel() == "$T$ [s]"
+    drawn = [points(line).tolist() for line in above.get_lines()]
+    assert drawn == [
+        [[0.0, 1.5], [1.0, 1.2], [2.0, 1.0], [3.0, 0.9]],
+        [[0.0, 1.4], [1.0, 0.9]],
+        [[0.0, 1.3], [1.0, 1.1], [2.0, 1.0]],
+    ]
+    adjoint, inverse, second = above.get_lines()
+    assert inverse.get_color() == second.get_color() != adjoint.get_color()
+    # Zero has no logarithm.
+    violation = points(below.get_lines()[0])[:, 1]
+    np.testing.assert_allclose(violation, [1.0, 0.1, 0.01, LEAST_VIOLATION])
+    assert legend_texts(figure) == ["adjoint", "inverse"]
+    assert below.get_xscale() == "linear"
+
+
+def test_short_histories_stay_readable_beside_long_ones() -> None:
+    short, long = records([1.0] * 8), records([1.0] * 300)
+    _, below = plot_convergence({"inverse": short, "penalty": long}).axes
+    assert below.get_xscale() == "symlog"
+    axis = below.transData.transform([(0.0, 1.0), (8.0, 1.0), (300.0, 1.0)])[:, 0]
+    assert (axis[1] - axis[0]) / (axis[2] - axis[0]) > 0.2
+
+
+# Motion
+
+
+def arm_lines(panel: Axes) -> list[Line2D]:
+    return [line for line in panel.get_lines() if line.get_marker() == "o"]
+
+
+def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
+    problem, held, braked = motions
+    figure = plot_motion(problem, {"a": held, "b": braked})
+    assert len(figure.axes) == 2
+    for panel, motion in zip(figure.axes, (held, braked), strict=True):
+        arms = arm_lines(panel)
+        assert len(arms) == 15
+        # Base, first joint at the base, two more joints, and the tip.
+        angles = np.cumsum(motion(np.linspace(0.0, motion.duration, 15)).q, axis=1)
+        for line, angle in zip(arms, angles, strict=True):
+            ways = np.array([3.0, 2.0, 1.0])[:, None]
+            ways = ways * np.column_stack([np.cos(angle), np.sin(angle)])
+            expected = np.vstack([[0, 0], [0, 0], np.cumsum(ways, axis=0)])
+            np.testing.assert_allclose(points(line), expected, atol=1e-12)
+        alphas = [line.get_alpha() for line in arms]
+        assert alphas == sorted(alphas)
+        assert alphas[-1] == 1.0
+        (end,) = [line for line in panel.get_lines() if len(line.get_xdata()) > 100]
+        np.testing.assert_allclose(points(end)[0], points(arms[0])[-1], atol=1e-12)
+        np.testing.assert_allclose(points(end)[-1], points(arms[-1])[-1], atol=1e-12)
+        (goal,) = [line for line in panel.get_lines() if line.get_marker() == "x"]
+        assert points(goal).tolist() == [[4.0, 1.0]]
+        (circle,) = panel.patches
+        assert isinstance(circle, Circle)
+        assert circle.get_center() == (4.0, 0.0)
+        assert circle.get_radius() == 0.8
+        assert panel.get_aspect() == 1.0
+        assert panel.get_xlabel() == "x [m]"
+    assert figure.axes[0].get_ylabel() == "y [m]"
+    assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
+    assert figure.axes[1].get_title("left") == "b: $T$ = 0.95 s"
+    assert "obstacle" in legend_texts(figure)
+
+
+def test_outlines_of_the_other_obstacles() -> None:
+    problem = planar_problem(scene=four_shapes())
+    motion = quintic(problem.robot, START, END, 1.0, 5)
+    (panel,) = plot_motion(problem, {"motion": motion}).axes
+    ball, crate, can, pill = panel.patches
+    assert isinstance(ball, Circle)
+    expected = {
+        crate: ([-2.5, -4.0], [-1.5, -2.0], 4),
+        can: ([-0.4, -3.4], [0.4, -2.6], 40),
+        pill: ([1.7, -3.3], [2.3, -2.7], 40),
+    }
+    for patch, (low, high, corners) in expected.items():
+        assert isinstance(patch, Polygon)
+        outline = patch.get_xy()[:-1]
+        assert len(outline) == corners
+        np.testing.assert_allclose(outline.min(axis=0), low, atol=2e-3)
+        np.testing.assert_allclose(outline.max(axis=0), high, atol=2e-3)
+        assert panel.get_xlim()[0] < low[0]
+        assert panel.get_ylim()[0] < low[1]
+
+
+def test_spatial_motion_is_projected_where_it_is_largest(tmp_path: Path) -> None:
+    # Joints about z, y and x: the end leaves every plane.
+    robot = simple_arm(tmp_path, ["0 0 1", "0 1 0", "1 0 0"])
+    goal = PoseGoal(
+        robot.frame_names[-1], pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3]))
+    )
+    problem = Problem(robot, np.zeros(3), goal)
+    motion = speed_up_and_brake(robot, np.zeros(3), [0.4, -0.9, 0.7], 1.0, 10)
+    (panel,) = plot_motion(problem, {"motion": motion}, instants=4).axes
+    shown = {"x": 0, "y": 1, "z": 2}
+    axes = [shown[panel.get_xlabel()[0]], shown[panel.get_ylabel()[0]]]
+    assert axes[0] < axes[1]
+    assert len(arm_lines(panel)) == 4
+    (goal_mark,) = [line for line in panel.get_lines() if line.get_marker() == "x"]
+    np.testing.assert_allclose(points(goal_mark)[0], np.array([0.1, 0.2, 0.3])[axes])
+
+
+def test_joint_goal_and_chosen_frame(motions: Motions) -> None:
+    problem = planar_problem(JointGoal(END))
+    motion = quintic(problem.robot, START, END, 1.0, 5)
+    (panel,) = plot_motion(problem, {"motion": motion}, frame="link3").axes
+    (goal,) = [line for line in panel.get_lines() if line.get_marker() == "x"]
+    first, second = END[0], END[0] + END[1]
+    elbow = 3 * np.array([np.cos(first), np.sin(first)])
+    wrist = elbow + 2 * np.array([np.cos(second), np.sin(second)])
+    np.testing.assert_allclose(points(goal)[0], wrist, atol=1e-12)
+
+
+# Files and wrong arguments
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+def test_figures_are_written(motions: Motions, ending: str, tmp_path: Path) -> None:
+    problem, held, _ = motions
+    path = tmp_path / f"figure.{ending}"
+    figure = plot_motion(problem, {"held": held}, path)
+    assert isinstance(figure, Figure)
+    content = path.read_bytes()
+    start = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[ending]
+    assert content.startswith(start)
+    if ending == "png":
+        pixels = imread(path)
+        assert min(pixels.shape[:2]) > 300
+        assert pixels[..., :3].std() > 0.05
+    plot_motion(problem, {"held": held}, path)
+    assert path.read_bytes() == content
+
+
+def test_wrong_arguments(motions: Motions, tmp_path: Path) -> None:
+    problem, held, _ = motions
+    with pytest.raises(ProblemError, match=r"not written as xyz; there are: .*png"):
+        plot_trajectory(problem, held, tmp_path / "figure.xyz")
+    with pytest.raises(ScenarioError, match="No such file or directory"):
+        plot_trajectory(problem, held, tmp_path / "nowhere" / "figure.png")
+    for plot in (plot_controls, plot_motion):
+        with pytest.raises(ProblemError, match="no trajectory"):
+            plot(problem, {})
+    for empty in ({}, {"adjoint": []}):
+        with pytest.raises(ProblemError, match="no iteration"):
+            plot_convergence(empty)
+    with pytest.raises(ProblemError, match="instants is 1"):
+        plot_motion(problem, {"held": held}, instants=1)
+    with pytest.raises(FrameNotFound):
+        plot_motion(problem, {"held": held}, frame="hand")
+    robot = simple_arm(tmp_path, ["0 0 1"] * 2)
+    other = quintic(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 5)
+    with pytest.raises(ProblemError, match="'planar3r' has joint1, joint2, joint3"):
+        plot_trajectory(problem, other)
+    assert list(tmp_path.glob("*.png")) == []
+
+
+def test_missing_matplotlib(motions: Motions, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingDependency, match=r"tominpmp\[plots\]") as caught:
+        plot_trajectory(motions[0], motions[1])
+    assert caught.value.extra == "plots"
+
+
+def test_no_pyplot_figure_is_left(motions: Motions) -> None:
+    from matplotlib import pyplot
+
+    plot_trajectory(motions[0], motions[1])
+    assert pyplot.get_fignums() == []
+    assert "axes.grid" in STYLE
