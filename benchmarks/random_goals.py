@@ -123,14 +123,13 @@ def interval_shares(grid: str, intervals: int) -> Array:
     """Lengths of the intervals as shares of T, shape (N,).
 
     Args:
-        grid: ``"uniform"``, or ``"cosine"``: dense at both ends, where an arm that is
-            fast at once would otherwise lose most of an interval.
+        grid: ``"uniform"``, or ``"cosine"``, the library's default: dense at both ends,
+            where an arm that is fast at once would otherwise lose most of an interval.
         intervals: Number N of intervals.
     """
-    nodes = np.linspace(0.0, 1.0, intervals + 1)
-    if grid == "cosine":
-        nodes = 0.5 * (1.0 - np.cos(np.pi * nodes))
-    return np.diff(nodes)
+    from tominpmp.transcription.grid import interval_shares
+
+    return interval_shares(grid, intervals)[:, 0]
 
 
 class Contest:
@@ -139,7 +138,7 @@ class Contest:
     Args:
         robot: A robot of the library, velocity limits scaled already.
         intervals: Number of intervals of the library's plan and of IPOPT's.
-        grid: How IPOPT's intervals are spread, see :func:`interval_shares`.
+        grid: How the intervals of both are spread, see :func:`interval_shares`.
         interior_points: Instants inside an interval at which IPOPT sees torque limits.
     """
 
@@ -154,6 +153,7 @@ class Contest:
         self._arm = Arm.of(robot)
         self._intervals = intervals
         self._interior_points = interior_points
+        self._grid = grid
         self._shares = interval_shares(grid, intervals)
         self._ipopt: Any = None
 
@@ -185,7 +185,7 @@ class Contest:
 
         started = time.perf_counter()
         problem = tm.Problem(self._robot, q_start, tm.JointGoal(q_goal))
-        solution = tm.plan(problem, tm.Options(intervals=self._intervals))
+        solution = tm.plan(problem, tm.Options(intervals=self._intervals, grid=self._grid))
         seconds = time.perf_counter() - started
         values = {
             "success": bool(solution.success),
@@ -392,8 +392,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--grid",
         choices=("uniform", "cosine"),
-        default="uniform",
-        help="how IPOPT's intervals are spread",
+        default="cosine",
+        help="how the intervals are spread, IPOPT's too",
     )
     parser.add_argument(
         "--interior-points",

@@ -1,10 +1,13 @@
-"""The array type of the library, and how arrays become read-only.
+"""The array type of the library, and records that hold arrays.
 
 Problem data are frozen: the arrays in them cannot be written to, so that a problem that
 was checked once stays as it was checked.
 """
 
 from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,3 +29,75 @@ def frozen_array(values: ArrayLike) -> Array:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+def real_array(values: object) -> Array:
+    """Take a caller's numbers as a read-only array of floats.
+
+    Unlike NumPy, this refuses text that looks like numbers, truth values and None.
+
+    Args:
+        values: What the caller gave.
+
+    Returns:
+        A new array that cannot be written to; NaN and infinities are let through.
+
+    Raises:
+        ValueError: If the values are not real numbers in a regular array.
+    """
+    array = np.asarray(values)
+    if array.size and array.dtype.kind not in "iuf":
+        raise ValueError(f"{values!r} is not made of real numbers")
+    return frozen_array(array)
+
+
+def real_number(value: object) -> float:
+    """Take a caller's number as a float.
+
+    Args:
+        value: What the caller gave.
+
+    Returns:
+        The number; NaN and infinities are let through.
+
+    Raises:
+        ValueError: If it is not a single real number.
+    """
+    array = real_array(value)
+    if array.shape != ():
+        raise ValueError(f"{value!r} is not a single number")
+    return float(array)
+
+
+class Record:
+    """Base of frozen dataclasses that hold arrays; to be declared with ``eq=False``.
+
+    Records are equal if they are of one class and all fields are, arrays element by
+    element; fields declared with ``compare=False`` do not count. Arrays remain
+    read-only when a record is copied or passed to another process.
+    """
+
+    def _values(self) -> tuple[Any, ...]:
+        """What is compared: the fields, with arrays as shapes and numbers."""
+        values = (getattr(self, f.name) for f in fields(self) if f.compare)  # type: ignore[arg-type]
+        return tuple(
+            (v.shape, tuple(v.ravel().tolist())) if isinstance(v, np.ndarray) else v
+            for v in values
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other record is of the same class and has the same values."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return self._values() == other._values()
+
+    def __hash__(self) -> int:
+        """Hash of the values."""
+        return hash((type(self), self._values()))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy; NumPy forgets that its arrays were read-only."""
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)

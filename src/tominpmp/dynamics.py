@@ -2,10 +2,10 @@ r"""Equations of motion of a robot with viscous friction.
 
 .. math:: M(q) \dot v + C(q, v) v + g(q) + D v = u
 
-Pinocchio evaluates both directions and their derivatives (Featherstone, 2008; Carpentier
-and Mansard, 2018); the friction D v, which its algorithms leave out, is added here. Joints
-that follow others (mimic) enter through the expansion matrix S of the robot: the torque of
-the free joints is S^T times the torque of all.
+Pinocchio evaluates both directions and their derivatives (Featherstone, 2008;
+Carpentier and Mansard, 2018); the friction D v, which its algorithms leave out, is
+added here. Joints that follow others (mimic) enter through the expansion matrix S of
+the robot: the torque of the free joints is S^T times the torque of all.
 """
 
 from __future__ import annotations
@@ -103,7 +103,10 @@ class RobotDynamics:
         robot, model, data = self.robot, self.robot.model, self._data
         rnea = pin.rnea
         rows = zip(
-            robot.expand(q), robot.expand_tangent(v), robot.expand_tangent(a), strict=True
+            robot.expand(q),
+            robot.expand_tangent(v),
+            robot.expand_tangent(a),
+            strict=True,
         )
         tau = np.array([rnea(model, data, *row) for row in rows])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
@@ -125,7 +128,10 @@ class RobotDynamics:
         parts = np.empty((3, m, nv, nv))
         derivatives = pin.computeRNEADerivatives
         rows = zip(
-            robot.expand(q), robot.expand_tangent(v), robot.expand_tangent(a), strict=True
+            robot.expand(q),
+            robot.expand_tangent(v),
+            robot.expand_tangent(a),
+            strict=True,
         )
         for i, row in enumerate(rows):
             derivatives(model, data, *row)
@@ -173,8 +179,8 @@ class RobotDynamics:
 
         By the implicit function theorem on the inverse dynamics,
         :math:`\dot v_q = -M^{-1} \tau_q`, :math:`\dot v_v = -M^{-1} \tau_v` and
-        :math:`\dot v_u = M^{-1}`; for robots without mimic joints Pinocchio's derivatives
-        of ABA, which need no solve, are used.
+        :math:`\dot v_u = M^{-1}`; for robots without mimic joints Pinocchio's
+        derivatives of ABA, which need no solve, are used.
 
         Args:
             x: States (q, v), shape (m, 2n).

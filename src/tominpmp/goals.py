@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array, Record, real_array
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
+from tominpmp.scene import is_rotation
 
 
 class GoalResidual(NamedTuple):
@@ -60,20 +60,32 @@ class Goal(ABC):
         """Final joint velocity if it is known beforehand, else zero, shape (n,)."""
 
 
-def _vector(value: ArrayLike, size: int, name: str, unit: str) -> Array:
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape != (size,):
+def _vector(value: object, name: str, expected: str, size: int | None = None) -> Array:
+    """Check a caller's vector; without a size any will do."""
+    try:
+        array = real_array(value)
+    except ValueError as error:
+        raise ProblemError(f"{name} is {value!r}, expected {expected}", name) from error
+    if array.ndim != 1 or size not in (None, array.size):
         raise ProblemError(
-            f"{name} has shape {array.shape}, expected {size} numbers [{unit}]",
-            field=name,
+            f"{name} has shape {array.shape}, expected {expected}", field=name
         )
     if not np.all(np.isfinite(array)):
-        raise ProblemError(f"{name} is {array.tolist()}, expected finite numbers", name)
-    return frozen_array(array)
+        raise ProblemError(
+            f"{name} is {array.tolist()}, expected {expected}, all finite", name
+        )
+    return array
+
+
+def _check_frame_name(frame: object) -> None:
+    if not isinstance(frame, str) or not frame:
+        raise ProblemError(
+            f"goal.frame is {frame!r}, expected the name of a frame", "goal.frame"
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class JointGoal(Goal):
+class JointGoal(Record, Goal):
     """Reach a configuration.
 
     Attributes:
@@ -85,20 +97,22 @@ class JointGoal(Goal):
     v: Array | None = None
 
     def __post_init__(self) -> None:
-        """Copy the arrays; lengths are checked against the robot."""
-        for name in ("q", "v"):
-            value = getattr(self, name)
-            if value is not None:
-                size = np.asarray(value, dtype=np.float64).size
-                object.__setattr__(
-                    self, name, _vector(value, size, f"goal.{name}", "rad or m")
-                )
+        """Copy the arrays; their lengths are checked against the robot."""
+        expected = "one number for each joint [rad or m]"
+        object.__setattr__(self, "q", _vector(self.q, "goal.q", expected))
+        if self.v is not None:
+            expected = "one number for each joint [rad/s or m/s]"
+            object.__setattr__(self, "v", _vector(self.v, "goal.v", expected))
 
     def validate(self, robot: Robot) -> None:
         """Check lengths against the number of joints."""
-        _vector(self.q, robot.n, "goal.q", "rad or m")
-        if self.v is not None:
-            _vector(self.v, robot.n, "goal.v", "rad/s or m/s")
+        for name, value in (("goal.q", self.q), ("goal.v", self.v)):
+            if value is not None and value.size != robot.n:
+                raise ProblemError(
+                    f"{name} has {value.size} numbers, expected {robot.n}, one for "
+                    f"each of: {', '.join(robot.joint_names)}",
+                    field=name,
+                )
 
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Difference of positions and velocities to the goal, shape (2n,)."""
@@ -131,6 +145,11 @@ class FrameGoal(Goal):
 
     frame: str
     v: Array | None
+
+    def _check_velocity(self) -> None:
+        if self.v is not None:
+            v = _vector(self.v, "goal.v", "three components [m/s]", 3)
+            object.__setattr__(self, "v", v)
 
     def validate(self, robot: Robot) -> None:
         """Check that the frame exists."""
@@ -172,7 +191,7 @@ class FrameGoal(Goal):
 
 
 @dataclass(frozen=True, eq=False)
-class PositionGoal(FrameGoal):
+class PositionGoal(Record, FrameGoal):
     """Bring the origin of a frame to a point, in any orientation.
 
     Attributes:
@@ -187,11 +206,10 @@ class PositionGoal(FrameGoal):
 
     def __post_init__(self) -> None:
         """Check and copy the arrays."""
-        object.__setattr__(
-            self, "position", _vector(self.position, 3, "goal.position", "m")
-        )
-        if self.v is not None:
-            object.__setattr__(self, "v", _vector(self.v, 3, "goal.v", "m/s"))
+        _check_frame_name(self.frame)
+        position = _vector(self.position, "goal.position", "three coordinates [m]", 3)
+        object.__setattr__(self, "position", position)
+        self._check_velocity()
 
     def place_residual(
         self, kinematics: RobotKinematics, q: Array
@@ -203,7 +221,7 @@ class PositionGoal(FrameGoal):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal(FrameGoal):
+class PoseGoal(Record, FrameGoal):
     """Bring a frame to a pose.
 
     Attributes:
@@ -218,6 +236,7 @@ class PoseGoal(FrameGoal):
 
     def __post_init__(self) -> None:
         """Check the pose and copy the arrays."""
+        _check_frame_name(self.frame)
         if not isinstance(self.pose, pin.SE3):
             raise ProblemError(
                 f"goal.pose is a {type(self.pose).__name__}, expected a pinocchio.SE3",
@@ -225,9 +244,19 @@ class PoseGoal(FrameGoal):
             )
         if not np.all(np.isfinite(self.pose.homogeneous)):
             raise ProblemError("goal.pose is not finite", field="goal.pose")
+        if not is_rotation(self.pose.rotation):
+            raise ProblemError(
+                "the rotation of goal.pose is not a rotation matrix (orthonormal "
+                "columns, determinant 1)",
+                field="goal.pose",
+            )
         object.__setattr__(self, "pose", self.pose.copy())
-        if self.v is not None:
-            object.__setattr__(self, "v", _vector(self.v, 3, "goal.v", "m/s"))
+        self._check_velocity()
+
+    def _values(self) -> tuple[Any, ...]:
+        pose = tuple(self.pose.homogeneous.ravel().tolist())
+        v = None if self.v is None else tuple(self.v.tolist())
+        return self.frame, pose, v
 
     def place_residual(
         self, kinematics: RobotKinematics, q: Array

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.robot import Robot
 
 
@@ -70,7 +70,9 @@ class RobotKinematics:
             Shape (6, n).
         """
         reference = (
-            pin.ReferenceFrame.LOCAL if local else pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            pin.ReferenceFrame.LOCAL
+            if local
+            else pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         jacobian = pin.computeFrameJacobian(
             self.robot.model,
@@ -111,25 +113,41 @@ class RobotKinematics:
             robot.reduce_tangent(rotation @ by_v[:3]),
         )
 
-    def reach(self) -> float:
-        """Upper bound on the distance of any frame from the base, at any q [m].
+    def reach(self, frame: str | None = None) -> float:
+        """Upper bound on the distance of a frame from the base, at any q [m].
 
-        The sum of the offsets along the chain, plus the travel of prismatic joints; used
-        to scale lengths and to prove that a position is out of reach.
+        The sum of the offsets along the chain, plus the travel of prismatic joints;
+        used to scale lengths and to prove that a position is out of reach.
+
+        Args:
+            frame: Name of the frame; None for the one that reaches farthest.
+
+        Raises:
+            FrameNotFound: If there is no such frame.
         """
         model = self.robot.model
         span = np.zeros(model.njoints)
         lower, upper = model.lowerPositionLimit, model.upperPositionLimit
         for joint in range(1, model.njoints):
             offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
-            kind = model.joints[joint].shortname()
             travel = 0.0
-            if "P" in kind.replace("JointModel", "")[:1]:
+            if _slides(model, joint):
                 index = model.joints[joint].idx_q
                 travel = float(max(abs(lower[index]), abs(upper[index])))
             span[joint] = span[model.parents[joint]] + offset + travel
-        best = 0.0
-        for frame in model.frames:
-            offset = float(np.linalg.norm(frame.placement.translation))
-            best = max(best, span[frame.parentJoint] + offset)
-        return best
+        far = [
+            float(span[item.parentJoint] + np.linalg.norm(item.placement.translation))
+            for item in model.frames
+        ]
+        return max(far) if frame is None else far[self.robot.frame_id(frame)]
+
+
+def prismatic_joints(robot: Robot) -> BoolArray:
+    """Which of the joints of a robot slide instead of turning, shape (n,)."""
+    model = robot.model
+    return np.array([_slides(model, model.getJointId(j)) for j in robot.joint_names])
+
+
+def _slides(model: pin.Model, joint: int) -> bool:
+    kind = str(model.joints[joint].shortname())
+    return kind.startswith("JointModelP")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, Record, real_array, real_number
 from tominpmp.exceptions import OptionsError
 
 if TYPE_CHECKING:
@@ -20,10 +20,12 @@ STEP_RULES = ("adaptive", "paper")
 GRIDS = ("cosine", "uniform")
 CONTROLS = ("constant",)
 LP_SOLVERS = ("auto", "highs", "piqp")
+# Numbers that may be left to the planner.
+OPTIONAL = ("max_planning_time", "initial_duration", "starts")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Options(Record):
     """How a motion is planned. The defaults are sensible for any arm.
 
     Attributes:
@@ -34,8 +36,8 @@ class Options:
         intervals: Number N of intervals of the time grid.
         grid: "cosine" (short intervals at both ends, see
             :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
-        control: How the torque (adjoint, collocation) or the acceleration (inverse) runs
-            over an interval.
+        control: How the torque (adjoint, collocation) or the acceleration (inverse)
+            runs over an interval.
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
             free. None takes 1e-4 T for "inverse" and "collocation", 0 for "adjoint".
@@ -43,18 +45,20 @@ class Options:
         seed: Seed of everything random.
         max_planning_time: Time limit [s]; the best motion so far is returned.
         max_iterations: Largest number of iterations a start.
-        tolerance: Relative progress below which the iteration stops: when the last three
-            iterations together brought less than this share of T.
+        tolerance: Relative progress below which the iteration stops: when the last
+            three iterations together brought less than this share of T.
         feasibility: Largest violation that counts as none: relative for torques and
             velocities, in m and rad for goals and clearances.
         trust_region: Initial radius of the trust region [rad].
-        step_rule: For "adjoint": "adaptive", or "paper" (fixed steps, every step taken).
+        step_rule: For "adjoint": "adaptive", or "paper" (fixed steps, every step
+            taken).
         control_step: Largest torque change an iteration with step_rule="paper", the
             paper's rho [N m].
         time_step: Largest change of T an iteration with step_rule="paper", the paper's
             epsilon [s].
-        initial_duration: Duration of the initial guess [s]: the paper's T^0 for
-            "adjoint" and "penalty"; None lets the planner choose.
+        initial_duration: Duration of the initial guess at rest [s], the paper's T^0,
+        for
+            "adjoint", "penalty" and goals on frames; None lets the planner choose.
         initial_control: Initial torques for "adjoint" and "penalty", the paper's u^0,
             shape (n,) or (N, n) [N m]; None for zero.
         lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the
@@ -73,7 +77,7 @@ class Options:
     seed: int = 0
     max_planning_time: float | None = None
     max_iterations: int = 100
-    tolerance: float = 1e-4
+    tolerance: float = 2e-4
     feasibility: float = 1e-6
     trust_region: float = 0.3
     step_rule: Literal["adaptive", "paper"] = "adaptive"
@@ -109,44 +113,59 @@ class Options:
             "initial_duration",
         ):
             self._positive(name)
-        if self.smoothing is not None and not (
-            np.isfinite(self.smoothing) and self.smoothing >= 0.0
-        ):
-            self._fail("smoothing", "a number >= 0, or None")
+        if self.smoothing is not None:
+            self._number("smoothing", "a number >= 0, or None", zero=True)
+        if not isinstance(self.lp_solver, str) or not self.lp_solver:
+            self._fail("lp_solver", "the name of a solver")
         if self.callback is not None and not callable(self.callback):
             self._fail("callback", "a function")
         if self.initial_control is not None:
-            control = np.array(self.initial_control, dtype=np.float64)
-            if not np.all(np.isfinite(control)):
-                self._fail("initial_control", "finite torques [N m]")
-            control.setflags(write=False)
-            object.__setattr__(self, "initial_control", control)
+            self._freeze_control()
 
-    def _fail(self, name: str, expected: str) -> None:
+    def _freeze_control(self) -> None:
+        expected = "finite torques, of shape (n,) or (N, n) [N m]"
+        try:
+            control = real_array(self.initial_control)
+        except ValueError:
+            self._fail("initial_control", expected)
+        if control.ndim not in (1, 2) or not control.size:
+            self._fail("initial_control", expected)
+        if not np.all(np.isfinite(control)):
+            self._fail("initial_control", expected)
+        object.__setattr__(self, "initial_control", control)
+
+    def _fail(self, name: str, expected: str) -> NoReturn:
         value = getattr(self, name)
         raise OptionsError(f"{name} is {value!r}, expected {expected}", option=name)
 
     def _one_of(self, name: str, known: tuple[str, ...]) -> None:
-        if getattr(self, name) not in known:
+        value = getattr(self, name)
+        if not isinstance(value, str) or value not in known:
             self._fail(name, f"one of: {', '.join(known)}")
 
     def _integer(self, name: str, least: int) -> None:
         value = getattr(self, name)
-        if value is None and name == "starts":
+        if value is None and name in OPTIONAL:
             return
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
             self._fail(name, f"an integer >= {least}")
         if value < least:
             self._fail(name, f"an integer >= {least}")
+        object.__setattr__(self, name, int(value))
 
     def _positive(self, name: str) -> None:
-        value = getattr(self, name)
-        if value is None and name in ("max_planning_time", "initial_duration"):
+        if getattr(self, name) is None and name in OPTIONAL:
             return
-        if not isinstance(value, int | float | np.number) or isinstance(value, bool):
-            self._fail(name, "a positive number")
-        if not (np.isfinite(value) and value > 0.0):
-            self._fail(name, "a positive number")
+        self._number(name, "a positive number", zero=False)
+
+    def _number(self, name: str, expected: str, *, zero: bool) -> None:
+        try:
+            number = real_number(getattr(self, name))
+        except ValueError:
+            self._fail(name, expected)
+        if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
+            self._fail(name, expected)
+        object.__setattr__(self, name, number)
 
     @classmethod
     def names(cls) -> tuple[str, ...]:

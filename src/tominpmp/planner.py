@@ -14,12 +14,16 @@ from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import FrameGoal
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.seeding.guess import Guess, initial_guesses
+from tominpmp.seeding.guess import KINEMATIC_STARTS, Guess, initial_guesses
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.solution import IterationRecord, Solution, Status
 from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.paper import PaperSolver
+from tominpmp.solvers.penalty import PenaltySolver
 from tominpmp.solvers.slp import SlpResult, SlpSolver
+from tominpmp.transcription.adjoint import AdjointTranscription, Instants
 from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
@@ -39,6 +43,15 @@ LP_SOLVERS = {
 # Relative torque excess between the rows that is let pass, and rounds of adding rows.
 OVERLOAD = 2e-3
 EXCHANGES = 4
+EXCHANGE_ITERATIONS = 25
+# Which instants of path constraints the methods that shoot differentiate.
+INSTANTS: dict[str, Instants] = {
+    "paper": "exact",
+    "adjoint": "near",
+    "penalty": "violated",
+}
+# Duration that shooting begins with: the paper's T^0 [s].
+FIRST_DURATION = 1.5
 # How a solver ends when it was told to.
 STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 # Guesses for a goal on a frame, whose final configuration is free.
@@ -168,9 +181,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     return replace(options, method=method, lp_solver=lp_solver)
 
 
-def make_attempts(
-    system: System, options: Options, watch: Watch
-) -> Iterator[Attempt]:
+def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
     """Solve from one initial guess after the other."""
     if options.method in ("adjoint", "penalty"):
         yield solve_by_shooting(system, options, watch)
@@ -179,7 +190,8 @@ def make_attempts(
     wanted = options.starts
     if wanted is None:
         wanted = 1 if system.joint_goal is not None else FRAME_STARTS
-    guesses = initial_guesses(system, max(wanted, RESCUE_STARTS), rng)
+    count = max(wanted, RESCUE_STARTS)
+    guesses = initial_guesses(system, count, rng, options.initial_duration)
     found = tried = False
     for number, guess in enumerate(guesses):
         if number >= wanted and (found or options.starts is not None):
@@ -198,27 +210,62 @@ def solve_from_guess(
 ) -> Attempt:
     """Improve a guess with the inverse or the collocation transcription."""
     shares = interval_shares(options.grid, options.intervals)
-    stretch = GUESS_STRETCH if guess.timed else 1.0
-    if options.method == "inverse":
-        transcription = InverseTranscription(system, shares, guess.duration)
-    else:
-        raise NotImplementedError
-    z = transcription.start(guess.position, stretch * guess.duration)
+    duration = guess.duration * (GUESS_STRETCH if guess.timed else 1.0)
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * guess.duration
     lp = make_solver(options.lp_solver)
-    solver = SlpSolver(transcription, options, smoothing, lp, watch)
-    result = solver.run(z)
+    if options.method == "collocation":
+        lifted = CollocationTranscription(system, shares, guess.duration)
+        nodes = np.concatenate([[0.0], np.cumsum(shares)])
+        start = lifted.start(
+            guess.position(nodes * guess.duration), np.array([duration])
+        )
+        return Attempt(
+            lifted,
+            start,
+            SlpSolver(lifted, options, smoothing, lp, watch).run(start),
+        )
+    transcription = InverseTranscription(system, shares, guess.duration)
+    z = transcription.start(guess.position, duration)
+    result = SlpSolver(transcription, options, smoothing, lp, watch).run(z)
     for _ in range(EXCHANGES):
         # Torques run between the rows: add rows where they pass their limits there.
         extra = transcription.overloaded(result.iterate.z, OVERLOAD)
-        if not extra.interval.size or result.status in STOPPED:
+        if not extra.size or result.status in STOPPED:
             break
         transcription = transcription.with_instants(extra)
-        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+        few = replace(options, max_iterations=EXCHANGE_ITERATIONS)
+        solver = SlpSolver(transcription, few, smoothing, lp, watch)
         result = solver.run(result.iterate.z, after=result)
     return Attempt(transcription, z, result)
+
+
+def solve_by_shooting(system: System, options: Options, watch: Watch) -> Attempt:
+    """Improve torques from the paper's kind of start, which need reach nothing."""
+    n, N = system.n, options.intervals
+    shares = interval_shares(options.grid, N)
+    duration = options.initial_duration or FIRST_DURATION
+    paper = options.step_rule == "paper" and options.method == "adjoint"
+    transcription = AdjointTranscription(
+        system,
+        shares,
+        duration,
+        instants=INSTANTS["paper" if paper else options.method],
+    )
+    control = options.initial_control
+    control = np.zeros(n) if control is None else control
+    z = transcription.pack(np.broadcast_to(control, (N, n)), np.array([duration]))
+    lp = make_solver(options.lp_solver)
+    solver: PaperSolver | PenaltySolver | SlpSolver
+    if options.method == "penalty":
+        solver = PenaltySolver(transcription, options, watch)
+    elif paper:
+        solver = PaperSolver(transcription, options, lp, watch)
+    else:
+        smoothing = options.smoothing or 0.0
+        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+    return Attempt(transcription, z, solver.run(z))
 
 
 def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
@@ -228,7 +275,8 @@ def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
     _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
     return ProblemError(
         f"goal: no configuration within the position limits brings frame "
-        f"{goal.frame!r} there; the nearest one found misses it by {least:.4g} (m, rad)",
+        f"{goal.frame!r} there; the nearest one found misses it by {least:.4g} "
+        "(m, rad)",
         "goal",
     )
 
@@ -241,11 +289,21 @@ def conclude(
     status: Status | None,
 ) -> Solution:
     """Turn the best attempt into a solution."""
-    history = tuple(record for a in attempts for record in a.result.history)
+    history = tuple(
+        replace(record, start=number)
+        for number, attempt in enumerate(attempts)
+        for record in attempt.result.history
+    )
     if not attempts:
         ended = status or Status.INFEASIBLE
         return Solution(
-            problem, options, ended, ended.value, False, None, planning_time=watch.seconds
+            problem,
+            options,
+            ended,
+            ended.value,
+            False,
+            None,
+            planning_time=watch.seconds,
         )
     best = min(attempts, key=lambda a: (a.duration, a.result.iterate.violation))
     result = best.result

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.collision import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.goals import FrameGoal, Goal, JointGoal, PoseGoal, PositionGoal
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
-# A start or goal that is this little outside a limit is taken to be on it [rad or m]:
-# encoders and files round.
+# A start or goal that is this little outside a limit is taken to be on it (positions in
+# rad or m, velocities in rad/s or m/s): encoders and files round.
 SNAP = 1e-6
+UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Record):
     """Bring a robot from a state to a goal in minimum time.
 
     Attributes:
@@ -67,40 +68,71 @@ class Problem:
                 f"scene is a {type(scene).__name__}, expected a Scene", "scene"
             )
         object.__setattr__(self, "scene", scene)
-        if not (np.isfinite(self.margin) and self.margin >= 0.0):
-            raise ProblemError(
-                f"margin is {self.margin}, expected a length >= 0 [m]", "margin"
-            )
-        robot = self.robot
-        v_start = np.zeros(robot.n) if self.v_start is None else self.v_start
-        q = self._vector(self.q_start, "q_start")
-        v = self._vector(v_start, "v_start")
-        self._set("q_start", self._inside_position(q, "q_start"))
-        self._set("v_start", self._inside_velocity(v, "v_start"))
-        self.goal.validate(robot)
-        checker = CollisionChecker(robot, scene)
+        object.__setattr__(self, "margin", self._checked_margin())
+        self.goal.validate(self.robot)
+        snapped = [*self._snap_start(), *self._snap_goal()]
+        checker = CollisionChecker(self.robot, scene)
         self._check_clear(checker, self.q_start, "start")
         if isinstance(self.goal, JointGoal):
-            self._check_joint_goal(self.goal, checker)
+            self._check_clear(checker, self.goal.q, "goal")
+            self._check_hold(self.goal)
         elif isinstance(self.goal, FrameGoal):
             self._check_reach(self.goal)
+        for message in snapped:
+            # Past this method and the generated __init__, to whoever makes the problem.
+            warnings.warn(message, TominpmpWarning, stacklevel=3)
 
-    def _set(self, name: str, value: Array) -> None:
-        object.__setattr__(self, name, frozen_array(value))
-
-    def _vector(self, value: ArrayLike, name: str) -> Array:
+    def _checked_margin(self) -> float:
         try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+            margin = real_number(self.margin)
+        except ValueError:
+            margin = np.nan
+        if not (np.isfinite(margin) and margin >= 0.0):
             raise ProblemError(
-                f"{name} is {value!r}, expected {self.robot.n} numbers", name
-            ) from error
+                f"margin is {self.margin!r}, expected a length >= 0 [m]", "margin"
+            )
+        return margin
+
+    def _snap_start(self) -> list[str]:
+        q = self._vector(self.q_start, "q_start")
+        v = np.zeros_like(q)
+        if self.v_start is not None:
+            v = self._vector(self.v_start, "v_start")
+        q, of_q = self._snap("position", q, "q_start")
+        v, of_v = self._snap("velocity", v, "v_start")
+        object.__setattr__(self, "q_start", frozen_array(q))
+        object.__setattr__(self, "v_start", frozen_array(v))
+        return of_q + of_v
+
+    def _snap_goal(self) -> list[str]:
+        goal = self.goal
+        if not isinstance(goal, JointGoal):
+            return []
+        q, of_q = self._snap("position", goal.q, "goal.q")
+        v = goal.final_velocity(self.robot.n)
+        v, of_v = self._snap("velocity", v, "goal.v")
+        if of_q:
+            goal = replace(goal, q=q)
+        if of_v:
+            goal = replace(goal, v=v)
+        object.__setattr__(self, "goal", goal)
+        return of_q + of_v
+
+    def _unit(self, quantity: str, joint: int) -> str:
+        return UNITS[quantity][int(prismatic_joints(self.robot)[joint])]
+
+    def _vector(self, value: object, name: str) -> Array:
         joints = self.robot.joint_names
-        if array.shape != (self.robot.n,):
+        expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
+        try:
+            array = real_array(value)
+        except ValueError as error:
             raise ProblemError(
-                f"{name} has shape {array.shape}, expected {self.robot.n} numbers, one "
-                f"for each of: {', '.join(joints)}",
-                name,
+                f"{name} is {value!r}, expected {expected}", name
+            ) from error
+        if array.shape != (len(joints),):
+            raise ProblemError(
+                f"{name} has shape {array.shape}, expected {expected}", name
             )
         for joint, number in zip(joints, array, strict=True):
             if not np.isfinite(number):
@@ -110,36 +142,32 @@ class Problem:
                 )
         return array
 
-    def _inside_position(self, q: Array, name: str) -> Array:
+    def _snap(self, quantity: str, values: Array, name: str) -> tuple[Array, list[str]]:
+        """Check values against limits, and put those on them that miss by a hair.
+
+        Returns:
+            The values, and what to warn of.
+        """
+        snapped = []
         limits = self.robot.limits
         lower, upper = limits.position_lower, limits.position_upper
-        clipped = np.clip(q, lower, upper)
-        for i, joint in enumerate(self.robot.joint_names):
-            if abs(clipped[i] - q[i]) > SNAP:
+        if quantity == "velocity":
+            lower, upper = -limits.velocity, limits.velocity
+        clipped = np.clip(values, lower, upper)
+        for i in np.flatnonzero(clipped != values).tolist():
+            excess = abs(clipped[i] - values[i])
+            joint, unit = self.robot.joint_names[i], self._unit(quantity, i)
+            what = f"{name}: joint {joint!r} "
+            bounds = f"{quantity} limits [{lower[i]:.6g}, {upper[i]:.6g}] {unit}"
+            if excess > SNAP:
                 raise ProblemError(
-                    f"{name}: joint {joint!r} is {q[i]:.6g}, outside its limits "
-                    f"[{lower[i]:.6g}, {upper[i]:.6g}]",
-                    name,
+                    f"{what}is {values[i]:.6g} {unit}, outside its {bounds}", name
                 )
-            if clipped[i] != q[i]:
-                warnings.warn(
-                    f"{name}: joint {joint!r} is {abs(clipped[i] - q[i]):.1e} outside "
-                    "its limits and was set to the limit",
-                    TominpmpWarning,
-                    stacklevel=5,
-                )
-        return clipped
-
-    def _inside_velocity(self, v: Array, name: str) -> Array:
-        limit = self.robot.limits.velocity
-        for i, joint in enumerate(self.robot.joint_names):
-            if abs(v[i]) > limit[i] + SNAP:
-                raise ProblemError(
-                    f"{name}: joint {joint!r} moves at {v[i]:.6g}, beyond its velocity "
-                    f"limit {limit[i]:.6g}",
-                    name,
-                )
-        return np.clip(v, -limit, limit)
+            snapped.append(
+                f"{what}is {excess:.1e} {unit} outside its {bounds} and was set to "
+                "the limit"
+            )
+        return np.asarray(clipped), snapped
 
     def _check_clear(self, checker: CollisionChecker, q: Array, which: str) -> None:
         contact = checker.closest(q)
@@ -152,28 +180,26 @@ class Problem:
             f"{self.margin:.4g} m"
         )
         raise ProblemError(
-            f"{which} in collision: {contact.link!r} and {contact.obstacle!r} {depth} "
-            f"at q = {np.round(q, 4).tolist()}",
+            f"{which} in collision: link {contact.link!r} and obstacle "
+            f"{contact.obstacle!r} {depth} at q = {np.round(q, 4).tolist()}",
             "q_start" if which == "start" else "goal",
         )
 
-    def _check_joint_goal(self, goal: JointGoal, checker: CollisionChecker) -> None:
-        q = self._inside_position(self._vector(goal.q, "goal.q"), "goal.q")
-        v = self._inside_velocity(goal.final_velocity(self.robot.n), "goal.v")
-        if not np.array_equal(q, goal.q):
-            object.__setattr__(self, "goal", JointGoal(q, goal.v))
-        self._check_clear(checker, q, "goal")
+    def _check_hold(self, goal: JointGoal) -> None:
+        """Check that the motors can hold an arm that is to come to rest."""
+        v = goal.final_velocity(self.robot.n)
         if np.any(v):
             return
-        tau = RobotDynamics(self.robot).inverse(q[None], v[None], 0.0 * v[None])[0]
+        tau = RobotDynamics(self.robot).inverse(goal.q[None], v[None], v[None])[0]
         limits = self.robot.limits
         for i, joint in enumerate(self.robot.joint_names):
             low, high = limits.effort_lower[i], limits.effort_upper[i]
             slack = 1e-9 * max(1.0, abs(low), abs(high))
             if not low - slack <= tau[i] <= high + slack:
+                unit = self._unit("effort", i)
                 raise ProblemError(
                     f"goal: joint {joint!r} cannot hold the arm against gravity there: "
-                    f"{tau[i]:.4g} N m needed, [{low:.4g}, {high:.4g}] allowed",
+                    f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed",
                     "goal",
                 )
 
@@ -184,12 +210,12 @@ class Problem:
             target = goal.pose.translation
         else:
             return
-        reach = RobotKinematics(self.robot).reach()
-        distance = float(np.linalg.norm(target))
+        reach = RobotKinematics(self.robot).reach(goal.frame)
+        distance = math.hypot(*target)  # does not overflow
         if distance > reach * (1.0 + 1e-9):
             raise ProblemError(
-                f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the base, "
-                f"and frame {goal.frame!r} reaches {reach:.4g} m at most: outside reach "
-                f"by {distance - reach:.4g} m",
+                f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the "
+                f"base, and frame {goal.frame!r} reaches {reach:.4g} m at most: "
+                f"outside reach by {distance - reach:.4g} m",
                 "goal",
             )

@@ -6,22 +6,30 @@ order x, y, z, w. Cylinders and capsules stand along their z axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.exceptions import SceneError
+
+
+def is_rotation(matrix: Array) -> bool:
+    """Whether a matrix of shape (3, 3) turns without stretching or mirroring."""
+    if not np.all(np.abs(matrix) < 2.0):  # nor NaN
+        return False
+    orthonormal = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
+    return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
 def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
     """Turn a rotation as users give it into a matrix.
 
     Args:
-        rotation: None (no rotation), a 3x3 matrix or a quaternion (x, y, z, w), which is
-            normalised.
+        rotation: None (no rotation), a 3x3 matrix or a quaternion (x, y, z, w), which
+            is normalised.
         obstacle: Name of the obstacle, for the message.
 
     Returns:
@@ -32,43 +40,48 @@ def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
     """
     if rotation is None:
         return frozen_array(np.eye(3))
-    value = np.asarray(rotation, dtype=np.float64)
-    if value.shape == (4,):
-        norm = float(np.linalg.norm(value))
-        if not np.isfinite(norm) or norm < 1e-9:
-            raise SceneError(
-                f"obstacle {obstacle!r}: rotation {value.tolist()} is no quaternion "
-                "(x, y, z, w): its length must not be zero",
-                obstacle,
-            )
-        x, y, z, w = value / norm
-        return frozen_array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
+    try:
+        value = real_array(rotation)
+    except ValueError:
+        value = np.empty(0)
+    if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
+        raise SceneError(
+            f"obstacle {obstacle!r}: rotation is {rotation!r}, expected a 3x3 matrix "
+            "or a quaternion (x, y, z, w) of finite numbers",
+            obstacle,
         )
-    if value.shape == (3, 3):
-        if (
-            not np.allclose(value @ value.T, np.eye(3), atol=1e-6)
-            or np.linalg.det(value) < 0
-        ):
-            raise SceneError(
-                f"obstacle {obstacle!r}: the 3x3 rotation is not a rotation matrix "
-                "(orthonormal columns, determinant 1)",
-                obstacle,
-            )
-        return frozen_array(value)
-    raise SceneError(
-        f"obstacle {obstacle!r}: rotation has shape {value.shape}, expected (3, 3) or a "
-        "quaternion (x, y, z, w)",
-        obstacle,
+    if value.size == 4:
+        return _from_quaternion(value, obstacle)
+    if not is_rotation(value):
+        raise SceneError(
+            f"obstacle {obstacle!r}: the 3x3 rotation is not a rotation matrix "
+            "(orthonormal columns, determinant 1)",
+            obstacle,
+        )
+    return value
+
+
+def _from_quaternion(value: Array, obstacle: str) -> Array:
+    largest = float(np.max(np.abs(value)))
+    if largest < 1e-9:
+        raise SceneError(
+            f"obstacle {obstacle!r}: rotation {value.tolist()} is no quaternion "
+            "(x, y, z, w): its length must not be zero",
+            obstacle,
+        )
+    value = value / largest  # so that no square overflows
+    x, y, z, w = value / np.linalg.norm(value)
+    return frozen_array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Obstacle:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Obstacle(Record):
     """A body fixed in the world.
 
     Attributes:
@@ -85,27 +98,42 @@ class Obstacle:
         """Check name, position and rotation."""
         if not isinstance(self.name, str) or not self.name:
             raise SceneError(f"an obstacle needs a name, not {self.name!r}")
-        position = np.asarray(self.position, dtype=np.float64)
-        if position.shape != (3,) or not np.all(np.isfinite(position)):
-            raise SceneError(
-                f"obstacle {self.name!r}: position is {self.position!r}, expected three "
-                "finite numbers [m]",
-                self.name,
-            )
-        object.__setattr__(self, "position", frozen_array(position))
+        object.__setattr__(self, "position", self._triple("position", "coordinates"))
         object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
 
-    def _check_positive(self, **sizes: float) -> None:
-        for key, value in sizes.items():
-            if not np.isfinite(value) or value <= 0.0:
-                raise SceneError(
-                    f"obstacle {self.name!r}: {key} is {value}, expected a positive "
-                    "length [m]",
-                    self.name,
-                )
+    def _triple(self, key: str, content: str) -> Array:
+        value = getattr(self, key)
+        try:
+            array = real_array(value)
+        except ValueError:
+            array = np.empty(0)
+        if array.shape != (3,) or not np.all(np.isfinite(array)):
+            raise SceneError(
+                f"obstacle {self.name!r}: {key} is {value!r}, expected three finite "
+                f"{content} [m]",
+                self.name,
+            )
+        return array
+
+    def _length(self, key: str, value: object) -> float:
+        try:
+            number = real_number(value)
+        except ValueError:
+            number = np.nan
+        if not (np.isfinite(number) and number > 0.0):
+            raise SceneError(
+                f"obstacle {self.name!r}: {key} is {value!r}, expected a positive "
+                "length [m]",
+                self.name,
+            )
+        return number
+
+    def _set_lengths(self, *keys: str) -> None:
+        for key in keys:
+            object.__setattr__(self, key, self._length(key, getattr(self, key)))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Sphere(Obstacle):
     """A ball.
 
@@ -118,10 +146,10 @@ class Sphere(Obstacle):
     def __post_init__(self) -> None:
         """Check the radius."""
         super().__post_init__()
-        self._check_positive(radius=self.radius)
+        self._set_lengths("radius")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Box(Obstacle):
     """A cuboid.
 
@@ -134,19 +162,13 @@ class Box(Obstacle):
     def __post_init__(self) -> None:
         """Check the edges."""
         super().__post_init__()
-        size = np.asarray(self.size, dtype=np.float64)
-        if size.shape != (3,):
-            raise SceneError(
-                f"obstacle {self.name!r}: size is {self.size!r}, expected three edge "
-                "lengths [m]",
-                self.name,
-            )
-        for axis, value in zip("xyz", size, strict=True):
-            self._check_positive(**{f"size along {axis}": float(value)})
-        object.__setattr__(self, "size", frozen_array(size))
+        size = self._triple("size", "edge lengths")
+        for axis, value in zip("xyz", size.tolist(), strict=True):
+            self._length(f"size along {axis}", value)
+        object.__setattr__(self, "size", size)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Cylinder(Obstacle):
     """A cylinder along its z axis.
 
@@ -161,10 +183,10 @@ class Cylinder(Obstacle):
     def __post_init__(self) -> None:
         """Check the sizes."""
         super().__post_init__()
-        self._check_positive(radius=self.radius, length=self.length)
+        self._set_lengths("radius", "length")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Capsule(Obstacle):
     """A cylinder along its z axis with a half ball at either end.
 
@@ -179,31 +201,38 @@ class Capsule(Obstacle):
     def __post_init__(self) -> None:
         """Check the sizes."""
         super().__post_init__()
-        self._check_positive(radius=self.radius, length=self.length)
+        self._set_lengths("radius", "length")
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, eq=False)
+class Scene(Record):
     """The obstacles of a workspace.
 
     Attributes:
-        obstacles: The obstacles, each with a name of its own.
+        obstacles: The obstacles, each with a name of its own; kept as a tuple.
     """
 
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: Sequence[Obstacle] = ()
 
-    def __init__(self, obstacles: Iterable[Obstacle] = ()) -> None:
-        found = tuple(obstacles)
+    def __post_init__(self) -> None:
+        """Check the obstacles and their names."""
+        try:
+            found = tuple(self.obstacles)
+        except TypeError as error:
+            raise SceneError(
+                f"a scene is made from a list of obstacles, not from a "
+                f"{type(self.obstacles).__name__}"
+            ) from error
+        names = set()
         for item in found:
             if not isinstance(item, Obstacle):
                 raise SceneError(
                     f"a scene holds obstacles (Sphere, Box, Cylinder, Capsule), not "
                     f"{type(item).__name__}"
                 )
-        names = [item.name for item in found]
-        for name in names:
-            if names.count(name) > 1:
-                raise SceneError(f"two obstacles are named {name!r}", name)
+            if item.name in names:
+                raise SceneError(f"two obstacles are named {item.name!r}", item.name)
+            names.add(item.name)
         object.__setattr__(self, "obstacles", found)
 
     def __iter__(self) -> Iterator[Obstacle]:

@@ -1,9 +1,10 @@
 """A motion over time: nodes, and the curve between them.
 
-Two curves occur. Motions planned with the inverse dynamics have a constant acceleration
-on each interval: position and velocity are exact polynomials and the torque follows from
-the inverse dynamics at every instant. Motions planned with piecewise-constant torque are
-given at their nodes and joined by cubic Hermite polynomials.
+Two curves occur. Motions planned with the inverse dynamics have a constant
+acceleration on each interval: position and velocity are exact polynomials and the
+torque follows from the inverse dynamics at every instant. Motions planned with
+piecewise-constant torque are given at their nodes and joined by cubic Hermite
+polynomials.
 """
 
 from __future__ import annotations
@@ -15,10 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array, Record, real_array, real_number
 from tominpmp.exceptions import ProblemError
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
+
+# More samples than this are taken for a mistake in dt, before they fill the memory.
+MAX_SAMPLES = 10_000_000
 
 
 class State(NamedTuple):
@@ -37,8 +41,8 @@ class State(NamedTuple):
     u: Array
 
 
-@dataclass(frozen=True)
-class Samples:
+@dataclass(frozen=True, eq=False)
+class Samples(Record):
     """A trajectory sampled at many times, one row a time.
 
     Attributes:
@@ -57,23 +61,30 @@ class Samples:
     a: Array
     u: Array
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for name in ("t", "q", "v", "a", "u"):
+            object.__setattr__(self, name, real_array(getattr(self, name)))
 
-@dataclass(frozen=True)
-class Trajectory:
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Record):
     """A motion of all joints from time 0 to its duration.
+
+    Two trajectories are equal if their nodes are.
 
     Attributes:
         joint_names: Names of the joints, in column order.
         t: Times of the nodes [s], increasing from 0, shape (N + 1,).
         q: Positions at the nodes [rad or m], shape (N + 1, n).
         v: Velocities at the nodes [rad/s or m/s], shape (N + 1, n).
-        u: Torques at the nodes [N m or N], shape (N + 1, n). Where the torque jumps at a
-            node, the row holds the value just after it; the last row holds the value at
-            the end.
+        u: Torques at the nodes [N m or N], shape (N + 1, n). Where the torque jumps at
+            a node, the row holds the value just after it; the last row holds the value
+            at the end.
         a: Acceleration of each interval, shape (N, n), for motions with constant
             acceleration on each interval; None for motions with constant torque.
-        inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes of
-            a motion with constant acceleration; without it the torque is constant.
+        inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes
+            of a motion with constant acceleration; without it the torque is constant.
     """
 
     joint_names: tuple[str, ...]
@@ -82,25 +93,47 @@ class Trajectory:
     v: Array
     u: Array
     a: Array | None = None
-    inverse_dynamics: InverseDynamics | None = field(default=None, repr=False)
+    inverse_dynamics: InverseDynamics | None = field(
+        default=None, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
-        for name in ("t", "q", "v", "u"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
-        if self.a is not None:
-            object.__setattr__(self, "a", frozen_array(self.a))
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        for name in ("t", "q", "v", "u", "a"):
+            self._freeze(name)
         nodes, n = self.t.size, len(self.joint_names)
+        self._check_shape("t", (nodes,), "one time a node")
         for name in ("q", "v", "u"):
-            shape = getattr(self, name).shape
-            if shape != (nodes, n):
-                raise ProblemError(
-                    f"trajectory field {name!r} has shape {shape}, expected "
-                    f"{(nodes, n)}: one row a node, one column a joint",
-                    field=name,
-                )
-        if nodes < 2 or not np.all(np.diff(self.t) > 0.0):
-            raise ProblemError("trajectory times must increase", field="t")
+            self._check_shape(name, (nodes, n), "one row a node, one column a joint")
+        increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
+        if nodes < 2 or not increasing or self.t[0] != 0.0:
+            raise ProblemError(
+                "trajectory times must be finite and increase from 0 [s]", field="t"
+            )
+        if self.a is not None:
+            layout = "one row an interval, one column a joint"
+            self._check_shape("a", (nodes - 1, n), layout)
+
+    def _freeze(self, name: str) -> None:
+        value = getattr(self, name)
+        if value is None and name == "a":
+            return
+        try:
+            object.__setattr__(self, name, real_array(value))
+        except ValueError as error:
+            raise ProblemError(
+                f"trajectory field {name!r} is {value!r}, expected numbers", name
+            ) from error
+
+    def _check_shape(self, name: str, shape: tuple[int, ...], layout: str) -> None:
+        found = getattr(self, name).shape
+        if found != shape:
+            raise ProblemError(
+                f"trajectory field {name!r} has shape {found}, expected {shape}: "
+                f"{layout}",
+                field=name,
+            )
 
     @property
     def duration(self) -> float:
@@ -121,16 +154,30 @@ class Trajectory:
 
         Returns:
             Position, velocity, acceleration and torque: shape (n,) for a single time,
-            (m, n) for an array of times.
+            (m, n) for an array of times. Where the torque or the acceleration jumps,
+            they are those just after the jump, as at the nodes.
+
+        Raises:
+            ProblemError: If a time is not a number, or they are not in one row.
         """
-        times = np.atleast_1d(np.asarray(time, dtype=np.float64))
-        state = self._evaluate(np.clip(times, 0.0, self.t[-1]))
-        if np.ndim(time) == 0:
+        try:
+            times = real_array(time)
+        except ValueError as error:
+            raise ProblemError(
+                f"time is {time!r}, expected numbers [s]", "time"
+            ) from error
+        if times.ndim > 1 or np.any(np.isnan(times)):
+            raise ProblemError(
+                f"time is {time!r}, expected a time or a row of times [s]", "time"
+            )
+        state = self._evaluate(np.clip(np.atleast_1d(times), 0.0, self.t[-1]))
+        if times.ndim == 0:
             return State(*(part[0] for part in state))
         return state
 
     def _evaluate(self, times: Array) -> State:
-        k = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
+        node = np.searchsorted(self.t, times, side="right") - 1
+        k = np.minimum(node, self.t.size - 2)
         s = (times - self.t[k])[:, None]
         h = (self.t[k + 1] - self.t[k])[:, None]
         q0, v0 = self.q[k], self.v[k]
@@ -144,8 +191,9 @@ class Trajectory:
             q = q0 + s * (v0 + s * (c2 + s * c3))
             v = v0 + s * (2.0 * c2 + 3.0 * s * c3)
             a = 2.0 * c2 + 6.0 * s * c3
-        u = self.u[k] if self.inverse_dynamics is None else self.inverse_dynamics(q, v, a)
-        return State(q, v, a, u)
+        if self.inverse_dynamics is None:
+            return State(q, v, a, self.u[node])
+        return State(q, v, a, self.inverse_dynamics(q, v, a))
 
     def sample(self, dt: float) -> Samples:
         """Sample the motion at a fixed rate; the end is always the last sample.
@@ -157,13 +205,25 @@ class Trajectory:
             The samples, at 0, dt, 2 dt, ..., T.
 
         Raises:
-            ProblemError: If dt is not a positive number.
+            ProblemError: If dt is not a positive time, or would give more than ten
+                million samples.
         """
-        if not np.isfinite(dt) or dt <= 0.0:
-            raise ProblemError(f"dt is {dt}, expected a positive time in s", field="dt")
-        times = np.arange(0.0, self.duration, dt)
-        if self.duration - times[-1] < 1e-9 * self.duration and times.size > 1:
+        try:
+            step = real_number(dt)
+        except ValueError:
+            step = np.nan
+        if not np.isfinite(step) or step <= 0.0:
+            raise ProblemError(
+                f"dt is {dt!r}, expected a positive time [s]", field="dt"
+            )
+        if self.duration / step > MAX_SAMPLES:
+            raise ProblemError(
+                f"dt is {step:.3g} s, too small for a motion of {self.duration:.3g} s: "
+                f"more than {MAX_SAMPLES} samples",
+                field="dt",
+            )
+        times = np.arange(0.0, self.duration, step)
+        if times.size > 1 and self.duration - times[-1] < 1e-9 * self.duration:
             times = times[:-1]
         times = np.append(times, self.duration)
-        return Samples(self.joint_names, frozen_array(times), *self(times))
-
+        return Samples(self.joint_names, times, *self(times))

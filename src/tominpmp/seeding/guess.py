@@ -67,6 +67,12 @@ def straight_guess(system: System, q_end: Array, name: str = "straight line") ->
     return _smooth_guess(system, np.stack([problem.q_start, q_end]), name)
 
 
+def resting_guess(system: System, duration: float) -> Guess:
+    """Stay at the start for a duration [s]."""
+    q = np.tile(system.problem.q_start, (2, 1))
+    return Guess("at rest", np.array([0.0, duration]), q, False)
+
+
 def via_guess(system: System, via: Array, q_end: Array) -> Guess:
     """Path through a configuration halfway.
 
@@ -95,7 +101,9 @@ def _smooth_guess(system: System, corners: Array, name: str) -> Guess:
         q = weights @ np.stack([corners[0], middle, corners[2]])
         limits = system.problem.robot.limits
         q = np.clip(q, limits.position_lower, limits.position_upper)
-    return Guess(name, LEISURE * _least_time(system, q) * np.linspace(0, 1, SAMPLES), q, False)
+    return Guess(
+        name, LEISURE * _least_time(system, q) * np.linspace(0, 1, SAMPLES), q, False
+    )
 
 
 def _least_time(system: System, q: Array) -> float:
@@ -111,11 +119,14 @@ def _least_time(system: System, q: Array) -> float:
     # Friction grows with 1/T and inertia with 1/T^2; the larger bound covers both.
     room = np.maximum(1.0 - np.abs(hold), 0.1)
     ratio = float(np.max(np.abs(need) / room, initial=0.0))
-    return max(speed, np.sqrt(ratio), 1e-3)
+    return max(speed, float(np.sqrt(ratio)), 1e-3)
 
 
 def initial_guesses(
-    system: System, count: int, rng: np.random.Generator
+    system: System,
+    count: int,
+    rng: np.random.Generator,
+    duration: float | None = None,
 ) -> Iterator[Guess]:
     """Initial guesses for a problem, the most promising first.
 
@@ -123,6 +134,8 @@ def initial_guesses(
         system: The problem.
         count: How many at most.
         rng: Random numbers.
+        duration: Duration of the guess at rest [s]; None for that of the fastest
+            straight line.
 
     Yields:
         At most ``count`` guesses; none if inverse kinematics did not reach the goal.
@@ -134,12 +147,19 @@ def initial_guesses(
         ends, _ = goal_configurations(system, problem.goal, KINEMATIC_STARTS, rng)
     else:
         ends = []
+    if not ends:
+        return
     straight = [straight_guess(system, q) for q in ends]
     straight.sort(key=lambda guess: (not guess.timed, guess.duration))
+    if isinstance(problem.goal, FrameGoal):
+        # The paper's kind of start, which satisfies nothing: the linear programs choose
+        # the final configuration themselves. It is mostly the best one to begin with.
+        yield resting_guess(system, duration or straight[0].duration)
+        count -= 1
     yield from straight[:count]
     limits = problem.robot.limits
     low = np.maximum(limits.position_lower, problem.q_start - np.pi)
     high = np.minimum(limits.position_upper, problem.q_start + np.pi)
-    for _ in range(count - len(straight) if ends else 0):
+    for _ in range(count - len(straight)):
         end = ends[int(rng.integers(len(ends)))]
         yield via_guess(system, rng.uniform(low, high), end)

@@ -88,4 +88,3 @@ def goal_configurations(
             found.append(q)
     found.sort(key=lambda q: float(np.abs(q - problem.q_start).max()))
     return found, 0.0 if found else least
-

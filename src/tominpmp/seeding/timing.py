@@ -1,9 +1,10 @@
 r"""Time-optimal timing of a straight line in joint space.
 
-On q(s) = q_0 + s (q_1 - q_0) the torque is m(s) s'' + b(s) s'^2 + d s' + g(s). With
-x = s'^2 the largest controllable x is found backwards from the end and followed forwards
-(reachability analysis after Pham and Pham, 2018). Viscous friction enters with s', so that
-the constraints are not linear in (s'', x); they are therefore evaluated on a table of x.
+On q(s) = q_0 + s (q_1 - q_0) the torque is m(s) s'' + b(s) s'^2 + d s' + g(s). With x =
+s'^2 the largest controllable x is found backwards from the end and followed forwards
+(reachability analysis after Pham and Pham, 2018). Viscous friction enters with s', so
+that the constraints are not linear in (s'', x); they are therefore evaluated on a table
+of x.
 """
 
 from __future__ import annotations
@@ -44,8 +45,10 @@ class LineTiming:
         return float(self.t[-1])
 
     def position(self, times: Array) -> Array:
-        """Configurations at times, shape (k, n); s'' is constant between grid points."""
-        index = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
+        """Configurations at times, shape (k, n); s'' is constant on each step."""
+        index = np.clip(
+            np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2
+        )
         step = times - self.t[index]
         speed = np.sqrt(self.x)
         slope = (speed[index + 1] - speed[index]) / (self.t[index + 1] - self.t[index])
@@ -54,7 +57,9 @@ class LineTiming:
         return self.q_start + s[:, None] * (self.q_end - self.q_start)
 
 
-def time_straight_line(system: System, q_start: Array, q_end: Array) -> LineTiming | None:
+def time_straight_line(
+    system: System, q_start: Array, q_end: Array
+) -> LineTiming | None:
     """Traverse a straight line from rest to rest in minimum time.
 
     Args:
@@ -100,7 +105,9 @@ def _acceleration_range(
 ) -> tuple[Array, Array]:
     """Smallest and largest s'' on the table, shapes (points, speeds)."""
     low_u, high_u = limits.effort_lower, limits.effort_upper
-    rest = b[:, None] * table[:, None] + d[:, None] * np.sqrt(table)[:, None] + g[:, None]
+    rest = (
+        b[:, None] * table[:, None] + d[:, None] * np.sqrt(table)[:, None] + g[:, None]
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         one = (low_u - rest) / m[:, None]
         two = (high_u - rest) / m[:, None]

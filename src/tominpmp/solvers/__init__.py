@@ -1,0 +1,1 @@
+"""Solvers of nonlinear and linear programs."""

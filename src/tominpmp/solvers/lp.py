@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import highspy
 import numpy as np
 import piqp
-import qpsolvers
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
@@ -82,7 +81,7 @@ class LpSolver(ABC):
 
 
 class HighsSolver(LpSolver):
-    """HiGHS' bounded dual simplex, started from the last basis (Huangfu, Hall, 2018)."""
+    """HiGHS' bounded dual simplex, warm started (Huangfu and Hall, 2018)."""
 
     def __init__(self) -> None:
         highs = highspy.Highs()
@@ -121,7 +120,10 @@ class HighsSolver(LpSolver):
         assert basis is not None  # noqa: S101
         before_rows = dict(zip(old.row_keys.tolist(), basis.row_status, strict=True))
         before = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
-        basic, at_lower = highspy.HighsBasisStatus.kBasic, highspy.HighsBasisStatus.kLower
+        basic, at_lower = (
+            highspy.HighsBasisStatus.kBasic,
+            highspy.HighsBasisStatus.kLower,
+        )
         carried = highspy.HighsBasis()
         carried.row_status = [before_rows.get(k, basic) for k in new.row_keys.tolist()]
         carried.col_status = [before.get(k, at_lower) for k in new.column_keys.tolist()]
@@ -155,8 +157,8 @@ class PiqpSolver(LpSolver):
     def __init__(self) -> None:
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
-        # Residuals are in units of the limits; a duality gap is in seconds, of which the
-        # steps of sequential linear programming need no more than the microseconds.
+        # Residuals are in units of the limits; a duality gap is in seconds, of which
+        # the steps of sequential linear programming need no more than the microseconds.
         solver.settings.eps_abs = 1e-7
         solver.settings.eps_rel = 1e-7
         solver.settings.check_duality_gap = True
@@ -229,6 +231,8 @@ class QpsolversSolver(LpSolver):
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve the last program from scratch with other row bounds."""
+        import qpsolvers  # takes longer to import than most plans take
+
         program = self._program
         assert program is not None  # noqa: S101
         begin = time.perf_counter()
@@ -262,6 +266,8 @@ class QpsolversSolver(LpSolver):
 
 def available_solvers() -> tuple[str, ...]:
     """Names of the solvers that are installed."""
+    import qpsolvers
+
     return tuple(dict.fromkeys(["highs", "piqp", *qpsolvers.available_solvers]))
 
 
@@ -278,6 +284,6 @@ def make_solver(name: str) -> LpSolver:
         return HighsSolver()
     if name == "piqp":
         return PiqpSolver()
-    if name not in qpsolvers.available_solvers:
+    if name not in available_solvers():
         raise SolverNotFound(name, available_solvers())
     return QpsolversSolver(name)

@@ -2,10 +2,10 @@
 
 After each linear program its second-order error is put into the right-hand side and the
 same program is solved once more, which keeps steps along curved constraints from being
-refused (Maratos effect; Fletcher and Sainz de la Maza, 1989; the feasibility iterations of
-Kiessling, Zanelli, Nurkanovic, Gillis, Diehl, Zeilinger, Pipeleers and Swevers, 2022). If
-the merit still does not fall, a line search shortens the step: it costs evaluations, while
-a smaller trust region would cost another linear program.
+refused (Maratos effect; Fletcher and Sainz de la Maza, 1989; the feasibility iterations
+of Kiessling, Zanelli, Nurkanovic, Gillis, Diehl, Zeilinger, Pipeleers and Swevers,
+2022). If the merit still does not fall, a line search shortens the step: it costs
+evaluations, while a smaller trust region would cost another linear program.
 """
 
 from __future__ import annotations
@@ -168,7 +168,9 @@ class SlpSolver:
         history: list[IterationRecord] = []
         if after is not None:
             history += after.history
-            iterate = replace(iterate, region=TrustRegion(WARM_RADIUS))
+            merit = replace(iterate.merit, weights=after.iterate.merit.weights)
+            iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
+        former = len(history)
         best: Iterate | None = None
         status: Status | None = None
         try:
@@ -178,7 +180,7 @@ class SlpSolver:
                 best = self.better(best, iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
-                status = self.terminate(iterate, outcome, len(history))
+                status = self.terminate(iterate, outcome, len(history) - former)
                 status = status or self.monitor(record)
         except KeyboardInterrupt:
             status = Status.INTERRUPTED
@@ -216,7 +218,8 @@ class SlpSolver:
             return replace(iterate, region=region), None
         outcome = self.search(iterate, program, solution, variation, effort)
         multipliers = program.multipliers(solution)
-        merit = merit.raised(multipliers)
+        promised = self.promised(iterate, program, program.step(solution))
+        merit = merit.raised(multipliers, iterate.values, promised)
         region = iterate.region.after(outcome.ratio, outcome.trial.damping)
         if outcome.accepted:
             iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
@@ -319,13 +322,20 @@ class SlpSolver:
         variation: Variation | None,
     ) -> float:
         """Merit that the linearised rows promise for a step."""
+        values = self.promised(iterate, program, step)
+        return iterate.merit(iterate.z + step, values, variation)
+
+    def promised(self, iterate: Iterate, program: Subproblem, step: Array) -> Array:
+        """Row values that the linearisation promises for a step."""
         values = iterate.values.copy()
         values[program.rows] += program.matrix @ step
-        return iterate.merit(iterate.z + step, values, variation)
+        return values
 
     def violation(self, trial: Trial) -> float:
         """Largest violation at a trial."""
-        return float(np.max(self.transcription.rows.violation(trial.values), initial=0.0))
+        return float(
+            np.max(self.transcription.rows.violation(trial.values), initial=0.0)
+        )
 
     def better(self, best: Iterate | None, iterate: Iterate) -> Iterate | None:
         """The faster of two iterates without violation."""

@@ -1,14 +1,14 @@
-"""The linear program of an iteration: step, total variation and elastic variables.
+r"""The linear program of an iteration: step, total variation and elastic variables.
 
 .. math::
-    \\min \\; c^T d + \\gamma \\sum (p + m) + \\sum_g \\mu_g e_g
-    \\quad s.t. \\quad l \\le g(z) + J d - s e_g \\le u, \\quad
+    \min \; c^T d + \gamma \sum (p + m) + \sum_g \mu_g e_g
+    \quad s.t. \quad l \le g(z) + J d - s e_g \le u, \quad
     G (z + d) + G_0 = p - m
 
-Elastic variables e_g exist for the groups of rows that are violated, up to their present
-violation. Their coefficients s are the signs of the violations (for equations the
-violations relative to the largest of the group, so that all shrink in proportion), and
-zero on rows that are satisfied: d = 0 is always feasible.
+Elastic variables e_g exist for the groups of rows that are violated, up to their
+present violation. Their coefficients s are the signs of the violations (for equations
+the violations relative to the largest of the group, so that all shrink in proportion),
+and zero on rows that are satisfied: d = 0 is always feasible.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Steps are taken when they bring this share of the predicted reduction (Fletcher, 1987).
+# Steps are taken when they bring this share of the predicted reduction (Fletcher,
+# 1987).
 ACCEPT = 0.1
 # Share of the predicted reduction that is aimed for, and how fast the radius follows.
 # Found on the random goals of benchmarks/random_goals.py: with the error of a

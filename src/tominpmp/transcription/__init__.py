@@ -1,0 +1,1 @@
+"""Problems as nonlinear programs: one module a transcription."""

@@ -1,8 +1,8 @@
 """The small interface between a transcription and the solvers.
 
-A transcription turns a problem into a nonlinear program in a vector z, with an objective
-that is linear in z (the duration) and rows lower <= g(z) <= upper, scaled so that a
-violation of 1 means about "by 100 %". The solvers know nothing else of robots.
+A transcription turns a problem into a nonlinear program in a vector z, with an
+objective that is linear in z (the duration) and rows lower <= g(z) <= upper, scaled so
+that a violation of 1 means about "by 100 %". The solvers know nothing else of robots.
 """
 
 from __future__ import annotations

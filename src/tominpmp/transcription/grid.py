@@ -6,10 +6,9 @@ import numpy as np
 
 from tominpmp.arrays import Array
 
-
-# Nodes inside the first interval of the cosine grid, as shares of it, and mirrored in the
-# last: found on benchmarks/random_goals.py, where without them a few motions were 0.1 %
-# slower than a time-optimal straight line.
+# Nodes inside the first interval of the cosine grid, as shares of it, and mirrored in
+# the last: found on benchmarks/random_goals.py, where without them a few motions were
+# 0.1 % slower than a time-optimal straight line.
 END_NODES = (0.05, 0.3)
 
 

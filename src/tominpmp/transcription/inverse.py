@@ -1,25 +1,34 @@
 """Inverse dynamics: torque limits as rows on an exact double integrator.
 
 The unknowns are the points of a quadratic spline and the lengths of its intervals (see
-:mod:`tominpmp.transcription.spline`); torques at both ends of every interval follow from
-the inverse dynamics. This is the paper's state-dependent control limit (its section 4) for
-the control v = acceleration: u_l <= u(q, v, a) <= u_u. Joint friction, however stiff, makes
-it no harder.
+:mod:`tominpmp.transcription.spline`); torques at both ends of every interval follow
+from the inverse dynamics. This is the paper's state-dependent control limit (its
+section 4) for the control v = acceleration: u_l <= u(q, v, a) <= u_u. Joint friction,
+however stiff, makes it no harder.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.spline import Spline, SplineDerivatives, differentiate
+from tominpmp.transcription.spline_rows import (
+    Columns,
+    Entries,
+    Instants,
+    StateDerivatives,
+    clearance_jacobian,
+    speed_jacobian,
+    speed_values,
+    torque_jacobian,
+)
 from tominpmp.transcription.system import System
 
 # Lengths of intervals change by this share at most in one step.
@@ -28,26 +37,6 @@ LENGTH_STEP = 0.3
 CLEARANCE_SHARES = (0.5, 1.0)
 # Instants at which torques are looked at between the rows.
 INSPECTED_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
-
-
-@dataclass(frozen=True, eq=False)
-class Instants:
-    """Instants within intervals.
-
-    Attributes:
-        interval: Index of the interval, shape (m,).
-        share: Where in it, from 0 to 1, shape (m,).
-    """
-
-    interval: IntArray
-    share: Array
-
-    def joined(self, other: Instants) -> Instants:
-        """These instants and others."""
-        return Instants(
-            np.concatenate([self.interval, other.interval]),
-            np.concatenate([self.share, other.share]),
-        )
 
 
 class InverseTranscription:
@@ -74,14 +63,18 @@ class InverseTranscription:
     ) -> None:
         self.system = system
         self.shares = shares
-        self._N, self._m = shares.shape
+        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         every = np.arange(self._N)
         ends = Instants(np.tile(every, 2), np.repeat([0.0, 1.0], self._N))
         self._at = ends if extra is None else ends.joined(extra)
+        count = len(CLEARANCE_SHARES)
+        self._clear = Instants(
+            np.repeat(every, count), np.tile(CLEARANCE_SHARES, self._N)
+        )
+        self._columns = Columns(self._N, self._n)
         self._reference = duration / self._N  # scales the velocity rows [s]
         self._rows = self._build_rows()
-        self._torque_pattern = self._pattern()
         self._acceleration_range: Array | None = None
 
     # -- unknowns ----------------------------------------------------------------------
@@ -134,7 +127,7 @@ class InverseTranscription:
         N, n = self._N, self._n
         points = z[: N * n].reshape(N, n).copy()
         v_end, h = z[N * n : N * n + n], self.shares @ z[-self._m :]
-        v_start = self.system.problem.v_start
+        v_start = self.system.v_start
         ends = np.stack([self.system.problem.q_start, points[-1]])
         points[0] += 0.5 * h[0] * v_start
         points[-1] -= 0.5 * h[-1] * v_end
@@ -144,28 +137,21 @@ class InverseTranscription:
         """Derivative of (points, lengths, final q, final v) with respect to z."""
         N, n, m = self._N, self._n, self._m
         points, end = N * n, N * n + n
-        joints, columns = np.arange(n), end + np.arange(m)
-        # Points and final q; the end velocity and lengths are unknowns of their own.
-        entries = [
-            (np.arange(points), np.arange(points), np.ones(points)),
-            (points + N + joints, points - n + joints, np.ones(n)),
-            (points + N + n + joints, points + joints, np.ones(n)),
-            (points - n + joints, points + joints, np.full(n, -0.5 * spline.h[-1])),
-            (
-                np.repeat(points + np.arange(N), m),
-                np.tile(columns, N),
-                self.shares.ravel(),
-            ),
-        ]
-        # The first and the last point hang on the lengths beside them.
-        for first, by in (
-            (0, 0.5 * np.outer(spline.v_ends[0], self.shares[0])),
-            (points - n, -0.5 * np.outer(spline.v_ends[1], self.shares[-1])),
-        ):
-            rows = np.repeat(first + joints, m)
-            entries.append((rows, np.tile(columns, n), by.ravel()))
-        rows, cols, data = (np.concatenate(part) for part in zip(*entries, strict=True))
-        return sp.csr_matrix((data, (rows, cols)), shape=(self._wide, self.size))
+        every, joints = np.arange(points), np.arange(n)
+        lengths, final = end + np.arange(m), self._columns.final_position
+        chain = Entries(self._columns.count, self.size)
+        chain.add(every, every, np.ones(points))
+        chain.add(final, points - n + joints, np.ones(n))
+        chain.add(final + n, points + joints, np.ones(n))
+        chain.add(points + np.arange(N)[:, None], lengths, self.shares)
+        # The first and the last point hang on the velocities and lengths beside them.
+        last = points - n + joints
+        chain.add(last, points + joints, np.full(n, -0.5 * spline.h[-1]))
+        by_start = 0.5 * np.outer(spline.v_ends[0], self.shares[0])
+        by_end = -0.5 * np.outer(spline.v_ends[1], self.shares[-1])
+        chain.add(joints[:, None], lengths, by_start)
+        chain.add(last[:, None], lengths, by_end)
+        return chain.matrix()
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within position limits, fixed ends and positive lengths."""
@@ -199,12 +185,12 @@ class InverseTranscription:
         self._limited = np.flatnonzero(np.isfinite(limits.velocity))
         speeds = 2 * (N - 1) * self._limited.size
         none = np.full(speeds, -np.inf)
-        ones = np.ones(self._at.interval.size * n)
+        ones = np.ones(self._at.size * n)
         parts = [
             ("torque", -ones, ones, np.zeros(ones.size, dtype=np.int64)),
             ("velocity", none, np.zeros(speeds), np.zeros(speeds, dtype=np.int64)),
         ]
-        self._end_points = bool(np.any(system.problem.v_start)) or (
+        self._end_points = bool(np.any(system.v_start)) or (
             system.final_velocity is None or bool(np.any(system.final_velocity))
         )
         if self._end_points:
@@ -228,7 +214,9 @@ class InverseTranscription:
             )
         if system.joint_goal is None:
             k = self._goal(np.zeros(n), np.zeros(n))[0].size
-            parts.append(("goal", np.zeros(k), np.zeros(k), np.zeros(k, dtype=np.int64)))
+            parts.append(
+                ("goal", np.zeros(k), np.zeros(k), np.zeros(k, dtype=np.int64))
+            )
         return Rows.stack(parts)
 
     def _goal(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -239,23 +227,21 @@ class InverseTranscription:
         system, spline = self.system, self.spline(z)
         q, v = spline.q, spline.v
         parts = [
-            system.torque(*self._states(spline, self._at)).ravel(),
-            self._speed_values(spline),
+            system.torque(*self._at.states(spline)).ravel(),
+            speed_values(
+                spline,
+                system.problem.robot.limits.velocity[self._limited],
+                self._limited,
+                self._reference,
+            ),
         ]
         if self._end_points:
             parts.append(spline.points[[0, -1]].ravel())
         if system.clearance is not None:
-            parts.append(system.clearance.values(self._instants(spline)).ravel())
+            parts.append(system.clearance.values(self._clear.states(spline)[0]).ravel())
         if system.joint_goal is None:
             parts.append(self._goal(q[-1], v[-1])[0])
         return np.concatenate(parts)
-
-    def _states(self, spline: Spline, at: Instants) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at instants, shape (m, n) each."""
-        k, r = at.interval, at.share[:, None]
-        q, v = spline.q, spline.v
-        position = (1 - r) ** 2 * q[k] + 2 * r * (1 - r) * spline.points[k]
-        return position + r**2 * q[k + 1], (1 - r) * v[k] + r * v[k + 1], spline.a[k]
 
     def overloaded(self, z: Array, tolerance: float) -> Instants:
         """Instants between the rows at which torques exceed their limits.
@@ -270,7 +256,7 @@ class InverseTranscription:
         """
         N, count = self._N, len(INSPECTED_SHARES)
         at = Instants(np.tile(np.arange(N), count), np.repeat(INSPECTED_SHARES, N))
-        load = np.abs(self.system.torque(*self._states(self.spline(z), at)))
+        load = np.abs(self.system.torque(*at.states(self.spline(z))))
         load = load.reshape(count, N, self._n)
         worst = np.argmax(load, axis=0)  # (N, n)
         over = np.max(load, axis=0) > 1.0 + tolerance
@@ -282,27 +268,12 @@ class InverseTranscription:
 
     def with_instants(self, extra: Instants) -> InverseTranscription:
         """The same problem with torque rows at more instants."""
-        former = self._at.interval.size - 2 * self._N
+        former = self._at.size - 2 * self._N
         if former:
             before = Instants(self._at.interval[-former:], self._at.share[-former:])
             extra = before.joined(extra)
         duration = self._reference * self._N
         return InverseTranscription(self.system, self.shares, duration, extra)
-
-    def _speed_values(self, spline: Spline) -> Array:
-        # |v_k| <= v_max times s_k is linear in points and lengths.
-        limit = self.system.problem.robot.limits.velocity[self._limited]
-        s = (spline.h[:-1] + spline.h[1:])[:, None]
-        ratio = 2.0 * np.diff(spline.points, axis=0)[:, self._limited] / limit
-        values = np.stack([ratio - s, -ratio - s]) / (2.0 * self._reference)
-        return values.ravel()
-
-    def _instants(self, spline: Spline) -> Array:
-        """Configurations at which clearances are rows, shape (N * shares, n)."""
-        count = len(CLEARANCE_SHARES)
-        every = np.repeat(np.arange(self._N), count)
-        at = Instants(every, np.tile(CLEARANCE_SHARES, self._N))
-        return self._states(spline, at)[0]
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""
@@ -321,7 +292,17 @@ class InverseTranscription:
             rows = np.flatnonzero(count.kind == count.kinds.index("clearance"))
             radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
             near = rows[values[rows] > -2.0 * radius]
-            blocks.append(self._clearance_jacobian(spline, coefficients, near - rows[0]))
+            by = StateDerivatives.of(self._clear, coefficients)
+            blocks.append(
+                clearance_jacobian(
+                    self.system.clearance,
+                    self._clear,
+                    near - rows[0],
+                    spline,
+                    by,
+                    self._columns,
+                )
+            )
             chosen.append(near)
         if self.system.joint_goal is None:
             blocks.append(self._goal_jacobian(spline))
@@ -329,158 +310,43 @@ class InverseTranscription:
         matrix = sp.vstack(blocks, format="csr") @ self._chain(z, spline)
         return Linearization(np.concatenate(chosen), matrix)
 
-    # -- Jacobians with respect to (points, lengths, final q, final v) -------------------
-
-    @property
-    def _wide(self) -> int:
-        return self._N * self._n + self._N + 2 * self._n
-
-    def _pattern(self) -> tuple[IntArray, IntArray, BoolArray]:
-        """Rows, columns and validity of the entries of the torque Jacobian."""
-        N, n = self._N, self._n
-        neighbour = self._at.interval[:, None] + np.array([-1, 0, 1])  # (m, 3)
-        valid = (neighbour >= 0) & (neighbour < N)
-        points = neighbour[:, :, None] * n + np.arange(n)  # (m, 3, n)
-        count = neighbour.shape[0]
-        columns = np.concatenate([points.reshape(count, 3 * n), N * n + neighbour], axis=1)
-        ok = np.concatenate([np.repeat(valid, n, axis=1), valid], axis=1)
-        rows = np.arange(count * n).reshape(count, n)
-        shape = (count, n, 3 * n + 3)
-        return (
-            np.broadcast_to(rows[..., None], shape).ravel(),
-            np.broadcast_to(columns[:, None, :], shape).ravel(),
-            np.broadcast_to(ok[:, None, :], shape).ravel(),
-        )
-
     def _torque_jacobian(
-        self, spline: Spline, by: SplineDerivatives
+        self, spline: Spline, coefficients: SplineDerivatives
     ) -> sp.csr_matrix:
-        N, n, half = self._N, self._n, self.system.effort_half
-        k, r = self._at.interval, self._at.share
-        parts = self.system.dynamics.inverse_jacobians(*self._states(spline, self._at))
-        tau_q, tau_v, tau_a = (
-            part / half[:, None] for part in (parts.tau_q, parts.tau_v, parts.tau_a)
-        )
+        by = StateDerivatives.of(self._at, coefficients)
+        parts = self.system.dynamics.inverse_jacobians(*self._at.states(spline))
+        half = self.system.effort_half
         if self._acceleration_range is None:
-            # A change of acceleration that lasts an interval takes inertia and friction.
-            mass = np.einsum("mii->mi", tau_a)
-            drag = np.abs(np.einsum("mii->mi", tau_v)) * spline.h[k, None]
-            mean = np.mean(mass + drag, axis=0)
+            # A change of acceleration that lasts an interval takes inertia and
+            # friction.
+            h = spline.h[self._at.interval, None]
+            mass = np.einsum("mii->mi", parts.tau_a)
+            drag = np.abs(np.einsum("mii->mi", parts.tau_v)) * h
+            mean = np.mean(mass + drag, axis=0) / half
             self._acceleration_range = 2.0 / np.maximum(mean, 1e-12)
-        left, middle, right = (1 - r) ** 2, 2 * r * (1 - r), r**2
-        q_points = left[:, None] * by.q_points[0, k] + right[:, None] * by.q_points[1, k]
-        q_points[:, 1] += middle
-        v_points = (1 - r)[:, None] * by.v_points[0, k] + r[:, None] * by.v_points[1, k]
-        left, right, r3 = left[:, None, None], right[:, None, None], r[:, None, None]
-        q_lengths = left * by.q_lengths[0, k] + right * by.q_lengths[1, k]
-        v_lengths = (1 - r3) * by.v_lengths[0, k] + r3 * by.v_lengths[1, k]
-        by_point = (
-            tau_q[:, :, None, :] * q_points[:, None, :, None]
-            + tau_v[:, :, None, :] * v_points[:, None, :, None]
-            + tau_a[:, :, None, :] * by.a_points[k][:, None, :, None]
-        ).reshape(k.size, n, 3 * n)
-        by_length = (
-            tau_q @ np.swapaxes(q_lengths, 1, 2)
-            + tau_v @ np.swapaxes(v_lengths, 1, 2)
-            + tau_a @ np.swapaxes(by.a_lengths[k], 1, 2)
-        )
-        data = np.concatenate([by_point, by_length], axis=2).ravel()
-        rows, columns, valid = self._torque_pattern
-        # In the last interval the final q and v are unknowns of their own.
-        last = np.flatnonzero(k == N - 1)
-        weight = r[last, None, None]
-        by_q_end = weight**2 * tau_q[last]
-        by_v_end = weight * tau_v[last] + tau_a[last] / spline.h[-1]
-        last_rows = (last[:, None] * n + np.arange(n)).ravel()
-        final = N * n + N + np.arange(n)
-        return sp.csr_matrix(
-            (
-                np.concatenate([data[valid], by_q_end.ravel(), by_v_end.ravel()]),
-                (
-                    np.concatenate([rows[valid], *2 * [np.repeat(last_rows, n)]]),
-                    np.concatenate(
-                        [
-                            columns[valid],
-                            np.tile(final, last_rows.size),
-                            np.tile(final + n, last_rows.size),
-                        ]
-                    ),
-                ),
-            ),
-            shape=(k.size * n, self._wide),
-        )
+        return torque_jacobian(self._at, parts, half, by, spline, self._columns)
 
     @cached_property
     def _speed_jacobian(self) -> sp.csr_matrix:
-        N, n = self._N, self._n
         limit = self.system.problem.robot.limits.velocity[self._limited]
-        pick = sp.identity(n, format="csr")[self._limited]
-        difference = sp.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N))
-        ratio = sp.kron(difference, sp.diags(2.0 / limit) @ pick)
-        pairs = sp.kron(
-            sp.diags([1.0, 1.0], [0, 1], shape=(N - 1, N)), np.ones((limit.size, 1))
-        )
-        rest = sp.csr_matrix((ratio.shape[0], 2 * n))
-        blocks = [[ratio, -pairs, rest], [-ratio, -pairs, rest]]
-        return sp.bmat(blocks, format="csr") / (2.0 * self._reference)
+        return speed_jacobian(limit, self._limited, self._reference, self._columns)
 
     def _end_point_jacobian(self) -> sp.csr_matrix:
-        N, n = self._N, self._n
-        jacobian = sp.lil_matrix((2 * n, self._wide))
-        jacobian[:n, :n] = sp.identity(n)
-        jacobian[n:, (N - 1) * n : N * n] = sp.identity(n)
-        return jacobian.tocsr()
-
-    def _clearance_jacobian(
-        self, spline: Spline, by: SplineDerivatives, chosen: IntArray
-    ) -> sp.csr_matrix:
-        clearance, N, n = self.system.clearance, self._N, self._n
-        if clearance is None or not chosen.size:
-            return sp.csr_matrix((0, self._wide))
-        per_instant = clearance.count
-        configurations = self._instants(spline)
-        data: list[Array] = []
-        columns: list[Array] = []
-        rows: list[Array] = []
-        first = 0
-        for instant in np.unique(chosen // per_instant):
-            which = chosen[chosen // per_instant == instant] % per_instant
-            gradient = clearance.gradients(configurations[instant], which)
-            k, part = divmod(int(instant), len(CLEARANCE_SHARES))
-            r = CLEARANCE_SHARES[part]
-            c0, c1, c2 = (1.0 - r) ** 2, 2.0 * r * (1.0 - r), r**2
-            by_points = c0 * by.q_points[0, k] + c2 * by.q_points[1, k]
-            by_points = by_points + c1 * np.array([0.0, 1.0, 0.0])
-            by_lengths = c0 * by.q_lengths[0, k] + c2 * by.q_lengths[1, k]
-            neighbours = np.array([k - 1, k, k + 1])
-            ok = (neighbours >= 0) & (neighbours < N)
-            index = (neighbours[ok, None] * n + np.arange(n)).ravel()
-            blocks = [(by_points[ok][None, :, None] * gradient[:, None, :])]
-            entries = blocks[0].reshape(which.size, -1)
-            lengths = gradient @ by_lengths[ok].T
-            index = np.concatenate([index, N * n + neighbours[ok]])
-            entries = np.concatenate([entries, lengths], axis=1)
-            if k == N - 1:
-                index = np.concatenate([index, N * n + N + np.arange(n)])
-                entries = np.concatenate([entries, c2 * gradient], axis=1)
-            data.append(entries.ravel())
-            columns.append(np.tile(index, which.size))
-            rows.append(np.repeat(first + np.arange(which.size), index.size))
-            first += which.size
-        return sp.csr_matrix(
-            (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))),
-            shape=(first, self._wide),
-        )
+        n, entries = self._n, Entries(2 * self._n, self._columns.count)
+        both = np.concatenate([np.arange(n), (self._N - 1) * n + np.arange(n)])
+        entries.add(np.arange(2 * n), both, np.ones(2 * n))
+        return entries.matrix()
 
     def _goal_jacobian(self, spline: Spline) -> sp.csr_matrix:
-        n = self._n
         _, by_q, by_v = self._goal(spline.q_ends[1], spline.v_ends[1])
-        jacobian = sp.lil_matrix((by_q.shape[0], self._wide))
-        jacobian[:, self._wide - 2 * n : self._wide - n] = by_q
-        jacobian[:, self._wide - n :] = by_v
-        return jacobian.tocsr()
+        entries = Entries(by_q.shape[0], self._columns.count)
+        rows, final = np.arange(by_q.shape[0])[:, None], self._columns.final_position
+        entries.add(rows, final, by_q)
+        entries.add(rows, final + self._n, by_v)
+        return entries.matrix()
 
-    # -- the rest of the interface -------------------------------------------------------
+    # -- the rest of the interface
+    # -------------------------------------------------------
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the accelerations between intervals, in full ranges.

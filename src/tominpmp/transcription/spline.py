@@ -8,9 +8,10 @@ s_k = h_{k-1} + h_k,
     q_k = P_{k-1} + h_{k-1} (P_k - P_{k-1}) / s_k, \qquad
     a_k = (v_{k+1} - v_k) / h_k,
 
-so that the double integrator holds exactly without a row for it, everything on interval k
-depends on P_{k-1}, P_k, P_{k+1} alone, the curve lies in the convex hull of the points
-(position limits hold at every time) and speed is piecewise linear (speed limits too).
+so that the double integrator holds exactly without a row for it, everything on interval
+k depends on P_{k-1}, P_k, P_{k+1} alone, the curve lies in the convex hull of the
+points (position limits hold at every time) and speed is piecewise linear (speed limits
+too).
 """
 
 from __future__ import annotations

@@ -41,7 +41,9 @@ class System:
         reach = max(kinematics.reach(), 1e-3)
         checker = CollisionChecker(problem.robot, problem.scene)
         clearance = (
-            ClearanceConstraint(checker, problem.margin, reach) if checker.pairs else None
+            ClearanceConstraint(checker, problem.margin, reach)
+            if checker.pairs
+            else None
         )
         return cls(problem, RobotDynamics(problem.robot), kinematics, clearance, reach)
 
@@ -55,6 +57,12 @@ class System:
         """The goal, if it is a configuration."""
         goal = self.problem.goal
         return goal if isinstance(goal, JointGoal) else None
+
+    @cached_property
+    def v_start(self) -> Array:
+        """Velocities at the start, shape (n,)."""
+        given = self.problem.v_start
+        return np.zeros(self.n) if given is None else given
 
     @cached_property
     def final_velocity(self) -> Array | None:
@@ -81,7 +89,9 @@ class System:
         model = self.problem.robot.model
         prismatic = np.array(
             [
-                model.joints[model.getJointId(name)].shortname().startswith("JointModelP")
+                model.joints[model.getJointId(name)]
+                .shortname()
+                .startswith("JointModelP")
                 for name in self.problem.robot.joint_names
             ]
         )

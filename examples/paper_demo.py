@@ -1,0 +1,179 @@
+"""The paper's example by all methods: a table, the figures and a page to watch.
+
+Plans the planar three-joint arm from (0.5, 1.7, -1.7) to the point (4, 1), with control
+limits only and with joint limits and the obstacle, with gravity along -y and without,
+by the adjoint method (the paper's), collocation, inverse dynamics and the exterior
+penalty method. Writes to out/: counterparts of the paper's figures 2 to 7, the
+convergence of the methods and one page with the motion around the obstacle, which plays
+offline.
+
+    python examples/paper_demo.py [--out FOLDER] [--intervals 75]
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import tominpmp as tm
+from tominpmp.output.motion_plot import plot_motion
+from tominpmp.output.plots import plot_controls, plot_convergence
+
+METHODS = ("adjoint", "collocation", "inverse", "penalty")
+CASES = ("control limits only", "joint limits + obstacle")
+GRAVITIES = {"along -y": (0.0, -9.81, 0.0), "none": (0.0, 0.0, 0.0)}
+# The paper's T* [s] of its method and of the penalty method.
+PAPER = {CASES[0]: (0.884, 0.983), CASES[1]: (1.207, 1.221)}
+START = (0.5, 1.7, -1.7)
+GOAL = tm.PositionGoal("tip", (4.0, 1.0, 0.0))
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0))])
+# Joint limits that never bind stand for none.
+FREE = 20.0
+
+Key = tuple[str, str, str]  # case, gravity, method
+
+
+def problem(case: str, gravity: str) -> tm.Problem:
+    """The paper's problem in one of its variants."""
+    robot = tm.load_robot("planar3r", gravity=GRAVITIES[gravity])
+    if case == CASES[0]:
+        robot = robot.with_changes(position_lower=-FREE, position_upper=FREE)
+        return tm.Problem(robot, START, GOAL)
+    return tm.Problem(robot, START, GOAL, scene=OBSTACLE)
+
+
+# T^0 [s]: the paper's for the methods that begin with torques; the others begin at
+# rest.
+FIRST_DURATIONS = {"adjoint": 1.5, "penalty": 1.5, "collocation": 1.0, "inverse": 1.0}
+
+
+def options(method: str, intervals: int) -> tm.Options:
+    """Options of a method: no smoothing, a uniform grid, one start, as in the paper."""
+    return tm.Options(
+        method=method,
+        intervals=intervals,
+        grid="uniform",
+        smoothing=0.0,
+        starts=1,
+        initial_duration=FIRST_DURATIONS[method],
+        max_iterations=1000,
+        max_planning_time=15.0,
+        # The penalty method ends outside the admissible set; this is near enough.
+        feasibility=1e-3 if method == "penalty" else 1e-6,
+    )
+
+
+def plan_all(console: Console, intervals: int) -> dict[Key, tm.Solution]:
+    """Plan every case by every method, with progress on the console."""
+    keys = [(c, g, m) for g in GRAVITIES for c in CASES for m in METHODS]
+    solutions = {}
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("planning", total=len(keys))
+        for key in keys:
+            case, gravity, method = key
+            label = f"{case}, gravity {gravity}, {method}"
+            progress.update(task, description=label)
+            if not console.is_terminal:
+                console.print(f"planning: {label}")
+            solutions[key] = tm.plan(problem(case, gravity), options(method, intervals))
+            progress.advance(task)
+    return solutions
+
+
+def row(key: Key, solution: tm.Solution) -> list[str]:
+    """Cells of one method: T, iterations, seconds."""
+    duration = f"{solution.T:.4f}" if solution.success else "-"
+    return [duration, str(solution.iterations), f"{solution.planning_time:.2f}"]
+
+
+def print_table(console: Console, solutions: Mapping[Key, tm.Solution]) -> None:
+    """Print T, iterations and seconds of every method beside the paper's numbers."""
+    table = Table(title="Planar three-joint arm: T [s] (iterations, seconds)")
+    for heading in ("case", "gravity", *METHODS, "paper", "paper, penalty"):
+        numeric = heading not in ("case", "gravity")
+        table.add_column(heading, justify="right" if numeric else "left")
+    for gravity in GRAVITIES:
+        for case in CASES:
+            cells = []
+            for method in METHODS:
+                t, iterations, seconds = row(
+                    (case, gravity, method), solutions[case, gravity, method]
+                )
+                cells.append(f"{t} ({iterations}, {seconds})")
+            table.add_row(case, gravity, *cells, *(f"{t:.3f}" for t in PAPER[case]))
+    console.print(table)
+
+
+def write_table(path: Path, solutions: Mapping[Key, tm.Solution]) -> None:
+    """Write the table as CSV."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["case", "gravity", "method", "T", "iterations", "seconds"])
+        for key, solution in solutions.items():
+            writer.writerow([*key, *row(key, solution)])
+
+
+def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
+    """Write the figures and the page; returns their paths."""
+    gravity = next(iter(GRAVITIES))
+    paths = []
+
+    def path(name: str) -> Path:
+        paths.append(folder / name)
+        return paths[-1]
+
+    first = solutions[CASES[1], gravity, "adjoint"]
+    starts = {
+        "this method": first.initial,
+        "penalty": solutions[CASES[1], gravity, "penalty"].initial,
+    }
+    plot_controls(first.problem, starts, path("figure_2_initial_controls.png"))
+    plot_motion(first.problem, starts, path("figure_3_initial_motion.png"))
+    for case, controls, motion in (
+        (CASES[0], "figure_4_controls_unconstrained", "figure_5_motion_unconstrained"),
+        (CASES[1], "figure_6_controls_constrained", "figure_7_motion_constrained"),
+    ):
+        found = {m: solutions[case, gravity, m] for m in ("adjoint", "penalty")}
+        motions = {m: s.trajectory for m, s in found.items() if s.success}
+        plot_controls(found["adjoint"].problem, motions, path(f"{controls}.png"))
+        plot_motion(found["adjoint"].problem, motions, path(f"{motion}.png"))
+    histories = {m: solutions[CASES[1], gravity, m].history for m in METHODS}
+    plot_convergence(histories, path("convergence.png"))
+    best = min(
+        (solutions[CASES[1], gravity, m] for m in METHODS if m != "penalty"),
+        key=lambda solution: solution.T if solution.success else float("inf"),
+    )
+    best.play(path("motion_constrained.html"))
+    return paths
+
+
+def main() -> None:
+    """Plan, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    parser.add_argument("--intervals", type=int, default=75)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    console = Console(width=None if Console().is_terminal else 160)
+    solutions = plan_all(console, arguments.intervals)
+    print_table(console, solutions)
+    write_table(arguments.out / "paper_demo.csv", solutions)
+    console.print("Drawing the figures ...")
+    for path in draw(arguments.out, solutions):
+        console.print(f"  {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,190 @@
+r"""The paper's iteration, word for word: fixed steps, every one of them taken.
+
+At torques u and duration T the linear program (14)-(15) is solved for a step within
+|du| <= rho and |dT| <= epsilon, with rows for the goal and for path constraints at the
+active instants S, and the step is taken whatever it brings. As long as the linearised
+equations cannot be met within such a step, elastic variables with a large weight take
+up the rest: "at initial iterations the trajectory is forced to satisfy (8) and (9), and
+then the proper minimization of the functional (10) follows".
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array
+from tominpmp.options import Options
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.lp import LinearProgram, LpSolver
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.slp import Effort, Iterate, SlpResult
+from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Linearization, StepBounds
+
+# Weight of the elastic variables, in shares of T; far above the multipliers, so that
+# violations are reduced as fast as the steps allow before the duration counts.
+ELASTIC_WEIGHT = 10.0
+# The iteration ends when T has varied by less than this share over a window.
+SETTLED = 1e-6
+WINDOW = 20
+
+Monitor = Callable[[IterationRecord], Status | None]
+
+
+@dataclass(frozen=True, eq=False)
+class PaperSolver:
+    """The paper's fixed-step iteration on the adjoint transcription.
+
+    Attributes:
+        transcription: The nonlinear program.
+        options: ``control_step`` (rho), ``time_step`` (epsilon), limits and tolerances.
+        lp: Solver of the linear programs.
+        monitor: Sees every record; a status ends the iteration.
+    """
+
+    transcription: AdjointTranscription
+    options: Options
+    lp: LpSolver
+    monitor: Monitor = field(default=lambda record: None)
+
+    def run(self, z: Array) -> SlpResult:
+        """Iterate from a start until the duration no longer changes.
+
+        Args:
+            z: Initial torques and duration, the paper's u^0 and T^0.
+
+        Returns:
+            The outcome.
+        """
+        begin = time.perf_counter()
+        iterate = self.init(z)
+        best: Iterate | None = None
+        history: list[IterationRecord] = []
+        status: Status | None = None
+        try:
+            while status is None:
+                effort = Effort()
+                following = self.step(iterate, effort)
+                if following is None:
+                    status = Status.NUMERICAL_FAILURE
+                    break
+                iterate = following
+                best = self.better(best, iterate)
+                record = self.record(len(history), iterate, effort, begin)
+                history.append(record)
+                status = self.terminate(history) or self.monitor(record)
+        except KeyboardInterrupt:
+            status = Status.INTERRUPTED
+        return SlpResult(status, iterate, best, tuple(history))
+
+    def init(self, z: Array) -> Iterate:
+        """Iterate at the start."""
+        nlp = self.transcription
+        weights = np.full(len(nlp.rows.kinds), ELASTIC_WEIGHT * float(nlp.cost @ z))
+        merit = Merit(nlp.cost, nlp.rows, 0.0, weights)
+        return Iterate(
+            z, nlp.evaluate(z), merit, TrustRegion(), np.zeros(nlp.rows.size)
+        )
+
+    def step(self, iterate: Iterate, effort: Effort) -> Iterate | None:
+        """One linear program, its step taken; None if it could not be solved."""
+        nlp, z, options = self.transcription, iterate.z, self.options
+        steps = nlp.fixed_steps(z, options.control_step, options.time_step)
+        linearization = nlp.linearize(z, iterate.values, steps)
+        program = build_program(iterate.merit, iterate.values, linearization, steps)
+        solution = effort.add(self.lp.solve(program))
+        if not solution.optimal:
+            return None
+        z = z + solution.x[: z.size]
+        multipliers = np.zeros(nlp.rows.size)
+        multipliers[linearization.rows] = solution.row_duals
+        return replace(iterate, z=z, values=nlp.evaluate(z), multipliers=multipliers)
+
+    def better(self, best: Iterate | None, iterate: Iterate) -> Iterate | None:
+        """The faster of two iterates without violation."""
+        if iterate.violation > self.options.feasibility:
+            return best
+        if best is None or iterate.duration < best.duration:
+            return iterate
+        return best
+
+    def terminate(self, history: list[IterationRecord]) -> Status | None:
+        """Status if the iteration is to end, else None."""
+        last = history[-WINDOW:]
+        if len(last) == WINDOW and last[-1].violation <= self.options.feasibility:
+            durations = [record.duration for record in last]
+            if max(durations) - min(durations) < SETTLED * durations[-1]:
+                return Status.CONVERGED
+        if len(history) >= self.options.max_iterations:
+            return Status.ITERATION_LIMIT
+        return None
+
+    def record(
+        self, number: int, iterate: Iterate, effort: Effort, begin: float
+    ) -> IterationRecord:
+        """Record of an iteration."""
+        merit = iterate.merit(iterate.z, iterate.values, None)
+        return IterationRecord(
+            iteration=number,
+            duration=iterate.duration,
+            violation=iterate.violation,
+            objective=merit,
+            predicted=0.0,
+            actual=0.0,
+            radius=1.0,
+            accepted=True,
+            programs=effort.programs,
+            pivots=effort.pivots,
+            program_seconds=effort.seconds,
+            seconds=time.perf_counter() - begin,
+        )
+
+
+def build_program(
+    merit: Merit, values: Array, linearization: Linearization, steps: StepBounds
+) -> LinearProgram:
+    """The linear program (14)-(15) with an elastic variable for each constraint.
+
+    Args:
+        merit: Objective, and weights of the elastic variables.
+        values: Row values, shape (m,).
+        linearization: Jacobian of the rows of the program.
+        steps: Box for the step.
+
+    Returns:
+        The program in (step, elastic variables).
+    """
+    rows, chosen = merit.rows, linearization.rows
+    here, group = values[chosen], rows.group[chosen]
+    low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
+    # Elastic variables, one upwards and one downwards: for each equation, and for each
+    # path constraint at all of its instants.
+    equation = low == high
+    column = np.where(equation, chosen, rows.size + group)
+    used, column = np.unique(column, return_inverse=True)
+    shape = (chosen.size, used.size)
+    index = np.arange(chosen.size)
+    ones = np.ones(chosen.size)
+    over = sp.csr_matrix((-ones, (index, column)), shape=shape)
+    under = sp.csr_matrix((ones, (index, column)), shape=shape)
+    weights = np.zeros(used.size)
+    weights[column] = merit.weights[rows.kind[chosen]]
+    count = used.size
+    size = steps.lower.size
+    keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
+    return LinearProgram(
+        np.concatenate([merit.cost, weights, weights]),
+        sp.hstack([linearization.matrix, over, under], format="csc"),
+        low,
+        high,
+        np.concatenate([steps.lower, np.zeros(2 * count)]),
+        np.concatenate([steps.upper, np.full(2 * count, np.inf)]),
+        chosen,
+        keys,
+    )

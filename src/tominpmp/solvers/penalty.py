@@ -1,0 +1,205 @@
+r"""The exterior penalty function method, which the paper compares itself with.
+
+.. math::
+    \min_{u, T} \; T + K \Big( \sum_i g_i^2
+        + \sum_l \frac{1}{N} \sum_k \max(0, b_l(x_k))^2 \Big), \qquad u_l \le u \le u_u
+
+for growing K (sequential unconstrained minimisation; Fiacco and McCormick, 1968). Each
+round starts from the last and is solved by a quasi-Newton method with bounds (L-BFGS-B;
+Byrd, Lu, Nocedal and Zhu, 1995); gradients come from one backward sweep of the adjoint
+equation.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tominpmp.arrays import Array
+from tominpmp.options import Options
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.slp import Iterate, SlpResult
+from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.transcription.adjoint import AdjointTranscription
+
+# The first weight K, in shares of T, and its growth from round to round.
+FIRST_WEIGHT = 1.0
+WEIGHT_GROWTH = 10.0
+ROUNDS = 9
+# Quasi-Newton iterations a round, and in all for each of ``options.max_iterations``:
+# one of them costs about a tenth of an iteration with a linear program.
+ROUND_ITERATIONS = 300
+ITERATION_FACTOR = 20
+MEMORY = 30
+# Bounds of the duration in shares of the initial one.
+DURATIONS = (0.02, 20.0)
+
+Monitor = Callable[[IterationRecord], Status | None]
+
+
+class _Stop(Exception):
+    """Leaves the quasi-Newton method.
+
+    Attributes:
+        status: Why.
+    """
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status.value)
+        self.status = status
+
+
+@dataclass(frozen=True, eq=False)
+class PenaltySolver:
+    """Exterior penalty function method on the adjoint transcription.
+
+    Attributes:
+        transcription: The nonlinear program.
+        options: Tolerances and limits.
+        monitor: Sees every record; a status ends the iteration.
+    """
+
+    transcription: AdjointTranscription
+    options: Options
+    monitor: Monitor = field(default=lambda record: None)
+
+    def run(self, z: Array) -> SlpResult:
+        """Minimise with growing weights until the violations are gone.
+
+        Args:
+            z: Initial torques and duration.
+
+        Returns:
+            The outcome.
+        """
+        run = _Run(self, z)
+        status = Status.INFEASIBLE
+        weight = FIRST_WEIGHT * run.duration
+        try:
+            for _ in range(ROUNDS):
+                run.minimise(weight)
+                if run.iterate.violation <= self.options.feasibility:
+                    status = Status.CONVERGED
+                    break
+                weight *= WEIGHT_GROWTH
+        except _Stop as stop:
+            status = stop.status
+        except KeyboardInterrupt:
+            status = Status.INTERRUPTED
+        return SlpResult(status, run.iterate, run.best, tuple(run.history))
+
+
+class _Run:
+    """One run: the present iterate, the best one and the history."""
+
+    def __init__(self, solver: PenaltySolver, z: Array) -> None:
+        nlp = solver.transcription
+        self.solver, self.nlp = solver, nlp
+        self.begin = time.perf_counter()
+        self.history: list[IterationRecord] = []
+        self.best: Iterate | None = None
+        self.rows = nlp.rows
+        # The mean over the instants stands for the integral over tau.
+        counts = np.bincount(self.rows.group)
+        goal = self.rows.kind == self.rows.kinds.index("goal")
+        self.share = np.where(goal, 1.0, 1.0 / counts[self.rows.group])
+        torques = z.size - nlp.shares.shape[1]
+        self.scale = np.concatenate([np.ones(torques), z[torques:]])
+        ones = np.ones(torques)
+        rest = np.ones(z.size - torques)
+        self.lower = np.concatenate([-ones, DURATIONS[0] * rest])
+        self.upper = np.concatenate([ones, DURATIONS[1] * rest])
+        self.evaluations = 0
+        self.iterate = self.make(z, nlp.evaluate(z))
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return self.iterate.duration
+
+    def make(self, z: Array, values: Array) -> Iterate:
+        """Wrap unknowns and row values as an iterate."""
+        merit = Merit(self.nlp.cost, self.rows, 0.0, np.zeros(len(self.rows.kinds)))
+        return Iterate(z, values, merit, TrustRegion(), np.zeros(self.rows.size))
+
+    def minimise(self, weight: float) -> None:
+        """One round with the weight K."""
+
+        def function(y: Array) -> tuple[float, Array]:
+            self.evaluations += 1
+            z = y * self.scale
+            values = self.nlp.evaluate(z)
+            over = np.maximum(values - self.rows.upper, 0.0)
+            under = np.minimum(values - self.rows.lower, 0.0)
+            excess = over + under
+            total = float(self.nlp.cost @ z)
+            total += weight * float(self.share @ excess**2)
+            self.trial = z, values, total
+            gradient = self.nlp.cost + self.nlp.pull_back(
+                z, 2.0 * weight * self.share * excess
+            )
+            return total, gradient * self.scale
+
+        def callback(y: Array) -> None:
+            self.note(y * self.scale, weight)
+
+        minimize(
+            function,
+            self.iterate.z / self.scale,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=np.stack([self.lower, self.upper], axis=1),
+            callback=callback,
+            options={
+                "maxiter": ROUND_ITERATIONS,
+                "maxfun": 2 * ROUND_ITERATIONS,
+                "maxcor": MEMORY,
+                "ftol": 1e-10,
+                "gtol": 1e-7,
+            },
+        )
+        print(
+            weight,
+            outcome.message,
+            outcome.nit,
+            outcome.nfev,
+            self.duration,
+            self.iterate.violation,
+        )
+
+    def note(self, z: Array, weight: float) -> None:
+        """Record an iterate of the quasi-Newton method."""
+        solver, before = self.solver, self.iterate
+        known = np.array_equal(z, self.trial[0])
+        values = self.trial[1] if known else self.nlp.evaluate(z)
+        self.iterate = iterate = self.make(z, values)
+        if iterate.violation <= solver.options.feasibility and (
+            self.best is None or iterate.duration < self.best.duration
+        ):
+            self.best = iterate
+        record = IterationRecord(
+            iteration=len(self.history),
+            duration=iterate.duration,
+            violation=iterate.violation,
+            objective=self.trial[2],
+            predicted=0.0,
+            actual=before.duration - iterate.duration,
+            radius=1.0,
+            accepted=True,
+            programs=0,
+            pivots=0,
+            program_seconds=0.0,
+            seconds=time.perf_counter() - self.begin,
+        )
+        self.history.append(record)
+        status = solver.monitor(record)
+        limit = ITERATION_FACTOR * solver.options.max_iterations
+        if status is None and len(self.history) >= limit:
+            status = Status.ITERATION_LIMIT
+        if status is not None:
+            raise _Stop(status)

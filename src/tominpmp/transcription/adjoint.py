@@ -1,0 +1,376 @@
+r"""Adjoint: torques and duration as unknowns, the paper's transcription.
+
+The motion is integrated forward from the start (single shooting). Goal residuals and
+path constraints depend on the torques and the lengths of the intervals through it;
+their differentials (the paper's delta g and delta h, equations 12 and 13) follow from
+one backward sweep of the discrete adjoint equation for all rows together. Path
+constraints enter a linear program only at active instants, the paper's set S;
+everything else is a bound on a variable.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.controls import (
+    driving_torque,
+    share_steps,
+    torque_jumps,
+    torque_shares,
+)
+from tominpmp.transcription.integrator import (
+    Rollout,
+    Sensitivities,
+    differentiate_rollout,
+    rollout,
+)
+from tominpmp.transcription.system import System
+
+# Lengths of intervals change by this share at most in one step.
+LENGTH_STEP = 0.3
+# Torques change by this share of their range per radian of the trust region: the
+# larger, the likelier the obstacle of the paper's example is passed on the faster side.
+CONTROL_FACTOR = 2.0
+# Typical velocities are this times the scale of positions over the duration.
+SPEED_FACTOR = 5.0
+# Value of the rows of a motion that could not be integrated to its end.
+BROKEN = 1e3
+# A step leaves at least this share of the duration (the paper: T + dT >= 0).
+SHORTEST = 0.1
+# Instants attain the maximum of a constraint if they come this close to it.
+ATTAINED = 1e-4
+
+# Clearances above this share of the arm's reach are left out of a linear program.
+NEAR = 0.2
+
+Instants = Literal["near", "exact", "violated"]
+
+
+def sweep_adjoint(
+    sensitivities: Sensitivities, nodes: IntArray, seeds: Array
+) -> tuple[Array, Array]:
+    r"""Differentiate functionals of the state at nodes with respect to the controls.
+
+    For a functional :math:`g(x_k)` the discrete adjoint is :math:`\lambda_k = g_x` and
+    :math:`\lambda_j = A_j^T \lambda_{j+1}`; its derivatives are
+    :math:`g_{u_j} = B_j^T \lambda_{j+1}` and :math:`g_{h_j} = c_j^T \lambda_{j+1}`.
+
+    Args:
+        sensitivities: A, B and c of the intervals.
+        nodes: Node of each functional, shape (m,).
+        seeds: Its gradient with respect to the state there, shape (m, 2n).
+
+    Returns:
+        Derivatives with respect to torques, shape (m, N, n), and lengths, shape (m, N).
+    """
+    A, B, c = sensitivities
+    count, _, n = B.shape
+    by_control = np.zeros((nodes.size, count, n))
+    by_length = np.zeros((nodes.size, count))
+    order = np.argsort(-nodes, kind="stable")
+    first = np.searchsorted(-nodes[order], -np.arange(count + 1), side="right")
+    costate = seeds[order].copy()
+    for j in range(count - 1, -1, -1):
+        # Rows whose node lies behind interval j.
+        live = slice(0, first[j + 1])
+        rows = costate[live]
+        by_control[live, j] = rows @ B[j]
+        by_length[live, j] = rows @ c[j]
+        costate[live] = rows @ A[j]
+    back = np.empty_like(order)
+    back[order] = np.arange(order.size)
+    return by_control[back], by_length[back]
+
+
+class AdjointTranscription:
+    """A problem in torques and lengths of intervals.
+
+    The unknowns are stacked as z = (torques, lengths): torques of N intervals as shares
+    of the limits, in [-1, 1]; the lengths are h = H eta with a matrix H of shares, of
+    one column (the duration, as in the paper) or more.
+
+    Attributes:
+        system: The functions of the problem.
+        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+        instants: Which instants of path constraints become rows: "exact" those that
+            attain the maximum (the paper's S), "near" all that a step can bring to
+            their bound.
+        substeps: Integration steps an interval.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        shares: Array,
+        duration: float,
+        *,
+        instants: Instants = "near",
+        substeps: int = 1,
+    ) -> None:
+        self.system = system
+        self.shares = shares
+        self.instants = instants
+        self.substeps = substeps
+        self._N, self._m = shares.shape
+        self._n = system.n
+        self._speed = SPEED_FACTOR / duration
+        problem = system.problem
+        self._start = np.concatenate([problem.q_start, problem.v_start])
+        self._last: tuple[Array, Rollout] | None = None
+        self._rows = self._build_rows()
+
+    # -- unknowns ----------------------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self._N * self._n + self._m
+
+    @property
+    def rows(self) -> Rows:
+        """What the rows are."""
+        return self._rows
+
+    @property
+    def cost(self) -> Array:
+        """Gradient of the duration."""
+        cost = np.zeros(self.size)
+        cost[-self._m :] = self.shares.sum(axis=0)
+        return cost
+
+    def pack(self, u: Array, eta: Array) -> Array:
+        """Stack torques and lengths into z.
+
+        Args:
+            u: Torques of the intervals, shape (N, n) [N m or N]; those beyond their
+                limits are brought to them.
+            eta: Shape (m,).
+        """
+        return np.concatenate([torque_shares(self.system, u).ravel(), eta])
+
+    def split(self, z: Array) -> tuple[Array, Array]:
+        """Torques [N m or N] and lengths [s], shapes (N, n) and (N,)."""
+        system = self.system
+        share = z[: -self._m].reshape(self._N, self._n)
+        u = system.effort_middle + system.effort_half * share
+        return u, self.shares @ z[-self._m :]
+
+    def motion(self, z: Array) -> Rollout:
+        """The motion of an iterate, integrated forward."""
+        if self._last is not None and np.array_equal(self._last[0], z):
+            return self._last[1]
+        u, h = self.split(z)
+        guess = None if self._last is None else self._last[1]
+        dynamics = self.system.dynamics
+        motion = rollout(dynamics, self._start, u, h, self.substeps, guess)
+        if motion.finite:
+            self._last = z.copy(), motion
+        return motion
+
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Trust region within the torque limits: a share of the whole range."""
+        share = z[: -self._m].reshape(self._N, self._n)
+        reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
+        lower, upper = share_steps(self.system, share, np.full(self._n, reach))
+        length = min(LENGTH_STEP, radius) * z[-self._m :]
+        return StepBounds(
+            np.concatenate([lower.ravel(), -length]),
+            np.concatenate([upper.ravel(), length]),
+        )
+
+    def fixed_steps(
+        self, z: Array, control_step: float, time_step: float
+    ) -> StepBounds:
+        """The paper's box: |du| <= rho, |dT| <= epsilon, within the torque limits.
+
+        Args:
+            z: Iterate.
+            control_step: Rho [N m or N].
+            time_step: Epsilon [s].
+        """
+        share = z[: -self._m].reshape(self._N, self._n)
+        lower, upper = share_steps(
+            self.system, share, control_step / self.system.effort_half
+        )
+        duration = float(self.cost @ z)
+        factor = time_step / duration
+        shorter = min(factor, 1.0 - SHORTEST)
+        return StepBounds(
+            np.concatenate([lower.ravel(), -shorter * z[-self._m :]]),
+            np.concatenate([upper.ravel(), factor * z[-self._m :]]),
+        )
+
+    # -- rows --------------------------------------------------------------------------
+
+    def _build_rows(self) -> Rows:
+        system, N = self.system, self._N
+        limits = system.problem.robot.limits
+        finite = np.isfinite(limits.position_lower) | np.isfinite(limits.position_upper)
+        self._placed = np.flatnonzero(finite)
+        self._limited = np.flatnonzero(np.isfinite(limits.velocity))
+        goal = np.zeros(self._goal(self._start)[0].size)
+        scale = system.step_scale[self._placed]
+        low = np.tile(limits.position_lower[self._placed] / scale, N)
+        high = np.tile(limits.position_upper[self._placed] / scale, N)
+        speed = np.ones(N * self._limited.size)
+        count = 0 if system.clearance is None else system.clearance.count
+        none = np.full(N * count, -np.inf)
+        # The paper's h is the maximum of a constraint over all instants, so that these
+        # form a group; so do the goal residuals, which vanish in proportion.
+        return Rows.stack(
+            [
+                ("goal", goal, goal, goal.astype(np.int64)),
+                ("position", low, high, np.tile(np.arange(scale.size), N)),
+                ("velocity", -speed, speed, np.tile(np.arange(self._limited.size), N)),
+                ("clearance", none, np.zeros(N * count), np.tile(np.arange(count), N)),
+            ]
+        )
+
+    def _goal(self, x: Array) -> tuple[Array, Array]:
+        """Goal residual, scaled, and its gradients with respect to the final state."""
+        goal, n = self.system.problem.goal, self._n
+        value, by_q, by_v = goal.residual(self.system.kinematics, x[:n], x[n:])
+        # The residual ends with the velocities, of the joints or of a frame.
+        scale = np.ones(value.size)
+        if goal.fixes_velocity:
+            scale[-n:] = self._speed * self.system.step_scale
+        else:
+            scale[-3:] = self._speed
+        return value / scale, np.hstack([by_q, by_v]) / scale[:, None]
+
+    def evaluate(self, z: Array) -> Array:
+        """Row values."""
+        motion, n = self.motion(z), self._n
+        if not motion.finite:
+            return np.full(self._rows.size, BROKEN)
+        x = motion.nodes[1:]
+        limits = self.system.problem.robot.limits
+        scale = self.system.step_scale[self._placed]
+        parts = [
+            self._goal(x[-1])[0],
+            (x[:, self._placed] / scale).ravel(),
+            (x[:, n + self._limited] / limits.velocity[self._limited]).ravel(),
+        ]
+        if self.system.clearance is not None:
+            parts.append(self.system.clearance.values(x[:, :n]).ravel())
+        return np.concatenate(parts)
+
+    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
+        """Jacobian of the goal rows and of path constraints at active instants."""
+        motion = self.motion(z)
+        chosen = self.active(values, steps)
+        nodes, seeds = self._seeds(motion.nodes, chosen)
+        by = differentiate_rollout(self.system.dynamics, motion)
+        by_control, by_length = sweep_adjoint(by, nodes, seeds)
+        by_share = (by_control * self.system.effort_half).reshape(chosen.size, -1)
+        matrix = sp.csr_matrix(np.hstack([by_share, by_length @ self.shares]))
+        return Linearization(chosen, matrix)
+
+    def pull_back(self, z: Array, weights: Array) -> Array:
+        """Gradient of a weighted sum of rows, by one sweep for all of them.
+
+        Args:
+            z: Iterate.
+            weights: Weight of each row, shape (m,).
+
+        Returns:
+            Jacobian transposed times weights, shape (size,).
+        """
+        motion = self.motion(z)
+        chosen = np.flatnonzero(weights)
+        nodes, seeds = self._seeds(motion.nodes, chosen)
+        by = differentiate_rollout(self.system.dynamics, motion)
+        push = np.zeros_like(motion.nodes)
+        np.add.at(push, nodes, weights[chosen, None] * seeds)
+        by_control, by_length = np.empty((self._N, self._n)), np.empty(self._N)
+        costate = np.zeros(2 * self._n)
+        for j in range(self._N - 1, -1, -1):
+            costate = costate + push[j + 1]
+            by_control[j], by_length[j] = costate @ by.B[j], costate @ by.c[j]
+            costate = costate @ by.A[j]
+        by_share = by_control * self.system.effort_half
+        return np.concatenate([by_share.ravel(), by_length @ self.shares])
+
+    def active(self, values: Array, steps: StepBounds) -> IntArray:
+        """Indices of the goal rows and of path constraints at active instants.
+
+        Args:
+            values: Row values, shape (m,).
+            steps: Box of steps.
+        """
+        rows = self._rows
+        path = np.flatnonzero(rows.kind > 0)
+        if self.instants == "near":
+            return np.arange(rows.size)
+        if self.instants == "violated":
+            return np.flatnonzero((rows.kind == 0) | (rows.violation(values) > 0.0))
+        chosen = np.zeros(rows.size, dtype=bool)
+        chosen[rows.kind == 0] = True
+        for excess in (values - rows.upper, rows.lower - values):
+            largest = np.full(int(rows.group.max()) + 1, -np.inf)
+            np.maximum.at(largest, rows.group, excess)
+            attained = excess >= largest[rows.group] - ATTAINED
+            chosen[path] |= attained[path] & np.isfinite(excess[path])
+        return np.flatnonzero(chosen)
+
+    def _seeds(self, x: Array, chosen: IntArray) -> tuple[IntArray, Array]:
+        """Nodes of some rows and their gradients with respect to the state there."""
+        rows, n, system = self._rows, self._n, self.system
+        limits = system.problem.robot.limits
+        first = np.searchsorted(rows.kind, np.arange(len(rows.kinds)))
+        place = chosen - first[rows.kind[chosen]]
+        nodes = np.full(chosen.size, self._N)
+        seeds = np.zeros((chosen.size, 2 * n))
+        kind = rows.kind[chosen]
+        goal, position, velocity, clearance = (kind == i for i in range(4))
+        seeds[goal] = self._goal(x[-1])[1][place[goal]]
+        k, i = np.divmod(place[position], max(self._placed.size, 1))
+        joint = self._placed[i]
+        nodes[position] = 1 + k
+        seeds[np.flatnonzero(position), joint] = 1.0 / system.step_scale[joint]
+        k, i = np.divmod(place[velocity], max(self._limited.size, 1))
+        joint = self._limited[i]
+        nodes[velocity] = 1 + k
+        seeds[np.flatnonzero(velocity), n + joint] = 1.0 / limits.velocity[joint]
+        if system.clearance is not None and np.any(clearance):
+            k, pair = np.divmod(place[clearance], system.clearance.count)
+            nodes[clearance] = 1 + k
+            gradients = system.clearance.gradients
+            seeds[clearance, :n] = np.concatenate(
+                [gradients(x[1 + j, :n], pair[k == j]) for j in np.unique(k)]
+            )
+        return nodes, seeds
+
+    # -- the rest of the interface -----------------------------------------------------
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps of the torques between intervals, in full ranges."""
+        jumps = torque_jumps(self.system, self._N)
+        lengths = sp.csr_matrix((jumps.shape[0], self._m))
+        matrix = sp.hstack([jumps, lengths], format="csr")
+        return Variation(matrix, np.zeros(jumps.shape[0]))
+
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The torques for about the same configurations, traversed slower."""
+        x, n = self.motion(z).nodes, self._n
+        eta = z[-self._m :] * factor
+        u = driving_torque(self.system, x[:, :n], x[:, n:] / factor, self.shares @ eta)
+        return self.pack(u, eta)
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate, joined by Hermite polynomials between nodes."""
+        u, h = self.split(z)
+        x, n = self.motion(z).nodes, self._n
+        return Trajectory(
+            joint_names=self.system.problem.robot.joint_names,
+            t=np.concatenate([[0.0], np.cumsum(h)]),
+            q=x[:, :n],
+            v=x[:, n:],
+            u=np.concatenate([u, u[-1:]]),
+        )

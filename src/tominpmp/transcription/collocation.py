@@ -1,0 +1,353 @@
+r"""Collocation: states and torques as unknowns, the dynamics as equations.
+
+The states at the nodes are lifted out of the paper's linear program:
+
+.. math:: \delta x_{k+1} = A_k \delta x_k + B_k \delta u_k + c_k \delta h_k + d_k .
+
+Eliminating them gives the paper's program back (see
+:mod:`tominpmp.transcription.adjoint`), and the multipliers of these rows are the
+paper's psi. Limits on positions and velocities become bounds, the trust region is a box
+on the states, where the error of the linearisation lives, and a start may be any path,
+whether the dynamics allow it or not. The step is Radau IIA with the inner stage
+condensed (see
+:mod:`tominpmp.transcription.integrator`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.integrator import (
+    Stage,
+    differentiate_defects,
+    evaluate_defects,
+    solve_inner_stage,
+)
+from tominpmp.transcription.system import System
+
+# Lengths of intervals change by this share at most in one step.
+LENGTH_STEP = 0.3
+# A joint that moves by s in a motion of duration T reaches velocities of some s / T:
+# this times the scale of positions over T is the scale of velocities.
+SPEED_FACTOR = 5.0
+# Value of the defects of an interval whose inner stage cannot be solved for.
+BROKEN = 1e3
+
+
+class CollocationTranscription:
+    """A problem in states and torques.
+
+    The unknowns are stacked as z = (states, torques, lengths): states (q, v) at N + 1
+    nodes, torques of N intervals as shares of the limits, in [-1, 1]; the lengths are
+    h = H eta with a matrix H of shares, of one column (uniform scaling of a given grid)
+    or more.
+
+    Attributes:
+        system: The functions of the problem.
+        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+    """
+
+    def __init__(self, system: System, shares: Array, duration: float) -> None:
+        self.system = system
+        self.shares = shares
+        self._N, self._m = shares.shape
+        self._n = system.n
+        velocity = SPEED_FACTOR / duration * system.step_scale
+        self._scale = np.concatenate([system.step_scale, velocity])
+        limits = system.problem.robot.limits
+        self._driven = np.flatnonzero(limits.effort_upper > limits.effort_lower)
+        self._rows = self._build_rows()
+        self._indices = self._defect_columns()
+
+    # -- unknowns ----------------------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return (self._N + 1) * 2 * self._n + self._N * self._n + self._m
+
+    @property
+    def rows(self) -> Rows:
+        """What the rows are."""
+        return self._rows
+
+    @property
+    def cost(self) -> Array:
+        """Gradient of the duration."""
+        cost = np.zeros(self.size)
+        cost[-self._m :] = self.shares.sum(axis=0)
+        return cost
+
+    def pack(self, x: Array, u: Array, eta: Array) -> Array:
+        """Stack states, torques and lengths into z.
+
+        What is known of the states at both ends replaces what is given; all else is
+        brought within its limits.
+
+        Args:
+            x: States (q, v) at the nodes, shape (N + 1, 2n).
+            u: Torques of the intervals, shape (N, n) [N m or N].
+            eta: Shape (m,).
+
+        Returns:
+            z, with the torques as shares of their limits.
+        """
+        system, n = self.system, self._n
+        limits = system.problem.robot.limits
+        high = np.concatenate([limits.position_upper, limits.velocity])
+        low = np.concatenate([limits.position_lower, -limits.velocity])
+        x = np.clip(x, low, high)
+        x[0] = np.concatenate([system.problem.q_start, system.problem.v_start])
+        if system.joint_goal is not None:
+            x[-1, :n] = system.joint_goal.q
+        if system.final_velocity is not None:
+            x[-1, n:] = system.final_velocity
+        u = np.clip(u, limits.effort_lower, limits.effort_upper)
+        share = (u - system.effort_middle) / system.effort_half
+        return np.concatenate([x.ravel(), share.ravel(), eta])
+
+    def start(self, q: Array, eta: Array) -> Array:
+        """Turn positions at the nodes into unknowns; the dynamics need not hold.
+
+        Velocities are those of parabolas through neighbouring nodes, torques follow
+        from the inverse dynamics in the middle of the intervals; both are clipped to
+        their limits.
+
+        Args:
+            q: Positions at the nodes, shape (N + 1, n) [rad or m].
+            eta: Lengths, shape (m,).
+
+        Returns:
+            z.
+        """
+        system, h = self.system, (self.shares @ eta)[:, None]
+        problem = system.problem
+        q = q.copy()
+        q[0] = problem.q_start
+        if system.joint_goal is not None:
+            q[-1] = system.joint_goal.q
+        slope = np.diff(q, axis=0) / h
+        inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
+        end = system.final_velocity
+        last = 1.5 * slope[-1] - 0.5 * inner[-1] if end is None else end
+        v = np.concatenate([problem.v_start[None], inner, last[None]])
+        return self.pack(np.hstack([q, v]), self._driving_torque(q, v, h), eta)
+
+    def _driving_torque(self, q: Array, v: Array, h: Array) -> Array:
+        """Torques in the middle of intervals, shape (N, n)."""
+        return self.system.dynamics.inverse(
+            0.5 * (q[:-1] + q[1:]), np.diff(q, axis=0) / h, np.diff(v, axis=0) / h
+        )
+
+    def split(self, z: Array) -> tuple[Array, Array, Array]:
+        """States, torques [N m or N] and lengths [s] of an iterate.
+
+        Returns:
+            Shapes (N + 1, 2n), (N, n) and (N,).
+        """
+        N, n, system = self._N, self._n, self.system
+        states = (N + 1) * 2 * n
+        share = z[states : states + N * n].reshape(N, n)
+        u = system.effort_middle + system.effort_half * share
+        return z[:states].reshape(N + 1, 2 * n), u, self.shares @ z[-self._m :]
+
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Trust region within the limits, fixed ends and positive lengths."""
+        system, N, n = self.system, self._N, self._n
+        limits = system.problem.robot.limits
+        x, _, h = self.split(z)
+        box = radius * np.concatenate(
+            [system.step_scale, SPEED_FACTOR / h.sum() * system.step_scale]
+        )
+        low = np.concatenate([limits.position_lower, -limits.velocity])
+        high = np.concatenate([limits.position_upper, limits.velocity])
+        lower = np.maximum(-box, np.minimum(low - x, 0.0))
+        upper = np.minimum(box, np.maximum(high - x, 0.0))
+        lower[0] = upper[0] = 0.0
+        if system.joint_goal is not None:
+            lower[-1, :n] = upper[-1, :n] = 0.0
+        if system.final_velocity is not None:
+            lower[-1, n:] = upper[-1, n:] = 0.0
+        share = z[x.size : x.size + N * n].reshape(N, n)
+        less, more = np.zeros((N, n)), np.zeros((N, n))
+        less[:, self._driven] = np.minimum(-1.0 - share[:, self._driven], 0.0)
+        more[:, self._driven] = np.maximum(1.0 - share[:, self._driven], 0.0)
+        length = min(LENGTH_STEP, radius) * z[-self._m :]
+        return StepBounds(
+            np.concatenate([lower.ravel(), less.ravel(), -length]),
+            np.concatenate([upper.ravel(), more.ravel(), length]),
+        )
+
+    # -- rows --------------------------------------------------------------------------
+
+    def _build_rows(self) -> Rows:
+        system, N, n = self.system, self._N, self._n
+        defects = np.zeros(N * 2 * n)
+        # One group: all defects shrink in proportion, which took half the iterations
+        # of a group for each interval on the paper's example.
+        groups = np.zeros(defects.size, dtype=np.int64)
+        parts = [("dynamics", defects, defects, groups)]
+        if system.clearance is not None:
+            count = system.clearance.count
+            parts.append(
+                (
+                    "clearance",
+                    np.full(N * count, -np.inf),
+                    np.zeros(N * count),
+                    np.repeat(np.arange(N), count),
+                )
+            )
+        if system.joint_goal is None:
+            k = self._goal(np.zeros(2 * n))[0].size
+            parts.append(
+                ("goal", np.zeros(k), np.zeros(k), np.zeros(k, dtype=np.int64))
+            )
+        return Rows.stack(parts)
+
+    def _goal(self, x: Array) -> tuple[Array, Array, Array]:
+        problem, n = self.system.problem, self._n
+        return problem.goal.residual(self.system.kinematics, x[:n], x[n:])
+
+    def _inner(self, x: Array, u: Array, h: Array) -> Stage:
+        return solve_inner_stage(self.system.dynamics, x[:-1], x[1:], u, h)
+
+    def evaluate(self, z: Array) -> Array:
+        """Row values."""
+        system = self.system
+        x, u, h = self.split(z)
+        stage = self._inner(x, u, h)
+        defects = evaluate_defects(system.dynamics, x[:-1], x[1:], u, h, stage.x)
+        defects = np.where(stage.solved[:, None], defects / self._scale, BROKEN)
+        parts = [defects.ravel()]
+        if system.clearance is not None:
+            parts.append(system.clearance.values(x[1:, : self._n]).ravel())
+        if system.joint_goal is None:
+            parts.append(self._goal(x[-1])[0])
+        return np.concatenate(parts)
+
+    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
+        """Jacobian of the rows that can become active within a box of steps."""
+        rows = self._rows
+        x, u, h = self.split(z)
+        blocks = [self._defect_jacobian(x, u, h)]
+        chosen = [np.arange(self._N * 2 * self._n)]
+        if self.system.clearance is not None:
+            index = np.flatnonzero(rows.kind == rows.kinds.index("clearance"))
+            boxes = steps.upper[: x.size].reshape(x.shape)[:, : self._n]
+            radius = float(np.max(boxes / self.system.step_scale, initial=0.0))
+            near = index[values[index] > -2.0 * radius]
+            blocks.append(self._clearance_jacobian(x, near - index[0]))
+            chosen.append(near)
+        if self.system.joint_goal is None:
+            blocks.append(self._goal_jacobian(x[-1]))
+            chosen.append(np.flatnonzero(rows.kind == rows.kinds.index("goal")))
+        matrix = sp.vstack(blocks, format="csr") if len(blocks) > 1 else blocks[0]
+        return Linearization(np.concatenate(chosen), matrix)
+
+    def _defect_columns(self) -> IntArray:
+        """Columns of the entries of the defect rows, shape (N, 5n + m)."""
+        N, n = self._N, self._n
+        states = (N + 1) * 2 * n
+        k = np.arange(N)[:, None]
+        return np.concatenate(
+            [
+                k * 2 * n + np.arange(4 * n),
+                states + k * n + np.arange(n),
+                np.broadcast_to(states + N * n + np.arange(self._m), (N, self._m)),
+            ],
+            axis=1,
+        )
+
+    def _defect_jacobian(self, x: Array, u: Array, h: Array) -> sp.csr_matrix:
+        N, n, system = self._N, self._n, self.system
+        inner = self._inner(x, u, h).x
+        by = differentiate_defects(system.dynamics, x[:-1], x[1:], u, h, inner)
+        entries = np.concatenate(
+            [
+                by.by_start,
+                by.by_end,
+                by.by_control * system.effort_half,
+                by.by_length[:, :, None] * self.shares[:, None, :],
+            ],
+            axis=2,
+        )
+        entries /= self._scale[:, None]
+        width = entries.shape[2]
+        matrix = sp.csr_matrix(
+            (
+                entries.ravel(),
+                np.repeat(self._indices, 2 * n, axis=0).ravel(),
+                np.arange(N * 2 * n + 1) * width,
+            ),
+            shape=(N * 2 * n, self.size),
+        )
+        matrix.eliminate_zeros()
+        return matrix
+
+    def _clearance_jacobian(self, x: Array, chosen: IntArray) -> sp.csr_matrix:
+        clearance, n = self.system.clearance, self._n
+        if clearance is None or not chosen.size:
+            return sp.csr_matrix((0, self.size))
+        node, pair = 1 + chosen // clearance.count, chosen % clearance.count
+        entries = np.concatenate(
+            [clearance.gradients(x[k, :n], pair[node == k]) for k in np.unique(node)]
+        )
+        columns = node[:, None] * 2 * n + np.arange(n)
+        ends = np.arange(chosen.size + 1) * n
+        shape = (chosen.size, self.size)
+        return sp.csr_matrix((entries.ravel(), columns.ravel(), ends), shape=shape)
+
+    def _goal_jacobian(self, x: Array) -> sp.csr_matrix:
+        _, by_q, by_v = self._goal(x)
+        k, n = by_q.shape
+        jacobian = sp.csr_matrix(np.hstack([by_q, by_v]))
+        before, after = self._N * 2 * n, self._N * n + self._m
+        return sp.hstack(
+            [sp.csr_matrix((k, before)), jacobian, sp.csr_matrix((k, after))],
+            format="csr",
+        )
+
+    # -- the rest of the interface -----------------------------------------------------
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps of the torques between intervals, in full ranges."""
+        N, n = self._N, self._n
+        difference = sp.diags([-0.5, 0.5], [0, 1], shape=(N - 1, N))
+        jumps = sp.kron(difference, sp.identity(n, format="csr")[self._driven])
+        count = jumps.shape[0]
+        matrix = sp.hstack(
+            [
+                sp.csr_matrix((count, (N + 1) * 2 * n)),
+                jumps,
+                sp.csr_matrix((count, self._m)),
+            ],
+            format="csr",
+        )
+        return Variation(matrix, np.zeros(count))
+
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The same configurations, traversed slower, with the torques for that."""
+        x, _, _ = self.split(z)
+        n = self._n
+        q, v = x[:, :n], x[:, n:] / factor
+        v[0] = x[0, n:]
+        v[-1] = x[-1, n:] if self.system.final_velocity is not None else v[-1]
+        eta = z[-self._m :] * factor
+        h = (self.shares @ eta)[:, None]
+        return self.pack(np.hstack([q, v]), self._driving_torque(q, v, h), eta)
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate, joined by Hermite polynomials between nodes."""
+        x, u, h = self.split(z)
+        n = self._n
+        return Trajectory(
+            joint_names=self.system.problem.robot.joint_names,
+            t=np.concatenate([[0.0], np.cumsum(h)]),
+            q=x[:, :n],
+            v=x[:, n:],
+            u=np.concatenate([u, u[-1:]]),
+        )

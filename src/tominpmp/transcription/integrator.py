@@ -1,0 +1,389 @@
+r"""Two-stage Radau IIA: one implicit step of the dynamics over each interval.
+
+With the torque constant on an interval of length h, the stages X_1 and X_2 solve
+
+.. math::
+    X_i = x_k + h \sum_j a_{ij} f(X_j, u_k), \qquad x_{k+1} = X_2,
+
+with the nodes c = (1/3, 1) and a = ((5/12, -1/12), (3/4, 1/4)). The scheme has order 3
+and is L-stable (Hairer and Wanner, 1996, section IV.5): joint friction whose time
+constant is a small fraction of the interval, which robot descriptions contain, does no
+harm.
+
+Collocation knows both ends of an interval, so that only the inner stage is solved for
+(:func:`differentiate_defects`); single shooting solves for both, one interval after the
+other (:func:`rollout`). Either way Newton's iteration is driven to rounding, and the
+derivatives follow exactly from the implicit function theorem.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.dynamics import Dynamics
+
+NODES = np.array([1.0 / 3.0, 1.0])
+WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
+
+# Newton's iteration: relative size of a step that is rounding, and of one after which
+# the quadratic convergence has certainly reached it.
+ROUNDING = 1e-13
+NEWTON_STEPS = 30
+NEWTON_STEPS_NEAR = 8  # on all steps at once, before giving up
+
+
+class Stage(NamedTuple):
+    """Inner stages of intervals whose two ends are given.
+
+    Attributes:
+        x: State at a third of each interval, shape (m, 2n).
+        solved: Whether Newton's iteration converged, for each interval, shape (m,).
+    """
+
+    x: Array
+    solved: BoolArray
+
+
+class DefectJacobians(NamedTuple):
+    """Defects of intervals and their partial derivatives.
+
+    Attributes:
+        value: x_{k+1} minus the end of the step from x_k, shape (m, 2n).
+        by_start: With respect to x_k, shape (m, 2n, 2n).
+        by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
+        by_control: With respect to u_k, shape (m, 2n, n).
+        by_length: With respect to h_k, shape (m, 2n).
+    """
+
+    value: Array
+    by_start: Array
+    by_end: Array
+    by_control: Array
+    by_length: Array
+
+
+class Rollout(NamedTuple):
+    """A motion integrated forward from a state.
+
+    Attributes:
+        x: States at the ends of all steps, from the start on, shape (M + 1, 2n).
+        inner: Inner stages, shape (M, 2n).
+        u: Torques of the steps, shape (M, n).
+        h: Lengths of the steps [s], shape (M,).
+        substeps: Steps an interval.
+        finite: Whether every step could be solved; what follows a failure is NaN.
+    """
+
+    x: Array
+    inner: Array
+    u: Array
+    h: Array
+    substeps: int
+    finite: bool
+
+    @property
+    def nodes(self) -> Array:
+        """States at the nodes, shape (N + 1, 2n)."""
+        return self.x[:: self.substeps]
+
+
+class Sensitivities(NamedTuple):
+    """How the end of each interval depends on its start, torque and length.
+
+    Attributes:
+        A: With respect to x_k, shape (N, 2n, 2n).
+        B: With respect to u_k, shape (N, 2n, n).
+        c: With respect to h_k, shape (N, 2n).
+    """
+
+    A: Array
+    B: Array
+    c: Array
+
+
+def solve_inner_stage(
+    dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array
+) -> Stage:
+    """Solve for the inner stage between given ends of intervals.
+
+    Args:
+        dynamics: Equations of motion.
+        start: x_k, shape (m, 2n).
+        end: x_{k+1}, shape (m, 2n).
+        u: Torques, shape (m, n) [N m or N].
+        h: Lengths, shape (m,) [s].
+
+    Returns:
+        The stages.
+    """
+    step = h[:, None]
+    n = u.shape[1]
+    known = start + step * WEIGHTS[0, 1] * dynamics.forward(end, u)
+    # Hermite's cubic for the positions and a straight line for the velocities.
+    x = start + NODES[0] * (end - start)
+    x[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + step * (
+        4.0 * start[:, n:] - 2.0 * end[:, n:]
+    ) / 27.0
+    progress = _Newton(x.shape[0])
+    eye = np.eye(x.shape[1])
+    for _ in range(NEWTON_STEPS):
+        by = dynamics.forward_jacobians(x, u)
+        residual = x - known - step * WEIGHTS[0, 0] * by.f
+        matrix = eye - (WEIGHTS[0, 0] * h)[:, None, None] * by.f_x
+        change = _solve(matrix, residual[..., None])[..., 0]
+        x = x - change
+        if progress.settled(change, x):
+            break
+    return Stage(x, progress.solved)
+
+
+def evaluate_defects(
+    dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
+) -> Array:
+    """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})) of intervals.
+
+    Args:
+        dynamics: Equations of motion.
+        start: x_k, shape (m, 2n).
+        end: x_{k+1}, shape (m, 2n).
+        u: Torques, shape (m, n).
+        h: Lengths, shape (m,) [s].
+        inner: Inner stages, shape (m, 2n), see :func:`solve_inner_stage`.
+
+    Returns:
+        Shape (m, 2n).
+    """
+    m = h.size
+    f = dynamics.forward(np.concatenate([inner, end]), np.concatenate([u, u]))
+    slope = WEIGHTS[1, 0] * f[:m] + WEIGHTS[1, 1] * f[m:]
+    return np.asarray(end - start - h[:, None] * slope)
+
+
+def differentiate_defects(
+    dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
+) -> DefectJacobians:
+    """Defects and their derivatives, the inner stage eliminated.
+
+    Args:
+        dynamics: Equations of motion.
+        start: x_k, shape (m, 2n).
+        end: x_{k+1}, shape (m, 2n).
+        u: Torques, shape (m, n).
+        h: Lengths, shape (m,) [s].
+        inner: Inner stages, shape (m, 2n), see :func:`solve_inner_stage`.
+
+    Returns:
+        Defects and derivatives.
+    """
+    m, size = start.shape
+    n = u.shape[1]
+    by = dynamics.forward_jacobians(
+        np.concatenate([inner, end]), np.concatenate([u, u])
+    )
+    f1, f2 = by.f[:m], by.f[m:]
+    F1, F2, B1, B2 = by.f_x[:m], by.f_x[m:], by.f_u[:m], by.f_u[m:]
+    step = h[:, None, None]
+    eye = np.broadcast_to(np.eye(size), (m, size, size))
+    (a11, a12), (a21, a22) = WEIGHTS
+    # The inner stage by (start, end, control, length).
+    right = np.concatenate(
+        [
+            eye,
+            step * a12 * F2,
+            step * (a11 * B1 + a12 * B2),
+            (a11 * f1 + a12 * f2)[..., None],
+        ],
+        axis=2,
+    )
+    inner_by = step * a21 * F1 @ _solve(eye - step * a11 * F1, right)
+    slope = a21 * f1 + a22 * f2
+    return DefectJacobians(
+        end - start - h[:, None] * slope,
+        -eye - inner_by[..., :size],
+        eye - step * a22 * F2 - inner_by[..., size : 2 * size],
+        -step * (a21 * B1 + a22 * B2) - inner_by[..., 2 * size : 2 * size + n],
+        -slope - inner_by[..., -1],
+    )
+
+
+def rollout(
+    dynamics: Dynamics,
+    x_start: Array,
+    u: Array,
+    h: Array,
+    substeps: int = 1,
+    guess: Rollout | None = None,
+) -> Rollout:
+    """Integrate forward with a constant torque on each interval.
+
+    With a motion near by as a guess, Newton's iteration runs on all steps at once,
+    which takes a few evaluations of long rows in place of many of short ones; the
+    outcome is the same. Otherwise, or where that fails, one step is solved after the
+    other.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State at the start, shape (2n,).
+        u: Torques of the intervals, shape (N, n) [N m or N].
+        h: Lengths of the intervals, shape (N,) [s].
+        substeps: Steps an interval.
+        guess: A motion of as many steps.
+
+    Returns:
+        The motion.
+    """
+    u, h = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
+    count, size = h.size, x_start.size
+    with np.errstate(over="ignore", invalid="ignore"):
+        if guess is not None and guess.finite:
+            stages = np.stack([guess.inner, guess.x[1:]], axis=1)
+            solved = _solve_steps(dynamics, x_start, u, h, stages, NEWTON_STEPS_NEAR)
+            if solved is not None:
+                return _as_rollout(x_start, solved, u, h, substeps)
+        stages = np.full((count, 2, size), np.nan)
+        x = x_start
+        for k in range(count):
+            start = np.stack([x, x])[None]
+            one = slice(k, k + 1)
+            solved = _solve_steps(dynamics, x, u[one], h[one], start, NEWTON_STEPS)
+            if solved is None:
+                break
+            stages[k] = solved[0]
+            x = stages[k, 1]
+    return _as_rollout(x_start, stages, u, h, substeps)
+
+
+def _as_rollout(
+    x_start: Array, stages: Array, u: Array, h: Array, substeps: int
+) -> Rollout:
+    x = np.concatenate([x_start[None], stages[:, 1]])
+    finite = bool(np.all(np.isfinite(x)))
+    return Rollout(x, stages[:, 0], u, h, substeps, finite)
+
+
+def differentiate_rollout(dynamics: Dynamics, motion: Rollout) -> Sensitivities:
+    """Exact derivatives of each interval of an integrated motion.
+
+    Args:
+        dynamics: Equations of motion.
+        motion: The motion.
+
+    Returns:
+        Derivatives, with the steps within an interval composed.
+    """
+    by = differentiate_defects(
+        dynamics, motion.x[:-1], motion.x[1:], motion.u, motion.h, motion.inner
+    )
+    size, n = motion.x.shape[1], motion.u.shape[1]
+    right = np.concatenate(
+        [by.by_start, by.by_control, by.by_length[..., None]], axis=2
+    )
+    # The end of a step makes its defect zero.
+    parts = -_solve(by.by_end, right).reshape(-1, motion.substeps, size, size + n + 1)
+    parts[..., -1] /= motion.substeps
+    total = parts[:, 0]
+    for s in range(1, motion.substeps):
+        A = parts[:, s, :, :size]
+        carried = A @ total
+        carried[..., size:] += parts[:, s, :, size:]
+        total = carried
+    return Sensitivities(total[..., :size], total[..., size:-1], total[..., -1])
+
+
+def _solve_steps(
+    dynamics: Dynamics, x_start: Array, u: Array, h: Array, stages: Array, most: int
+) -> Array | None:
+    """Stages of successive steps by Newton's iteration on all of them.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State before the first step, shape (s,).
+        u: Torques, shape (M, n).
+        h: Lengths [s], shape (M,).
+        stages: Guess, shape (M, 2, s).
+        most: Largest number of iterations.
+
+    Returns:
+        Stages, shape (M, 2, s); None where the iteration fails.
+    """
+    count, _, size = stages.shape
+    weights = h[:, None, None] * WEIGHTS
+    torque = np.repeat(u, 2, axis=0)
+    identity = np.eye(2 * size)
+    both = np.broadcast_to(np.vstack([np.eye(size)] * 2), (count, 2 * size, size))
+    progress = _Newton(1)
+    for _ in range(most):
+        by = dynamics.forward_jacobians(stages.reshape(-1, size), torque)
+        f_x = by.f_x.reshape(count, 2, size, size)
+        starts = np.concatenate([x_start[None], stages[:-1, 1]])
+        residual = stages - starts[:, None] - weights @ by.f.reshape(stages.shape)
+        coupling = weights[:, :, None, :, None] * f_x.transpose(0, 2, 1, 3)[:, None]
+        matrix = identity - coupling.reshape(count, 2 * size, 2 * size)
+        residual = residual.reshape(count, 2 * size, 1)
+        if count == 1:
+            change = -_solve(matrix, residual).reshape(1, 2 * size)
+        else:
+            right = np.concatenate([-residual, both], axis=2)
+            change = _follow(_solve(matrix, right))
+        stages = stages + change.reshape(stages.shape)
+        if progress.settled(change.reshape(1, -1), stages.reshape(1, -1)):
+            break
+    return stages if progress.solved[0] else None
+
+
+def _follow(parts: Array) -> Array:
+    """Changes of all stages, each step starting where the one before it ends.
+
+    Args:
+        parts: For each step: change with a fixed start, and its derivative with respect
+            to the start, shape (M, 2s, 1 + s).
+
+    Returns:
+        Shape (M, 2s).
+    """
+    size = parts.shape[2] - 1
+    own, by_start = parts[..., 0].copy(), parts[..., 1:]
+    for k in range(1, own.shape[0]):
+        own[k] += by_start[k] @ own[k - 1, size:]
+    return own
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Linear systems; NaN where a matrix is singular."""
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.full(np.broadcast_shapes(right.shape), np.nan)
+
+
+class _Newton:
+    """Tells when Newton's iteration has reached rounding, for several systems at once.
+
+    Attributes:
+        solved: Whether the last step of each system was small enough, shape (m,).
+    """
+
+    def __init__(self, systems: int) -> None:
+        self.solved: BoolArray = np.zeros(systems, dtype=bool)
+        self._last = np.full(systems, np.inf)
+
+    def settled(self, change: Array, x: Array) -> bool:
+        """Take note of a step; whether the iteration can stop.
+
+        Args:
+            change: Step of each system, shape (m, k).
+            x: Where it led, shape (m, k).
+        """
+        size = np.max(np.abs(change), axis=1) / (1.0 + np.max(np.abs(x), axis=1))
+        # Quadratic convergence: the next step is about size^2 / last (times size).
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            following = (size / self._last) ** 2 * size
+        following = np.where((size < 1e-3) & (self._last < 1.0), following, np.inf)
+        self.solved = np.minimum(size, 10.0 * following) <= ROUNDING
+        # Where rounding in stiff terms keeps the steps from shrinking, it is enough.
+        self.solved |= (size < 1e-9) & (size >= 0.1 * self._last)
+        self._last = size
+        return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))

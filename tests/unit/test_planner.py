@@ -1,0 +1,243 @@
+"""Planning end to end: goals, methods, limits on time, what happens when it fails."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import tominpmp as tm
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.planner import resolve_options
+
+START = (0.5, 1.7, -1.7)
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+REACH = tm.PositionGoal("tip", (4, 1, 0))
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return tm.load_robot("planar3r")
+
+
+@pytest.fixture(scope="module")
+def around(planar):
+    """The paper's problem with the obstacle, planned with default options."""
+    problem = tm.Problem(planar, START, REACH, scene=OBSTACLE)
+    return tm.plan(problem, tm.Options(starts=2))
+
+
+def worst(robot, motion, count=3000):
+    """Largest relative excess of position, speed and torque on a dense motion."""
+    limits = robot.limits
+    q, v, a, _ = motion(np.linspace(0, motion.duration, count))
+    u = RobotDynamics(robot).inverse(q, v, a)
+    return (
+        float(np.max([q - limits.position_upper, limits.position_lower - q])),
+        float(np.max(np.abs(v) / limits.velocity)) - 1,
+        float(np.max(np.abs(u) / limits.effort_upper)) - 1,
+    )
+
+
+def test_default_plan_keeps_all_limits_between_the_nodes(planar, around):
+    assert around.status is tm.Status.CONVERGED and around.success
+    position, velocity, torque = worst(planar, around.trajectory)
+    assert position <= 1e-9
+    assert velocity <= 1e-6
+    assert torque <= 2.5e-3
+    tip = RobotKinematics(planar).placement(around.trajectory.q[-1], "tip").translation
+    np.testing.assert_allclose(tip, (4, 1, 0), atol=1e-5)
+    np.testing.assert_allclose(around.trajectory.v[-1], 0, atol=1e-9)
+
+
+def test_the_obstacle_is_cleared(planar, around):
+    kinematics = RobotKinematics(planar)
+    motion = around.trajectory
+    for q in motion(np.linspace(0, motion.duration, 400)).q:
+        joints = [
+            kinematics.placement(q, frame).translation
+            for frame in ("link1", "link2", "link3", "tip")
+        ]
+        for a, b in zip(joints[:-1], joints[1:], strict=True):
+            s = np.clip((np.array([4, 0, 0]) - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            assert np.linalg.norm(a + s * (b - a) - (4, 0, 0)) > 0.8 - 2e-3
+
+
+def test_replaying_the_torques_ends_at_the_goal(planar, around):
+    """The torques, integrated by SciPy through ABA, do what was planned."""
+    motion, dynamics = around.trajectory, RobotDynamics(planar)
+
+    def rate(t, x):
+        return dynamics.forward(x[None], motion(t).u[None])[0]
+
+    x = np.concatenate([motion.q[0], motion.v[0]])
+    for begin, end in zip(motion.t[:-1], motion.t[1:], strict=True):
+        span = (begin, np.nextafter(end, 0))
+        x = solve_ivp(rate, span, x, method="DOP853", rtol=1e-9, atol=1e-10).y[:, -1]
+    np.testing.assert_allclose(x[:3], motion.q[-1], atol=1e-5)
+    np.testing.assert_allclose(x[3:], motion.v[-1], atol=1e-4)
+
+
+def test_at_every_time_a_motor_is_saturated(planar):
+    """Sontag and Sussmann's result, which the paper quotes."""
+    free = planar.with_changes(position_lower=-20, position_upper=20)
+    options = tm.Options(intervals=75, smoothing=0.0, starts=1)
+    solution = tm.plan(tm.Problem(free, START, REACH), options)
+    motion = solution.trajectory
+    middles = 0.5 * (motion.t[1:] + motion.t[:-1])
+    ends = np.stack([motion.t[:-1], middles, motion.t[1:] - 1e-12])
+    load = np.abs(motion(ends.ravel()).u) / planar.limits.effort_upper
+    saturated = load.max(axis=1).reshape(3, -1).max(axis=0) > 0.99
+    assert saturated.mean() >= 0.95
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        tm.JointGoal((1.2, 0.3, 0.4), v=(0.2, -0.1, 0.3)),
+        tm.PositionGoal("tip", (4, 1, 0), v=(0.3, 0.5, 0.0)),
+    ],
+    ids=["joint", "tip"],
+)
+def test_moving_start_and_goal(planar, goal):
+    v_start = (0.3, -0.2, 0.1)
+    problem = tm.Problem(planar, START, goal, v_start=v_start)
+    solution = tm.plan(problem, tm.Options(starts=1))
+    assert solution.success, solution.message
+    motion = solution.trajectory
+    np.testing.assert_allclose(motion.v[0], v_start)
+    residual = goal.residual(RobotKinematics(planar), motion.q[-1], motion.v[-1])
+    np.testing.assert_allclose(residual.value, 0, atol=2e-5)
+
+
+def test_pose_goal():
+    robot = tm.load_robot("ur5")
+    start = np.array([0.0, -1.2, 1.2, -0.5, -0.8, 0.3])
+    pose = RobotKinematics(robot).placement(start + 0.4, "tool0")
+    solution = tm.plan(
+        tm.Problem(robot, start, tm.PoseGoal("tool0", pose)), tm.Options(starts=2)
+    )
+    assert solution.success, solution.message
+    reached = RobotKinematics(robot).placement(solution.trajectory.q[-1], "tool0")
+    assert reached.isApprox(pose, 1e-4)
+
+
+def test_mimic_joints_follow():
+    robot = tm.load_robot("panda")
+    start = np.array([0, -0.5, 0, -2, 0, 1.6, 0.8, 0.01])
+    problem = tm.Problem(robot, start, tm.JointGoal(start + [*[0.3] * 7, 0.02]))
+    solution = tm.plan(problem)
+    assert solution.success, solution.message
+    assert worst(robot, solution.trajectory)[2] <= 2.5e-3
+
+
+def test_smoothing_quiets_the_controls(planar):
+    problem = tm.Problem(planar, START, tm.JointGoal((1.2, 0.3, 0.4)))
+
+    def variation(smoothing):
+        solution = tm.plan(problem, tm.Options(smoothing=smoothing))
+        return np.abs(np.diff(solution.trajectory.a, axis=0)).sum(), solution.T
+
+    rough, fastest = variation(0.0)
+    smooth, slower = variation(3e-3)
+    assert smooth < 0.8 * rough
+    assert fastest <= slower * 1.001
+
+
+def test_same_seed_same_motion(planar):
+    problem = tm.Problem(planar, START, REACH)
+    one, two = (tm.plan(problem, tm.Options(starts=2, seed=3)) for _ in range(2))
+    np.testing.assert_array_equal(one.trajectory.q, two.trajectory.q)
+
+
+def test_callback_sees_progress_and_can_stop(planar):
+    records = []
+
+    def stop(record):
+        records.append(record)
+        return len(records) >= 4
+
+    problem = tm.Problem(planar, START, tm.JointGoal((2.5, -1.0, 1.0)))
+    solution = tm.plan(problem, tm.Options(callback=stop, tolerance=1e-9))
+    assert solution.status is tm.Status.INTERRUPTED
+    assert len(records) == 4 == solution.iterations
+    assert solution.success  # the start was admissible, and so is what came of it
+    assert worst(planar, solution.trajectory)[1] <= 1e-6
+
+
+def test_time_limit_returns_the_best_so_far(planar):
+    problem = tm.Problem(planar, START, REACH, scene=OBSTACLE)
+    options = tm.Options(max_planning_time=1e-6, tolerance=1e-9)
+    solution = tm.plan(problem, options)
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert solution.iterations == 1
+    assert solution.trajectory is not None
+    assert not solution.success
+    with pytest.raises(tm.PlanningFailed) as caught:
+        solution.raise_if_failed()
+    assert caught.value.solution is solution
+
+
+def test_interruption_returns_a_solution(planar):
+    def interrupt(record):
+        if record.iteration == 3:
+            raise KeyboardInterrupt
+
+    problem = tm.Problem(planar, START, tm.JointGoal((2.5, -1.0, 1.0)))
+    solution = tm.plan(problem, tm.Options(callback=interrupt, tolerance=1e-9))
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.trajectory is not None
+
+
+def test_goal_behind_a_wall_is_infeasible_with_a_reason():
+    robot = tm.load_robot("planar3r")
+    ring = [
+        tm.Sphere(
+            f"S{i}", radius=0.5, position=(4 + 0.9 * np.cos(a), 1 + 0.9 * np.sin(a), 0)
+        )
+        for i, a in enumerate(np.linspace(0, 2 * np.pi, 12, endpoint=False))
+    ]
+    problem = tm.Problem(robot, START, REACH, scene=tm.Scene(ring))
+    solution = tm.plan(problem, tm.Options(starts=1, max_iterations=40))
+    assert not solution.success
+    assert solution.status is not tm.Status.CONVERGED
+    assert "clearance" in solution.message or "goal" in solution.message
+
+
+def test_unreachable_orientation_is_told(planar):
+    kinematics = RobotKinematics(planar)
+    pose = kinematics.placement(np.array(START), "tip")
+    pose.translation = pose.translation + np.array([0, 0, 0.5])  # out of the plane
+    problem = tm.Problem(planar, START, tm.PoseGoal("tip", pose))
+    with pytest.raises(tm.ProblemError, match="no configuration within"):
+        tm.plan(problem)
+
+
+def test_passive_joints_need_collocation(planar):
+    passive = planar.with_changes(effort={"joint3": 0.0}, gravity=(0, 0, 0))
+    problem = tm.Problem(passive, START, tm.JointGoal((0.6, 1.7, -1.7)))
+    assert resolve_options(problem, tm.Options()).method == "collocation"
+    with pytest.raises(tm.OptionsError, match="joint3"):
+        resolve_options(problem, tm.Options(method="inverse"))
+
+
+def test_unknown_solver_is_told_before_planning(planar):
+    problem = tm.Problem(planar, START, tm.JointGoal((0.6, 1.7, -1.7)))
+    with pytest.raises(tm.SolverNotFound):
+        tm.plan(problem, tm.Options(lp_solver="nonesuch"))
+
+
+def test_wrong_initial_control_is_told(planar):
+    problem = tm.Problem(planar, START, REACH)
+    options = tm.Options(method="adjoint", initial_control=np.zeros((3, 2)))
+    with pytest.raises(tm.OptionsError, match="initial_control"):
+        tm.plan(problem, options)
+
+
+def test_no_warnings_from_numerics(planar):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tm.plan(tm.Problem(planar, START, tm.JointGoal((1.0, 0.5, 0.0))))

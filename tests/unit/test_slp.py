@@ -1,0 +1,177 @@
+"""The solver loop on small programs that know no robots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from tominpmp.options import Options
+from tominpmp.solution import Status
+from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.subproblem import build_subproblem
+from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.transcription.base import Linearization, Rows, StepBounds
+
+
+class Program:
+    """Minimise the last unknown under given rows, within a box."""
+
+    def __init__(self, parts, function, jacobian, low, high):
+        self.rows = Rows.stack(
+            [
+                (kind, np.array(lower, float), np.array(upper, float), np.array(groups))
+                for kind, lower, upper, groups in parts
+            ]
+        )
+        self.function, self.jacobian = function, jacobian
+        self.low, self.high = np.array(low, float), np.array(high, float)
+        self.size = self.low.size
+        self.cost = np.eye(self.size)[-1]
+
+    def evaluate(self, z):
+        return np.array(self.function(z))
+
+    def linearize(self, z, values, steps):
+        rows = np.arange(self.rows.size)
+        return Linearization(rows, sp.csr_matrix(np.array(self.jacobian(z))))
+
+    def step_bounds(self, z, radius):
+        return StepBounds(
+            np.maximum(self.low - z, -radius), np.minimum(self.high - z, radius)
+        )
+
+    def variation(self, z):
+        raise AssertionError("smoothing is off")
+
+    def stretch(self, z, factor):
+        out = z.copy()
+        out[-1] *= factor
+        return out
+
+
+def circle():
+    """Least t with x^2 + y^2 <= t^2 / 2 and x y >= 1: t = 2 at x = y = 1."""
+    return Program(
+        [("torque", [-np.inf, 1.0], [0.0, np.inf], [0, 1])],
+        lambda z: [z[0] ** 2 + z[1] ** 2 - z[2] ** 2 / 2, z[0] * z[1]],
+        lambda z: [[2 * z[0], 2 * z[1], -z[2]], [z[1], z[0], 0.0]],
+        [-5, -5, 0.1],
+        [5, 5, 20],
+    )
+
+
+@pytest.mark.parametrize("lp", ["highs", "piqp"])
+@pytest.mark.parametrize("start", [(2.0, 0.8, 3.0), (0.1, 0.2, 0.5), (4, 4, 10)])
+def test_curved_constraints_from_any_start(lp, start):
+    solver = SlpSolver(circle(), Options(tolerance=1e-7), 0.0, make_solver(lp))
+    result = solver.run(np.array(start, float))
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(2.0, abs=2e-5)
+    assert result.best.duration >= 2.0 - 1e-5
+    assert result.best.violation <= 1e-6
+
+
+def test_equations_are_met():
+    """Least t with x = sin(t), x >= 0.5: t = pi / 6."""
+    program = Program(
+        [("goal", [0.0, 0.5], [0.0, np.inf], [0, 1])],
+        lambda z: [z[0] - np.sin(z[1]), z[0]],
+        lambda z: [[1.0, -np.cos(z[1])], [1.0, 0.0]],
+        [-2, 0.01],
+        [2, 1.5],
+    )
+    result = SlpSolver(program, Options(), 0.0, make_solver("highs")).run(
+        np.array([-1.0, 1.0])
+    )
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(np.pi / 6, abs=1e-5)
+
+
+def test_contradiction_is_infeasible_never_converged():
+    program = Program(
+        [("goal", [1.0, -np.inf], [np.inf, 0.0], [0, 1])],
+        lambda z: [z[0], z[0]],
+        lambda z: [[1.0, 0.0], [1.0, 0.0]],
+        [-3, 0.1],
+        [3, 5],
+    )
+    result = SlpSolver(program, Options(), 0.0, make_solver("highs")).run(
+        np.array([0.2, 1.0])
+    )
+    assert result.status is Status.INFEASIBLE
+    assert result.best is None
+
+
+def test_merit_never_rises_and_the_monitor_ends_the_iteration():
+    records = []
+
+    def monitor(record):
+        records.append(record)
+        return Status.TIME_LIMIT if len(records) == 3 else None
+
+    solver = SlpSolver(circle(), Options(), 0.0, make_solver("highs"), monitor)
+    result = solver.run(np.array([4.0, 4.0, 10.0]))
+    assert result.status is Status.TIME_LIMIT
+    assert len(result.history) == 3
+    assert all(record.actual >= 0 for record in records)
+    assert result.best is not None  # what was found so far is kept
+
+
+def test_interruption_keeps_the_best(monkeypatch):
+    program = circle()
+    calls = []
+    evaluate = program.evaluate
+
+    def interrupted(z):
+        calls.append(1)
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return evaluate(z)
+
+    program.evaluate = interrupted
+    result = SlpSolver(program, Options(), 0.0, make_solver("highs")).run(
+        np.array([3.0, 3.0, 10.0])
+    )
+    assert result.status is Status.INTERRUPTED
+    assert result.best.violation <= 1e-6
+
+
+def test_rows_out_of_reach_are_left_out_without_loss():
+    program = circle()
+    z = np.array([2.0, 2.0, 10.0])
+    solver = SlpSolver(program, Options(), 0.0, make_solver("highs"))
+    iterate = solver.init(z)
+    for radius, count in ((1e-3, 0), (2.0, 1), (3.0, 2)):
+        steps = program.step_bounds(z, radius)
+        linearization = program.linearize(z, iterate.values, steps)
+        sub = build_subproblem(
+            iterate.merit, iterate.values, linearization, steps, None, z
+        )
+        assert sub.rows.size == count
+
+
+def test_no_step_is_always_admissible():
+    """Elastic variables make every linear program feasible, however bad the start."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        program = circle()
+        z = rng.uniform(program.low, program.high)
+        solver = SlpSolver(program, Options(), 0.0, make_solver("highs"))
+        iterate = solver.init(z)
+        steps = program.step_bounds(z, 0.1)
+        linearization = program.linearize(z, iterate.values, steps)
+        sub = build_subproblem(
+            iterate.merit, iterate.values, linearization, steps, None, z
+        )
+        assert make_solver("highs").solve(sub.program).optimal
+
+
+def test_trust_region_follows_the_error():
+    region = TrustRegion()
+    assert region.after(1.0, 1.0).radius > 2.0  # a perfect model
+    assert region.after(0.5, 1.0).radius == pytest.approx(1.0)  # half is lost: stay
+    assert region.after(-3.0, 1.0).radius == pytest.approx(0.5)
+    assert region.after(-3.0, 0.2).radius == pytest.approx(0.2)
+    assert TrustRegion(1e-7).exhausted and not region.exhausted
