@@ -1,0 +1,87 @@
+# Needs GNU make and Python 3.10 or newer with its venv module, nothing else.
+# `make help` lists the targets; PYTHON=python3.12 chooses an interpreter.
+
+PYTHON ?=
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+PYTEST_ARGS ?=
+LOCK_ARGS ?=
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+.PHONY: help
+help: ## List the targets
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{ printf "%-22s %s\n", $$1, $$2 }'
+
+.PHONY: setup
+setup: $(STAMP) ## Make .venv with the locked dependencies and the package
+
+$(STAMP): requirements.lock pyproject.toml
+	@PYTHON='$(PYTHON)' sh tools/make-venv $(VENV)
+	@echo 'Installing the locked dependencies into $(VENV). This is done once and takes some minutes.'
+	@sh tools/install-lock $(BIN)/python requirements.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	@touch $@
+
+.PHONY: demo
+demo: setup ## Plan the paper's example; figures and an animation go to out/
+	@$(BIN)/python examples/paper_demo.py
+
+.PHONY: test
+test: setup ## Run all tests (PYTEST_ARGS="-k lp -x" to choose)
+	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+.PHONY: check
+check: lint types layers spelling ## Lint, formatting, types, import layers, spelling
+
+.PHONY: lint
+lint: setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+.PHONY: types
+types: setup
+	$(BIN)/mypy
+
+.PHONY: layers
+layers: setup
+	$(BIN)/lint-imports --no-logo
+
+.PHONY: spelling
+spelling: setup
+	$(BIN)/codespell
+
+.PHONY: format
+format: setup ## Put the code into the project's format
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+.PHONY: bench
+bench: setup ## Run the benchmarks with their default options
+	@for script in $(notdir $(basename $(wildcard benchmarks/[a-z]*.py))); do \
+	    echo "benchmarks.$$script"; $(BIN)/python -m "benchmarks.$$script" || exit 1; \
+	done
+
+.PHONY: package-check
+package-check: setup ## Build wheel and sdist, install and try them in an empty environment
+	@$(BIN)/python tools/check_package.py
+
+.PHONY: lock
+lock: ## Resolve the dependencies anew (LOCK_ARGS=--upgrade for newer releases)
+	@PYTHON='$(PYTHON)' sh tools/make-venv .venv-lock
+	@.venv-lock/bin/python -m pip install --quiet --disable-pip-version-check 'uv>=0.5.3'
+	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
+	    --extra plots --extra robots --extra viz --group dev \
+	    --universal --python-version 3.10 --generate-hashes --no-emit-index-url \
+	    --quiet $(LOCK_ARGS) --output-file requirements.lock
+
+.PHONY: clean
+clean: ## Remove what was built and written: out/, dist/, caches
+	rm -rf build dist out .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find benchmarks examples src tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.PHONY: distclean
+distclean: clean ## As clean, and remove the environments too
+	rm -rf $(VENV) .venv-lock

@@ -1,0 +1,31 @@
+"""Fixtures and settings for all tests."""
+
+from __future__ import annotations
+
+import os
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from tominpmp.robot import Robot, load_robot
+
+# Figures are drawn without a screen.
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples on every run, however slow the machine.
+settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.load_profile("repeatable")
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """A generator seeded by the name of the test."""
+    return np.random.default_rng(zlib.crc32(request.node.nodeid.encode()))
+
+
+@pytest.fixture(scope="session")
+def planar3r() -> Robot:
+    """The paper's arm: three joints in a vertical plane."""
+    return load_robot("planar3r")

@@ -1,0 +1,126 @@
+"""Rules about the code as a whole that no single module can break unseen."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import requires
+from pathlib import Path
+
+import pytest
+
+import tominpmp
+
+PACKAGE = Path(tominpmp.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+MAX_LINES = 400
+
+# Heavy, or not even installed: `import tominpmp` must do without them.
+NOT_AT_IMPORT = {"casadi", "matplotlib", "meshcat", "ompl"}
+
+# Distributions that are named unlike the package in them.
+DISTRIBUTIONS = {"pinocchio": "pin", "umsgpack": "u-msgpack-python"}
+
+
+def name_of(path: Path) -> str:
+    """Dotted name of a module of the package."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def is_command_line(path: Path) -> bool:
+    return path.relative_to(PACKAGE).parts[0] in ("__main__.py", "cli")
+
+
+def parse(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def imported_names(tree: ast.Module) -> Iterator[str]:
+    """Dotted names of all modules that a module imports, inside functions too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+each_module = pytest.mark.parametrize("path", MODULES, ids=name_of)
+
+
+@each_module
+def test_module_is_short(path: Path) -> None:
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MAX_LINES
+
+
+@each_module
+def test_public_names_exist(path: Path) -> None:
+    module = importlib.import_module(name_of(path))
+    names = getattr(module, "__all__", [])
+    assert len(set(names)) == len(names)
+    assert [name for name in names if not hasattr(module, name)] == []
+
+
+def test_only_the_command_line_prints() -> None:
+    prints = [
+        f"{name_of(path)}:{node.lineno}"
+        for path in MODULES
+        if not is_command_line(path)
+        for node in ast.walk(parse(path))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "print"
+    ]
+    assert prints == []
+
+
+def test_import_is_light() -> None:
+    program = "import sys, tominpmp; print(*{m.split('.')[0] for m in sys.modules})"
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    loaded = set(result.stdout.split())
+    assert "tominpmp" in loaded
+    assert loaded & NOT_AT_IMPORT == set()
+
+
+def test_imports_follow_the_layers() -> None:
+    root = Path(__file__).parents[1]
+    result = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_modules_do_not_import_the_package_itself() -> None:
+    """Names come from the module that defines them, or the layers mean nothing."""
+    from_root = [
+        name_of(path)
+        for path in MODULES
+        if "tominpmp" in imported_names(parse(path)) and not is_command_line(path)
+    ]
+    assert from_root == []
+
+
+def test_declared_dependencies_are_those_imported() -> None:
+    declared = {
+        re.split(r"[^\w.-]", requirement)[0]: "extra ==" in requirement
+        for requirement in requires("tominpmp") or []
+    }
+    imported = {
+        DISTRIBUTIONS.get(package, package)
+        for path in MODULES
+        for package in (name.split(".")[0] for name in imported_names(parse(path)))
+        if package not in sys.stdlib_module_names and package != "tominpmp"
+    }
+    assert imported - set(declared) == set()
+    always_installed = {name for name, is_extra in declared.items() if not is_extra}
+    assert always_installed - imported == set()

@@ -1,0 +1,101 @@
+"""Build the wheel and the sdist, install them in an empty environment and try them.
+
+The environment gets the declared dependencies only, no extras, at the versions of the
+lock file. The sdist takes the place of the wheel there, since both declare the same.
+All runs from another directory, so that the checkout is out of reach.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+TRIAL = """
+from importlib.resources import files
+import tominpmp
+robot = tominpmp.load_robot("planar3r")
+assert robot.n == 3, robot
+assert files("tominpmp").joinpath("py.typed").is_file(), "py.typed is missing"
+"""
+
+
+def run(*command: str | Path, cwd: Path) -> None:
+    """Run a command and stop with its own words if it fails.
+
+    Args:
+        command: Program and arguments.
+        cwd: Directory to run in.
+    """
+    result = subprocess.run(command, cwd=cwd, capture_output=True, text=True)
+    if result.returncode:
+        words = " ".join(map(str, command))
+        sys.exit(f"failed: {words}\n{result.stdout}{result.stderr}")
+
+
+def build(folder: Path) -> tuple[Path, Path]:
+    """Build the sdist, and the wheel from the sdist; return wheel and sdist.
+
+    Args:
+        folder: Where they go.
+    """
+    options = ("--no-isolation", "--outdir", folder)
+    run(sys.executable, "-m", "build", *options, ROOT, cwd=folder)
+    (wheel,) = folder.glob("*.whl")
+    (sdist,) = folder.glob("*.tar.gz")
+    return wheel, sdist
+
+
+def write_constraints(path: Path) -> None:
+    """Write the locked versions, without hashes: the wheel itself has none to check.
+
+    Args:
+        path: The file to write.
+    """
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    pins = re.findall(r"^(\S+==.+?) \\$", lock, flags=re.MULTILINE)
+    path.write_text("\n".join(pins) + "\n", encoding="utf-8")
+
+
+def try_out(binaries: Path, folder: Path) -> None:
+    """Use the package that is installed: library, module and command.
+
+    Args:
+        binaries: Folder of the environment's programs.
+        folder: Directory to run in.
+    """
+    run(binaries / "python", "-m", "pip", "check", cwd=folder)
+    run(binaries / "python", "-c", TRIAL, cwd=folder)
+    run(binaries / "python", "-m", "tominpmp", "--help", cwd=folder)
+    run(binaries / "tominpmp", "--help", cwd=folder)
+
+
+def main() -> None:
+    """Check both packages."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        wheel, sdist = build(folder)
+        constraints = folder / "constraints.txt"
+        write_constraints(constraints)
+        venv.create(folder / "venv", with_pip=True)
+        binaries = folder / "venv" / "bin"
+        pip = (binaries / "python", "-m", "pip", "--disable-pip-version-check")
+        install = (*pip, "install", "--no-compile")
+
+        run(*install, "--constraint", constraints, wheel, cwd=folder)
+        try_out(binaries, folder)
+        print(f"{wheel.name}: installs and runs")
+
+        run(*pip, "uninstall", "--yes", "tominpmp", cwd=folder)
+        run(*install, "--no-deps", sdist, cwd=folder)
+        try_out(binaries, folder)
+        print(f"{sdist.name}: installs and runs")
+
+
+if __name__ == "__main__":
+    main()
