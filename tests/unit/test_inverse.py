@@ -7,7 +7,8 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.inverse import Instants, InverseTranscription
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.spline_rows import Instants
 from tominpmp.transcription.system import System
 
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])

@@ -20,14 +20,21 @@ def program(cost, matrix, row_lower, row_upper, lower, upper):
     ]
     rows, columns = matrix.shape
     return LinearProgram(
-        np.array(cost, dtype=float), matrix, *arrays, np.arange(rows), np.arange(columns)
+        np.array(cost, dtype=float),
+        matrix,
+        *arrays,
+        np.arange(rows),
+        np.arange(columns),
     )
 
 
 def random_program(rng, rows=12, columns=8):
     matrix = rng.normal(size=(rows, columns))
     center = matrix @ rng.uniform(-0.5, 0.5, columns)
-    lower, upper = center - rng.uniform(0.1, 1, rows), center + rng.uniform(0.1, 1, rows)
+    lower, upper = (
+        center - rng.uniform(0.1, 1, rows),
+        center + rng.uniform(0.1, 1, rows),
+    )
     lower[:3], upper[3:5] = -np.inf, np.inf
     lower[6] = upper[6] = center[6]
     ones = np.ones(columns)
@@ -57,7 +64,9 @@ def installed(name):
 @pytest.mark.parametrize("name", SOLVERS)
 def test_duals_are_sensitivities_to_the_active_bound(name):
     # min -x - 2y, x + y <= 3, x - y >= -1, x, y in [0, 10]: optimum at (1, 2).
-    p = program([-1, -2], [[1, 1], [1, -1]], [-np.inf, -1], [3, np.inf], [0, 0], [10, 10])
+    p = program(
+        [-1, -2], [[1, 1], [1, -1]], [-np.inf, -1], [3, np.inf], [0, 0], [10, 10]
+    )
     solution = installed(name).solve(p)
     assert solution.optimal
     np.testing.assert_allclose(solution.x, [1, 2], atol=1e-5)

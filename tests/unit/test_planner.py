@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def test_the_obstacle_is_cleared(planar, around):
             kinematics.placement(q, frame).translation
             for frame in ("link1", "link2", "link3", "tip")
         ]
-        for a, b in zip(joints[:-1], joints[1:], strict=True):
+        for a, b in pairwise(joints):
             s = np.clip((np.array([4, 0, 0]) - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
             assert np.linalg.norm(a + s * (b - a) - (4, 0, 0)) > 0.8 - 2e-3
 
@@ -128,7 +129,8 @@ def test_pose_goal():
 def test_mimic_joints_follow():
     robot = tm.load_robot("panda")
     start = np.array([0, -0.5, 0, -2, 0, 1.6, 0.8, 0.01])
-    problem = tm.Problem(robot, start, tm.JointGoal(start + [*[0.3] * 7, 0.02]))
+    shift = np.append(np.full(7, 0.3), 0.02)
+    problem = tm.Problem(robot, start, tm.JointGoal(start + shift))
     solution = tm.plan(problem)
     assert solution.success, solution.message
     assert worst(robot, solution.trajectory)[2] <= 2.5e-3

@@ -48,6 +48,7 @@ def test_timing_with_friction_is_between_bounds(tmp_path):
     system = slider(tmp_path, 3.0, damping=4.0)
     line = time_straight_line(system, np.zeros(1), np.array([3.0]))
     assert line.duration > max(free.duration, 3.0 / 2.0)
+
     # Bang-bang with v' = (+-8 - 4 v) / 2, switched where both curves meet.
     def speed_up(t):
         return 2 * (1 - np.exp(-2 * t)), 2 * (t - (1 - np.exp(-2 * t)) / 2)
@@ -112,3 +113,15 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
         np.testing.assert_array_equal(a.q, b.q)
         np.testing.assert_allclose(a.q[-1], problem.goal.q, atol=1e-9)
         np.testing.assert_allclose(a.q[0], problem.q_start, atol=1e-9)
+
+
+def test_guesses_for_a_frame_begin_at_rest_and_reach_the_goal_after():
+    robot = tm.load_robot("planar3r")
+    problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
+    system = System.of(problem)
+    first, *others = initial_guesses(system, 4, np.random.default_rng(5))
+    np.testing.assert_array_equal(first.q, np.tile(problem.q_start, (2, 1)))
+    assert len(others) == 3
+    for guess in others:
+        error, _ = problem.goal.place_residual(system.kinematics, guess.q[-1])
+        assert np.linalg.norm(error) < 1e-6

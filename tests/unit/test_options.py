@@ -1,0 +1,149 @@
+"""Tests of the checks of options."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import FrozenInstanceError, fields, replace
+
+import numpy as np
+import pytest
+
+from tominpmp.exceptions import OptionsError
+from tominpmp.options import (
+    CONTROLS,
+    GRIDS,
+    LP_SOLVERS,
+    METHODS,
+    STEP_RULES,
+    Options,
+)
+
+NO_NUMBERS = ["1", None, [1.0], np.ones(2), 1j, object(), True]
+NOT_POSITIVE = [0, 0.0, -1.0, np.nan, np.inf, -np.inf]
+NO_INTEGERS = ["4", None, 4.0, np.nan, [4], True, object()]
+NO_CHOICES = ["", "fastest", None, 3, ["auto"], np.array(["auto", "uniform"]), object()]
+
+# Values that each option refuses; one entry for every option.
+BAD = {
+    "method": NO_CHOICES,
+    "intervals": [*NO_INTEGERS, 3, 0, -5],
+    "grid": NO_CHOICES,
+    "control": NO_CHOICES,
+    "smoothing": [*(v for v in NO_NUMBERS if v is not None), -1e-9, np.nan, np.inf],
+    "starts": [*(v for v in NO_INTEGERS if v is not None), 0, -1],
+    "seed": [*NO_INTEGERS, -1],
+    "max_planning_time": [*(v for v in NO_NUMBERS if v is not None), *NOT_POSITIVE],
+    "max_iterations": [*NO_INTEGERS, 0, -1],
+    "tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
+    "feasibility": [*NO_NUMBERS, *NOT_POSITIVE],
+    "trust_region": [*NO_NUMBERS, *NOT_POSITIVE],
+    "step_rule": NO_CHOICES,
+    "control_step": [*NO_NUMBERS, *NOT_POSITIVE],
+    "time_step": [*NO_NUMBERS, *NOT_POSITIVE],
+    "initial_duration": [*(v for v in NO_NUMBERS if v is not None), *NOT_POSITIVE],
+    "initial_control": [
+        "zero",
+        1.0,
+        [],
+        [[1.0], [1.0, 2.0]],
+        [1.0, None],
+        [1.0, np.nan],
+        [[np.inf, 0.0]],
+        np.zeros((2, 2, 2)),
+        {},
+    ],
+    "lp_solver": ["", None, 3, ["highs"], object()],
+    "processes": [*NO_INTEGERS, 0, -2],
+    "callback": ["print", 3, []],
+}
+
+# Values that each option takes, with what it makes of them.
+GOOD = {
+    "method": [(value, value) for value in METHODS],
+    "intervals": [(4, 4), (np.int64(500), 500)],
+    "grid": [(value, value) for value in GRIDS],
+    "control": [(value, value) for value in CONTROLS],
+    "smoothing": [(None, None), (0, 0.0), (np.float32(0.5), 0.5)],
+    "starts": [(None, None), (1, 1), (np.int32(7), 7)],
+    "seed": [(0, 0), (2**40, 2**40)],
+    "max_planning_time": [(None, None), (1, 1.0), (1e-3, 1e-3)],
+    "max_iterations": [(1, 1)],
+    "tolerance": [(1e-12, 1e-12), (np.array(0.5), 0.5)],
+    "feasibility": [(1e-3, 1e-3)],
+    "trust_region": [(10, 10.0)],
+    "step_rule": [(value, value) for value in STEP_RULES],
+    "control_step": [(0.05, 0.05)],
+    "time_step": [(0.01, 0.01)],
+    "initial_duration": [(None, None), (1.5, 1.5)],
+    "initial_control": [(None, None)],
+    "lp_solver": [(value, value) for value in (*LP_SOLVERS, "clarabel")],
+    "processes": [(1, 1), (8, 8)],
+    "callback": [(None, None), (print, print)],
+}
+
+
+def test_every_option_is_tested() -> None:
+    names = [item.name for item in fields(Options)]
+    assert list(Options.names()) == names
+    assert set(BAD) == set(GOOD) == set(names)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [(name, value) for name, values in BAD.items() for value in values],
+)
+def test_bad_values(name: str, value: object) -> None:
+    with pytest.raises(OptionsError, match=rf"(?s)^{name} is .*, expected ") as caught:
+        Options(**{name: value})  # type: ignore[arg-type]
+    assert caught.value.option == name
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kept"),
+    [(name, *pair) for name, pairs in GOOD.items() for pair in pairs],
+)
+def test_good_values(name: str, value: object, kept: object) -> None:
+    found = getattr(Options(**{name: value}), name)  # type: ignore[arg-type]
+    assert found == kept
+    assert type(found) is type(kept)
+
+
+def test_choices_are_listed() -> None:
+    with pytest.raises(OptionsError, match=f"one of: {', '.join(METHODS)}$"):
+        Options(method="newton")  # type: ignore[arg-type]
+
+
+def test_unknown_options_are_refused() -> None:
+    with pytest.raises(TypeError, match="iterations"):
+        Options(iterations=3)  # type: ignore[call-arg]
+    with pytest.raises(TypeError):
+        Options("inverse")  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("control", [[1, 2, 3], np.zeros((40, 3))])
+def test_initial_control_is_a_copy(control: object) -> None:
+    given = np.array(control, dtype=np.float64)
+    options = Options(initial_control=given)
+    kept = given.copy()
+    given[:] = 9.0
+    for item in (options, pickle.loads(pickle.dumps(options))):
+        np.testing.assert_array_equal(item.initial_control, kept)
+        with pytest.raises(ValueError, match="read-only"):
+            item.initial_control[0] = 1.0
+
+
+def test_options_are_frozen_values() -> None:
+    options = Options(initial_control=[1, 2, 3], intervals=30)  # type: ignore[arg-type]
+    with pytest.raises(FrozenInstanceError):
+        options.intervals = 5  # type: ignore[misc]
+    assert options == Options(initial_control=np.array([1.0, 2.0, 3.0]), intervals=30)
+    assert hash(options) == hash(replace(options))
+    assert options != replace(options, intervals=31)
+    assert options != replace(options, initial_control=None)
+    assert pickle.loads(pickle.dumps(options)) == options
+    assert Options() == Options()
+
+
+def test_replacing_checks_again() -> None:
+    with pytest.raises(OptionsError, match="intervals is 2"):
+        replace(Options(), intervals=2)
