@@ -185,7 +185,8 @@ class Contest:
 
         started = time.perf_counter()
         problem = tm.Problem(self._robot, q_start, tm.JointGoal(q_goal))
-        solution = tm.plan(problem, tm.Options(intervals=self._intervals, grid=self._grid))
+        options = tm.Options(intervals=self._intervals, grid=self._grid)
+        solution = tm.plan(problem, options)
         seconds = time.perf_counter() - started
         values = {
             "success": bool(solution.success),

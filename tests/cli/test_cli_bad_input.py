@@ -115,7 +115,7 @@ BAD = {
     ),
     "in collision": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=3,1,0",
-        "start in collision: 'link1_0' and 'x' overlap",
+        "start in collision: link 'link1' and obstacle 'x' overlap",
     ),
     "method": ("plan planar3r --start start --goal 1,1,1 --method best", "'best'"),
     "intervals": (

@@ -56,8 +56,8 @@ class Merit:
     def raised(self, multipliers: Array, before: Array, promised: Array) -> Merit:
         """Raise the weights above the multipliers of a linear program.
 
-        The multipliers of a group with an elastic variable add up to its weight at most
-        and say nothing about it; its weight is doubled where the program would leave the
+        Those of a group with an elastic variable add up to its weight at most and say
+        nothing about it; its weight is doubled where the program would leave the
         violation as it is.
 
         Args:

@@ -21,6 +21,12 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.controls import (
+    driving_torque,
+    share_steps,
+    torque_jumps,
+    torque_shares,
+)
 from tominpmp.transcription.integrator import (
     Stage,
     differentiate_defects,
@@ -58,10 +64,11 @@ class CollocationTranscription:
         self._n = system.n
         velocity = SPEED_FACTOR / duration * system.step_scale
         self._scale = np.concatenate([system.step_scale, velocity])
-        limits = system.problem.robot.limits
-        self._driven = np.flatnonzero(limits.effort_upper > limits.effort_lower)
+        limit = system.problem.robot.limits.velocity
+        self._limited = np.flatnonzero(np.isfinite(limit))
+        self._speed_limit = limit[self._limited]
         self._rows = self._build_rows()
-        self._indices = self._defect_columns()
+        self._columns = self._interval_columns()
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -106,9 +113,7 @@ class CollocationTranscription:
             x[-1, :n] = system.joint_goal.q
         if system.final_velocity is not None:
             x[-1, n:] = system.final_velocity
-        u = np.clip(u, limits.effort_lower, limits.effort_upper)
-        share = (u - system.effort_middle) / system.effort_half
-        return np.concatenate([x.ravel(), share.ravel(), eta])
+        return np.concatenate([x.ravel(), torque_shares(system, u).ravel(), eta])
 
     def start(self, q: Array, eta: Array) -> Array:
         """Turn positions at the nodes into unknowns; the dynamics need not hold.
@@ -124,8 +129,8 @@ class CollocationTranscription:
         Returns:
             z.
         """
-        system, h = self.system, (self.shares @ eta)[:, None]
-        problem = system.problem
+        system, lengths = self.system, self.shares @ eta
+        problem, h = system.problem, lengths[:, None]
         q = q.copy()
         q[0] = problem.q_start
         if system.joint_goal is not None:
@@ -135,13 +140,7 @@ class CollocationTranscription:
         end = system.final_velocity
         last = 1.5 * slope[-1] - 0.5 * inner[-1] if end is None else end
         v = np.concatenate([problem.v_start[None], inner, last[None]])
-        return self.pack(np.hstack([q, v]), self._driving_torque(q, v, h), eta)
-
-    def _driving_torque(self, q: Array, v: Array, h: Array) -> Array:
-        """Torques in the middle of intervals, shape (N, n)."""
-        return self.system.dynamics.inverse(
-            0.5 * (q[:-1] + q[1:]), np.diff(q, axis=0) / h, np.diff(v, axis=0) / h
-        )
+        return self.pack(np.hstack([q, v]), driving_torque(system, q, v, lengths), eta)
 
     def split(self, z: Array) -> tuple[Array, Array, Array]:
         """States, torques [N m or N] and lengths [s] of an iterate.
@@ -173,9 +172,7 @@ class CollocationTranscription:
         if system.final_velocity is not None:
             lower[-1, n:] = upper[-1, n:] = 0.0
         share = z[x.size : x.size + N * n].reshape(N, n)
-        less, more = np.zeros((N, n)), np.zeros((N, n))
-        less[:, self._driven] = np.minimum(-1.0 - share[:, self._driven], 0.0)
-        more[:, self._driven] = np.maximum(1.0 - share[:, self._driven], 0.0)
+        less, more = share_steps(system, share, np.full(n, 2.0))
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), less.ravel(), -length]),
@@ -190,7 +187,12 @@ class CollocationTranscription:
         # One group: all defects shrink in proportion, which took half the iterations
         # of a group for each interval on the paper's example.
         groups = np.zeros(defects.size, dtype=np.int64)
-        parts = [("dynamics", defects, defects, groups)]
+        limit = np.ones(N * self._limited.size)
+        whole = np.zeros(limit.size, dtype=np.int64)
+        parts = [
+            ("dynamics", defects, defects, groups),
+            ("velocity", -limit, limit, whole),
+        ]
         if system.clearance is not None:
             count = system.clearance.count
             parts.append(
@@ -221,8 +223,10 @@ class CollocationTranscription:
         x, u, h = self.split(z)
         stage = self._inner(x, u, h)
         defects = evaluate_defects(system.dynamics, x[:-1], x[1:], u, h, stage.x)
-        defects = np.where(stage.solved[:, None], defects / self._scale, BROKEN)
-        parts = [defects.ravel()]
+        solved = stage.solved[:, None]
+        defects = np.where(solved, defects / self._scale, BROKEN)
+        speeds = stage.x[:, self._n + self._limited] / self._speed_limit
+        parts = [defects.ravel(), np.where(solved, speeds, BROKEN).ravel()]
         if system.clearance is not None:
             parts.append(system.clearance.values(x[1:, : self._n]).ravel())
         if system.joint_goal is None:
@@ -233,8 +237,8 @@ class CollocationTranscription:
         """Jacobian of the rows that can become active within a box of steps."""
         rows = self._rows
         x, u, h = self.split(z)
-        blocks = [self._defect_jacobian(x, u, h)]
-        chosen = [np.arange(self._N * 2 * self._n)]
+        blocks = [self._interval_jacobian(x, u, h)]
+        chosen = [np.flatnonzero(rows.kind <= 1)]
         if self.system.clearance is not None:
             index = np.flatnonzero(rows.kind == rows.kinds.index("clearance"))
             boxes = steps.upper[: x.size].reshape(x.shape)[:, : self._n]
@@ -248,8 +252,8 @@ class CollocationTranscription:
         matrix = sp.vstack(blocks, format="csr") if len(blocks) > 1 else blocks[0]
         return Linearization(np.concatenate(chosen), matrix)
 
-    def _defect_columns(self) -> IntArray:
-        """Columns of the entries of the defect rows, shape (N, 5n + m)."""
+    def _interval_columns(self) -> IntArray:
+        """Unknowns that an interval depends on, shape (N, 5n + m)."""
         N, n = self._N, self._n
         states = (N + 1) * 2 * n
         k = np.arange(N)[:, None]
@@ -262,28 +266,41 @@ class CollocationTranscription:
             axis=1,
         )
 
-    def _defect_jacobian(self, x: Array, u: Array, h: Array) -> sp.csr_matrix:
-        N, n, system = self._N, self._n, self.system
+    def _interval_jacobian(self, x: Array, u: Array, h: Array) -> sp.csr_matrix:
+        """Jacobian of the defects and of the velocities at the inner stages."""
+        n, system = self._n, self.system
         inner = self._inner(x, u, h).x
         by = differentiate_defects(system.dynamics, x[:-1], x[1:], u, h, inner)
-        entries = np.concatenate(
-            [
-                by.by_start,
-                by.by_end,
-                by.by_control * system.effort_half,
-                by.by_length[:, :, None] * self.shares[:, None, :],
-            ],
-            axis=2,
+        defects = np.concatenate(
+            [by.by_start, by.by_end, by.by_control, by.by_length[..., None]], axis=2
         )
-        entries /= self._scale[:, None]
-        width = entries.shape[2]
+        speeds = by.inner[:, n + self._limited] / self._speed_limit[:, None]
+        return sp.vstack(
+            [
+                self._interval_rows(defects / self._scale[:, None]),
+                self._interval_rows(speeds),
+            ],
+            format="csr",
+        )
+
+    def _interval_rows(self, entries: Array) -> sp.csr_matrix:
+        """Rows of intervals from derivatives with respect to (ends, torques, length).
+
+        Args:
+            entries: Shape (N, k, 5n + 1).
+
+        Returns:
+            Shape (N k, size).
+        """
+        n, count = self._n, entries.shape[1]
+        entries[..., 4 * n : 5 * n] *= self.system.effort_half
+        by_eta = entries[..., 5 * n :] * self.shares[:, None, :]
+        entries = np.concatenate([entries[..., : 5 * n], by_eta], axis=2)
+        columns = np.repeat(self._columns, count, axis=0)
+        ends = np.arange(self._N * count + 1) * columns.shape[1]
         matrix = sp.csr_matrix(
-            (
-                entries.ravel(),
-                np.repeat(self._indices, 2 * n, axis=0).ravel(),
-                np.arange(N * 2 * n + 1) * width,
-            ),
-            shape=(N * 2 * n, self.size),
+            (entries.ravel(), columns.ravel(), ends),
+            shape=(self._N * count, self.size),
         )
         matrix.eliminate_zeros()
         return matrix
@@ -315,30 +332,20 @@ class CollocationTranscription:
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques between intervals, in full ranges."""
-        N, n = self._N, self._n
-        difference = sp.diags([-0.5, 0.5], [0, 1], shape=(N - 1, N))
-        jumps = sp.kron(difference, sp.identity(n, format="csr")[self._driven])
+        jumps = torque_jumps(self.system, self._N)
         count = jumps.shape[0]
-        matrix = sp.hstack(
-            [
-                sp.csr_matrix((count, (N + 1) * 2 * n)),
-                jumps,
-                sp.csr_matrix((count, self._m)),
-            ],
-            format="csr",
-        )
+        states = sp.csr_matrix((count, (self._N + 1) * 2 * self._n))
+        lengths = sp.csr_matrix((count, self._m))
+        matrix = sp.hstack([states, jumps, lengths], format="csr")
         return Variation(matrix, np.zeros(count))
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The same configurations, traversed slower, with the torques for that."""
         x, _, _ = self.split(z)
-        n = self._n
+        n, eta = self._n, z[-self._m :] * factor
         q, v = x[:, :n], x[:, n:] / factor
-        v[0] = x[0, n:]
-        v[-1] = x[-1, n:] if self.system.final_velocity is not None else v[-1]
-        eta = z[-self._m :] * factor
-        h = (self.shares @ eta)[:, None]
-        return self.pack(np.hstack([q, v]), self._driving_torque(q, v, h), eta)
+        u = driving_torque(self.system, q, v, self.shares @ eta)
+        return self.pack(np.hstack([q, v]), u, eta)
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate, joined by Hermite polynomials between nodes."""

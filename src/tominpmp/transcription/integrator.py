@@ -48,7 +48,7 @@ class Stage(NamedTuple):
 
 
 class DefectJacobians(NamedTuple):
-    """Defects of intervals and their partial derivatives.
+    """Defects of intervals and their partial derivatives, and those of inner stages.
 
     Attributes:
         value: x_{k+1} minus the end of the step from x_k, shape (m, 2n).
@@ -56,6 +56,8 @@ class DefectJacobians(NamedTuple):
         by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
         by_control: With respect to u_k, shape (m, 2n, n).
         by_length: With respect to h_k, shape (m, 2n).
+        inner: The inner stage with respect to all of these, one beside the other in the
+            order above, shape (m, 2n, 5n + 1).
     """
 
     value: Array
@@ -63,6 +65,7 @@ class DefectJacobians(NamedTuple):
     by_end: Array
     by_control: Array
     by_length: Array
+    inner: Array
 
 
 class Rollout(NamedTuple):
@@ -198,7 +201,8 @@ def differentiate_defects(
         ],
         axis=2,
     )
-    inner_by = step * a21 * F1 @ _solve(eye - step * a11 * F1, right)
+    stage = _solve(eye - step * a11 * F1, right)
+    inner_by = step * a21 * F1 @ stage
     slope = a21 * f1 + a22 * f2
     return DefectJacobians(
         end - start - h[:, None] * slope,
@@ -206,6 +210,7 @@ def differentiate_defects(
         eye - step * a22 * F2 - inner_by[..., size : 2 * size],
         -step * (a21 * B1 + a22 * B2) - inner_by[..., 2 * size : 2 * size + n],
         -slope - inner_by[..., -1],
+        stage,
     )
 
 

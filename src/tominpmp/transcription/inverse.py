@@ -18,7 +18,12 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
-from tominpmp.transcription.spline import Spline, SplineDerivatives, differentiate
+from tominpmp.transcription.spline import (
+    Spline,
+    SplineDerivatives,
+    acceleration_jumps,
+    differentiate,
+)
 from tominpmp.transcription.spline_rows import (
     Columns,
     Entries,
@@ -361,7 +366,7 @@ class InverseTranscription:
             self._torque_jacobian(spline, differentiate(spline))
             scale = self._acceleration_range
         assert scale is not None  # noqa: S101
-        jumps = self._jumps(spline.h)
+        jumps = acceleration_jumps(spline.h)
         data = (jumps.data[:, None] / scale).ravel()
         rows = (jumps.row[:, None] * self._n + np.arange(self._n)).ravel()
         columns = (jumps.col[:, None] * self._n + np.arange(self._n)).ravel()
@@ -370,16 +375,6 @@ class InverseTranscription:
         )
         offset = (np.diff(spline.a, axis=0) / scale).ravel() - matrix @ z
         return Variation(matrix, offset)
-
-    def _jumps(self, h: Array) -> sp.coo_matrix:
-        """Jumps of the acceleration of one joint at the inner nodes, by its points."""
-        N = self._N
-        s = h[:-1] + h[1:]
-        # v at the inner nodes, then a on the intervals, then its jumps.
-        v = sp.diags([-2.0 / s, 2.0 / s], [0, 1], shape=(N - 1, N))
-        a = sp.diags([1.0 / h[:-1], -1.0 / h[1:]], [0, -1], shape=(N, N - 1)) @ v
-        jumps = sp.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N)) @ a
-        return sp.coo_matrix(jumps)
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The same points, traversed slower."""
