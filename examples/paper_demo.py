@@ -94,13 +94,13 @@ def plan_all(console: Console, intervals: int) -> dict[Key, tm.Solution]:
 
 def row(key: Key, solution: tm.Solution) -> list[str]:
     """Cells of one method: T, iterations, seconds."""
-    duration = f"{solution.T:.4f}" if solution.success else "-"
+    duration = f"{solution.T:.4f}" + ("" if solution.success else "*")
     return [duration, str(solution.iterations), f"{solution.planning_time:.2f}"]
 
 
 def print_table(console: Console, solutions: Mapping[Key, tm.Solution]) -> None:
     """Print T, iterations and seconds of every method beside the paper's numbers."""
-    table = Table(title="Planar three-joint arm: T [s] (iterations, seconds)")
+    table = Table(title="Planar three-joint arm: T in s (iterations, seconds)")
     for heading in ("case", "gravity", *METHODS, "paper", "paper, penalty"):
         numeric = heading not in ("case", "gravity")
         table.add_column(heading, justify="right" if numeric else "left")
@@ -114,6 +114,10 @@ def print_table(console: Console, solutions: Mapping[Key, tm.Solution]) -> None:
                 cells.append(f"{t} ({iterations}, {seconds})")
             table.add_row(case, gravity, *cells, *(f"{t:.3f}" for t in PAPER[case]))
     console.print(table)
+    left = [max(s.violations.values()) for s in solutions.values() if not s.success]
+    if left:
+        worst = max(left)
+        console.print(f"* ended with goal or limits violated, by {worst:.2g} at most")
 
 
 def write_table(path: Path, solutions: Mapping[Key, tm.Solution]) -> None:
@@ -146,7 +150,7 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
         (CASES[1], "figure_6_controls_constrained", "figure_7_motion_constrained"),
     ):
         found = {m: solutions[case, gravity, m] for m in ("adjoint", "penalty")}
-        motions = {m: s.trajectory for m, s in found.items() if s.success}
+        motions = {m: s.trajectory for m, s in found.items()}
         plot_controls(found["adjoint"].problem, motions, path(f"{controls}.png"))
         plot_motion(found["adjoint"].problem, motions, path(f"{motion}.png"))
     histories = {m: solutions[CASES[1], gravity, m].history for m in METHODS}

@@ -163,14 +163,6 @@ class _Run:
                 "gtol": 1e-7,
             },
         )
-        print(
-            weight,
-            outcome.message,
-            outcome.nit,
-            outcome.nfev,
-            self.duration,
-            self.iterate.violation,
-        )
 
     def note(self, z: Array, weight: float) -> None:
         """Record an iterate of the quasi-Newton method."""

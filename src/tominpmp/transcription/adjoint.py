@@ -117,11 +117,11 @@ class AdjointTranscription:
         self.shares = shares
         self.instants = instants
         self.substeps = substeps
-        self._N, self._m = shares.shape
+        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         self._speed = SPEED_FACTOR / duration
         problem = system.problem
-        self._start = np.concatenate([problem.q_start, problem.v_start])
+        self._start = np.concatenate([problem.q_start, system.v_start])
         self._last: tuple[Array, Rollout] | None = None
         self._rows = self._build_rows()
 

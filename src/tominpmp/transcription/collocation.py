@@ -60,7 +60,7 @@ class CollocationTranscription:
     def __init__(self, system: System, shares: Array, duration: float) -> None:
         self.system = system
         self.shares = shares
-        self._N, self._m = shares.shape
+        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         velocity = SPEED_FACTOR / duration * system.step_scale
         self._scale = np.concatenate([system.step_scale, velocity])
@@ -108,7 +108,7 @@ class CollocationTranscription:
         high = np.concatenate([limits.position_upper, limits.velocity])
         low = np.concatenate([limits.position_lower, -limits.velocity])
         x = np.clip(x, low, high)
-        x[0] = np.concatenate([system.problem.q_start, system.problem.v_start])
+        x[0] = np.concatenate([system.problem.q_start, system.v_start])
         if system.joint_goal is not None:
             x[-1, :n] = system.joint_goal.q
         if system.final_velocity is not None:
@@ -139,7 +139,7 @@ class CollocationTranscription:
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
         end = system.final_velocity
         last = 1.5 * slope[-1] - 0.5 * inner[-1] if end is None else end
-        v = np.concatenate([problem.v_start[None], inner, last[None]])
+        v = np.concatenate([system.v_start[None], inner, last[None]])
         return self.pack(np.hstack([q, v]), driving_torque(system, q, v, lengths), eta)
 
     def split(self, z: Array) -> tuple[Array, Array, Array]:

@@ -359,7 +359,7 @@ def _follow(parts: Array) -> Array:
 def _solve(matrix: Array, right: Array) -> Array:
     """Linear systems; NaN where a matrix is singular."""
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full(np.broadcast_shapes(right.shape), np.nan)
 
