@@ -28,7 +28,7 @@ from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.transcription.adjoint import AdjointTranscription
 
 # The first weight K, in shares of T, and its growth from round to round.
-FIRST_WEIGHT = 1.0
+FIRST_WEIGHT = 10.0
 WEIGHT_GROWTH = 10.0
 ROUNDS = 9
 # Quasi-Newton iterations a round, and in all for each of ``options.max_iterations``:
@@ -37,7 +37,7 @@ ROUND_ITERATIONS = 300
 ITERATION_FACTOR = 20
 MEMORY = 30
 # Bounds of the duration in shares of the initial one.
-DURATIONS = (0.02, 20.0)
+DURATIONS = (0.05, 20.0)
 
 Monitor = Callable[[IterationRecord], Status | None]
 
@@ -159,7 +159,7 @@ class _Run:
                 "maxiter": ROUND_ITERATIONS,
                 "maxfun": 2 * ROUND_ITERATIONS,
                 "maxcor": MEMORY,
-                "ftol": 1e-10,
+                "ftol": 1e-8,
                 "gtol": 1e-7,
             },
         )
