@@ -77,6 +77,8 @@ def _convex(geometry: Any) -> Any:
         points = _thickened(vertices)
         if len(points) > len(vertices):
             return _hull(points)
+        # Not buildConvexRepresentation: it takes a mesh with dents for convex as it
+        # is, and the distances come out too large.
         geometry.buildConvexHull(True, "Qt")
     return geometry.convex
 

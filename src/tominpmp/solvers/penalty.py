@@ -114,8 +114,9 @@ class _Run:
         rest = np.ones(z.size - torques)
         self.lower = np.concatenate([-ones, DURATIONS[0] * rest])
         self.upper = np.concatenate([ones, DURATIONS[1] * rest])
-        self.evaluations = 0
         self.iterate = self.make(z, nlp.evaluate(z))
+        # What the quasi-Newton method evaluated last: unknowns, rows and objective.
+        self.trial = z, self.iterate.values, np.inf
 
     @property
     def duration(self) -> float:
@@ -131,7 +132,6 @@ class _Run:
         """One round with the weight K."""
 
         def function(y: Array) -> tuple[float, Array]:
-            self.evaluations += 1
             z = y * self.scale
             values = self.nlp.evaluate(z)
             over = np.maximum(values - self.rows.upper, 0.0)
@@ -140,13 +140,14 @@ class _Run:
             total = float(self.nlp.cost @ z)
             total += weight * float(self.share @ excess**2)
             self.trial = z, values, total
-            gradient = self.nlp.cost + self.nlp.pull_back(
-                z, 2.0 * weight * self.share * excess
-            )
+            gradient = self.nlp.cost
+            if self.nlp.motion(z).finite:  # else the line search turns back
+                force = 2.0 * weight * self.share * excess
+                gradient = gradient + self.nlp.pull_back(z, force)
             return total, gradient * self.scale
 
         def callback(y: Array) -> None:
-            self.note(y * self.scale, weight)
+            self.note(y * self.scale)
 
         minimize(
             function,
@@ -164,7 +165,7 @@ class _Run:
             },
         )
 
-    def note(self, z: Array, weight: float) -> None:
+    def note(self, z: Array) -> None:
         """Record an iterate of the quasi-Newton method."""
         solver, before = self.solver, self.iterate
         known = np.array_equal(z, self.trial[0])

@@ -29,7 +29,7 @@ from tominpmp.transcription.base import Transcription, Variation
 WARM_RADIUS = 0.1
 # Violations below this are removed by slowing down at the end.
 RESTORABLE = 1e-2
-RESTORATIONS = 6
+RESTORATIONS = 8
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
 # can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
 FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
@@ -42,8 +42,11 @@ WINDOW = 3
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
 # A step that brings this share of what was predicted needs no correction.
 ENOUGH = 0.8
-# Second-order corrections are tried while violations are below this.
+# Second-order corrections are tried while violations are between these, and as long as
+# each of them leaves less than this share.
 CORRECTABLE = 1.0
+EXACT = 1e-10
+CONTRACTION = 0.5
 
 Monitor = Callable[[IterationRecord], Status | None]
 
@@ -145,6 +148,8 @@ class SlpSolver:
         smoothing: Weight of the total variation [s].
         lp: Solver of the linear programs.
         monitor: Sees every record; a status ends the iteration.
+        corrections: Second-order corrections of a step at most; several help where the
+            dynamics are equations.
     """
 
     transcription: Transcription
@@ -152,6 +157,7 @@ class SlpSolver:
     smoothing: float
     lp: LpSolver
     monitor: Monitor = field(default=lambda record: None)
+    corrections: int = 1
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -230,7 +236,7 @@ class SlpSolver:
             multipliers=multipliers,
             gains=(*iterate.gains, max(outcome.actual, 0.0))[-WINDOW:],
         )
-        if self.settled(iterate, outcome) and iterate.violation > RESTORABLE:
+        if self.settled(iterate, outcome) and not self.restorable(iterate):
             # Settled on a violated constraint: its weight may be below its multiplier.
             merit = iterate.merit.scaled(WEIGHT_GROWTH)
             iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
@@ -243,31 +249,34 @@ class SlpSolver:
             return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
 
+    def restorable(self, iterate: Iterate) -> bool:
+        """Whether slowing down can remove what violation is left: not of equations."""
+        rows = self.transcription.rows
+        violation = rows.violation(iterate.values)
+        equations = violation[rows.lower == rows.upper]
+        return bool(
+            np.max(violation, initial=0.0) <= RESTORABLE
+            and np.max(equations, initial=0.0) <= self.options.feasibility
+        )
+
     def restored(self, iterate: Iterate) -> Iterate:
         """Slow a motion down until it keeps the limits, where that is enough.
 
         The iteration stops when the duration has settled, which may be before the last
         second-order errors are gone; slowing down by half of such an error removes it.
         """
-        nlp, limit = self.transcription, self.options.feasibility
-        if iterate.violation <= limit or iterate.violation > RESTORABLE:
+        limit = self.options.feasibility
+        if iterate.violation <= limit or not self.restorable(iterate):
             return iterate
-        low, high = 1.0, 1.0 + 2.0 * RESTORABLE
-        best: Iterate | None = None
-        for factor in (1.0 + iterate.violation, high):
-            z = nlp.stretch(iterate.z, factor)
-            trial = replace(iterate, z=z, values=nlp.evaluate(z))
-            if trial.violation <= limit:
-                best, high = trial, factor
-                break
-        if best is None:
-            return iterate
+        best, low, high = iterate, 1.0, 1.0 + iterate.violation
         for _ in range(RESTORATIONS):
-            factor = 0.5 * (low + high)
-            z = nlp.stretch(iterate.z, factor)
-            trial = replace(iterate, z=z, values=nlp.evaluate(z))
+            factor = high if best is iterate else 0.5 * (low + high)
+            z = self.transcription.stretch(iterate.z, factor)
+            trial = replace(iterate, z=z, values=self.transcription.evaluate(z))
             if trial.violation <= limit:
                 best, high = trial, factor
+            elif best is iterate:
+                high = 1.0 + 2.0 * (high - 1.0)
             else:
                 low = factor
         return best
@@ -292,16 +301,22 @@ class SlpSolver:
         step = program.step(solution)
         # At a solution of the linear program its objective is the model of the merit.
         predicted = max(now - self.model(iterate, program, step, variation), 0.0)
-        full = best = attempt(step)
+        trial = best = attempt(step)
         scale = max(predicted, 1e-12)
-        if (now - full.merit) / scale < ENOUGH and self.violation(full) < CORRECTABLE:
-            error = full.values[program.rows] - (
-                iterate.values[program.rows] + program.matrix @ step
+        for _ in range(self.corrections):
+            left = self.violation(trial)
+            if (now - trial.merit) / scale >= ENOUGH or not EXACT < left < CORRECTABLE:
+                break
+            error = trial.values[program.rows] - (
+                iterate.values[program.rows] + program.matrix @ (trial.z - iterate.z)
             )
             again = effort.add(self.lp.resolve(*program.corrected(error)))
-            if again.optimal:
-                corrected = attempt(program.step(again))
-                best = min(full, corrected, key=lambda trial: trial.merit)
+            if not again.optimal:
+                break
+            trial = attempt(program.step(again))
+            best = min(best, trial, key=lambda trial: trial.merit)
+            if self.violation(trial) > CONTRACTION * left:
+                break
         ratio = (now - best.merit) / scale
         if ratio < ACCEPT:
             for damping in LINE_SEARCH:
@@ -351,7 +366,7 @@ class SlpSolver:
         """Status if the iteration is to end, else None."""
         if outcome is None:
             return Status.NUMERICAL_FAILURE if iterate.region.exhausted else None
-        if self.settled(iterate, outcome) and iterate.violation <= RESTORABLE:
+        if self.settled(iterate, outcome) and self.restorable(iterate):
             return Status.CONVERGED
         if iterate.raises > WEIGHT_RAISES:
             return Status.INFEASIBLE

@@ -264,7 +264,12 @@ class AdjointTranscription:
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the goal rows and of path constraints at active instants."""
         motion = self.motion(z)
-        chosen = self.active(values, steps)
+        if not motion.finite:
+            # Nothing can be said of it; without rows, the program makes it shorter.
+            return Linearization(
+                np.zeros(0, dtype=np.int64), sp.csr_matrix((0, self.size))
+            )
+        chosen = self.active(values)
         nodes, seeds = self._seeds(motion.nodes, chosen)
         by = differentiate_rollout(self.system.dynamics, motion)
         by_control, by_length = sweep_adjoint(by, nodes, seeds)
@@ -297,12 +302,11 @@ class AdjointTranscription:
         by_share = by_control * self.system.effort_half
         return np.concatenate([by_share.ravel(), by_length @ self.shares])
 
-    def active(self, values: Array, steps: StepBounds) -> IntArray:
+    def active(self, values: Array) -> IntArray:
         """Indices of the goal rows and of path constraints at active instants.
 
         Args:
             values: Row values, shape (m,).
-            steps: Box of steps.
         """
         rows = self._rows
         path = np.flatnonzero(rows.kind > 0)

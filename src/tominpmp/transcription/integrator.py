@@ -39,7 +39,8 @@ class Stage(NamedTuple):
     """Inner stages of intervals whose two ends are given.
 
     Attributes:
-        x: State at a third of each interval, shape (m, 2n).
+        x: State at a third of each interval, shape (m, 2n); an interpolation where it
+            could not be solved for.
         solved: Whether Newton's iteration converged, for each interval, shape (m,).
     """
 
@@ -124,23 +125,25 @@ def solve_inner_stage(
     """
     step = h[:, None]
     n = u.shape[1]
-    known = start + step * WEIGHTS[0, 1] * dynamics.forward(end, u)
     # Hermite's cubic for the positions and a straight line for the velocities.
-    x = start + NODES[0] * (end - start)
-    x[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + step * (
+    guess = start + NODES[0] * (end - start)
+    guess[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + step * (
         4.0 * start[:, n:] - 2.0 * end[:, n:]
     ) / 27.0
+    x = guess
     progress = _Newton(x.shape[0])
     eye = np.eye(x.shape[1])
-    for _ in range(NEWTON_STEPS):
-        by = dynamics.forward_jacobians(x, u)
-        residual = x - known - step * WEIGHTS[0, 0] * by.f
-        matrix = eye - (WEIGHTS[0, 0] * h)[:, None, None] * by.f_x
-        change = _solve(matrix, residual[..., None])[..., 0]
-        x = x - change
-        if progress.settled(change, x):
-            break
-    return Stage(x, progress.solved)
+    with np.errstate(over="ignore", invalid="ignore"):
+        known = start + step * WEIGHTS[0, 1] * dynamics.forward(end, u)
+        for _ in range(NEWTON_STEPS):
+            by = dynamics.forward_jacobians(x, u)
+            residual = x - known - step * WEIGHTS[0, 0] * by.f
+            matrix = eye - (WEIGHTS[0, 0] * h)[:, None, None] * by.f_x
+            change = _solve(matrix, residual[..., None])[..., 0]
+            x = x - change
+            if progress.settled(change, x):
+                break
+    return Stage(np.where(progress.solved[:, None], x, guess), progress.solved)
 
 
 def evaluate_defects(
