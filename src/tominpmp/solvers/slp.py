@@ -42,8 +42,7 @@ WINDOW = 3
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
 # A step that brings this share of what was predicted needs no correction.
 ENOUGH = 0.8
-# Second-order corrections are tried while violations are between these, and as long as
-# each of them leaves less than this share.
+# Second-order corrections: for violations between these, while each leaves this share.
 CORRECTABLE = 1.0
 EXACT = 1e-10
 CONTRACTION = 0.5

@@ -138,7 +138,7 @@ class CollocationTranscription:
         slope = np.diff(q, axis=0) / h
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
         end = system.final_velocity
-        last = 1.5 * slope[-1] - 0.5 * inner[-1] if end is None else end
+        last = 2.0 * slope[-1] - inner[-1] if end is None else end
         v = np.concatenate([system.v_start[None], inner, last[None]])
         return self.pack(np.hstack([q, v]), driving_torque(system, q, v, lengths), eta)
 
