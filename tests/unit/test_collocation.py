@@ -1,0 +1,235 @@
+"""The collocation transcription: rows, bounds, starts, and optima it must find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, slide
+
+import tominpmp as tm
+from tominpmp.solution import Status
+from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.integrator import rollout
+from tominpmp.transcription.system import System
+
+START = np.array([0.5, 1.7, -1.7])
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+INTERVALS = 8
+
+
+def planar(goal, **changes):
+    names = ("scene", "margin", "v_start")
+    options = {name: changes.pop(name) for name in names if name in changes}
+    return tm.Problem(tm.load_robot("planar3r", **changes), START, goal, **options)
+
+
+JOINT = planar(tm.JointGoal((0.5, 1, 1)))
+POSITION = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=OBSTACLE)
+MOVING = planar(
+    tm.PositionGoal("tip", (4, 1, 0), v=(1, 0, 0)), v_start=(0.1, -0.2, 0.3)
+)
+
+
+def build(problem, intervals=INTERVALS):
+    shares = np.full((intervals, 1), 1.0 / intervals)
+    return CollocationTranscription(System.of(problem), shares, 1.0)
+
+
+def kind_rows(nlp, kind):
+    return np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index(kind))
+
+
+def fall(nlp, T=0.4):
+    """States, torques and duration of the arm left to itself."""
+    problem, N = nlp.system.problem, nlp.shares.shape[0]
+    u = np.zeros((N, nlp.system.n))
+    v = np.zeros(nlp.system.n) if problem.v_start is None else problem.v_start
+    x = np.concatenate([problem.q_start, v])
+    motion = rollout(nlp.system.dynamics, x, u, nlp.shares[:, 0] * T)
+    return motion, u, np.array([T])
+
+
+def test_an_integrated_motion_has_no_defects():
+    nlp = build(MOVING)
+    motion, u, eta = fall(nlp)
+    values = nlp.evaluate(nlp.pack(motion.nodes, u, eta))
+    np.testing.assert_allclose(values[kind_rows(nlp, "dynamics")], 0.0, atol=1e-10)
+    # The states at a third of the intervals keep the velocity limits too.
+    limits = nlp.system.problem.robot.limits.velocity
+    np.testing.assert_allclose(
+        values[kind_rows(nlp, "velocity")].reshape(-1, 3),
+        motion.inner[:, 3:] / limits,
+        atol=1e-10,
+    )
+
+
+def test_what_is_known_replaces_what_is_given(rng):
+    nlp = build(JOINT)
+    x = 10.0 * rng.normal(size=(INTERVALS + 1, 6))
+    u = 100.0 * rng.normal(size=(INTERVALS, 3))
+    states, torques, h = nlp.split(nlp.pack(x, u, np.array([1.5])))
+    limits = JOINT.robot.limits
+    np.testing.assert_array_equal(states[0], [*START, 0, 0, 0])
+    np.testing.assert_array_equal(states[-1], [0.5, 1, 1, 0, 0, 0])
+    assert np.all(states[:, :3] >= limits.position_lower)
+    assert np.all(states[:, :3] <= limits.position_upper)
+    assert np.all(np.abs(torques) <= limits.effort_upper + 1e-12)
+    assert h.sum() == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("problem", [JOINT, POSITION, MOVING])
+@pytest.mark.parametrize("radius", [1e-3, 0.3, 10.0])
+def test_steps_stay_within_limits_and_trust_region(rng, problem, radius):
+    nlp = build(problem)
+    x = np.tile([*START, 0, 0, 0], (INTERVALS + 1, 1))
+    x += 0.3 * rng.normal(size=x.shape)
+    u = problem.robot.limits.effort_upper * rng.uniform(-1, 1, (INTERVALS, 3))
+    z = nlp.pack(x, u, np.array([0.8]))
+    steps = nlp.step_bounds(z, radius)
+    assert np.all(steps.lower <= 0) and np.all(steps.upper >= 0)
+    limits = problem.robot.limits
+    for step in (steps.lower, steps.upper):
+        states, torques, h = nlp.split(z + step)
+        assert np.all(states[:, :3] >= limits.position_lower - 1e-12)
+        assert np.all(states[:, :3] <= limits.position_upper + 1e-12)
+        assert np.all(np.abs(torques) <= limits.effort_upper + 1e-12)
+        assert np.all(h > 0)
+        moved = states - nlp.split(z)[0]
+        assert np.abs(moved[:, :3]).max() <= radius + 1e-12
+        assert not moved[0].any()
+        if problem is JOINT:
+            assert not moved[-1].any()
+        assert moved[-1, 3:].any() == (problem is MOVING)
+
+
+def test_a_joint_without_a_motor_keeps_its_torque():
+    problem = planar(
+        tm.JointGoal((0.5, 1, 1)), effort={"joint2": 0.0}, gravity=(0, 0, 0)
+    )
+    nlp = build(problem)
+    z = nlp.start(np.tile(START, (INTERVALS + 1, 1)), np.array([1.0]))
+    steps = nlp.step_bounds(z, 1.0)
+    _, more, _ = nlp.split(z + steps.upper)
+    _, less, _ = nlp.split(z + steps.lower)
+    np.testing.assert_array_equal(more[:, 1], 0.0)
+    np.testing.assert_array_equal(less[:, 1], 0.0)
+    assert np.all(more[:, [0, 2]] > less[:, [0, 2]])
+    assert nlp.variation(z).offset.size == 2 * (INTERVALS - 1)
+
+
+def test_a_start_follows_a_path():
+    """Of a parabola the velocities are exact, and the torques drive it."""
+    nlp = build(MOVING)
+    t = np.linspace(0.0, 0.8, INTERVALS + 1)[:, None]
+    v0, a = MOVING.v_start, np.array([0.4, -0.3, 0.2])
+    z = nlp.start(START + v0 * t + 0.5 * a * t**2, np.array([0.8]))
+    states, torques, _ = nlp.split(z)
+    np.testing.assert_allclose(states[:, 3:], v0 + a * t, atol=1e-12)
+    middle = 0.5 * (states[:-1] + states[1:])
+    expected = nlp.system.dynamics.inverse(
+        middle[:, :3], middle[:, 3:], np.tile(a, (INTERVALS, 1))
+    )
+    limits = MOVING.robot.limits
+    expected = np.clip(expected, limits.effort_lower, limits.effort_upper)
+    np.testing.assert_allclose(torques, expected, atol=1e-12)
+
+
+def test_clearances_enter_only_where_the_step_can_bring_contact():
+    nlp = build(POSITION)
+    # From far above the obstacle to near it.
+    end = np.array([0.63, -0.56, -2.08])
+    path = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (end - START)
+    z = nlp.start(path, np.array([1.0]))
+    values = nlp.evaluate(z)
+    rows = kind_rows(nlp, "clearance")
+    chosen = nlp.linearize(z, values, nlp.step_bounds(z, 0.02)).rows
+    near = np.intersect1d(chosen, rows)
+    assert 0 < near.size < rows.size
+    assert values[near].min() > values[np.setdiff1d(rows, near)].max()
+
+
+def test_variation_counts_jumps_in_full_ranges():
+    nlp = build(JOINT)
+    limits = JOINT.robot.limits.effort_upper
+    u = np.zeros((INTERVALS, 3))
+    u[3:, 0], u[:5, 2] = limits[0], -limits[2]
+    z = nlp.pack(np.zeros((INTERVALS + 1, 6)), u, np.array([1.0]))
+    assert nlp.variation(z).total(z) == pytest.approx(0.5 + 0.5)
+
+
+def test_stretching_keeps_the_path():
+    nlp = build(JOINT)
+    line = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (JOINT.goal.q - START)
+    z = nlp.start(line, np.array([2.0]))
+    fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.stretch(z, 3.0))
+    np.testing.assert_allclose(slow.q, fast.q)
+    np.testing.assert_allclose(slow.v, fast.v / 3.0)
+    np.testing.assert_allclose(slow.t, 3.0 * fast.t)
+    assert slow.duration == pytest.approx(nlp.cost @ nlp.stretch(z, 3.0))
+    np.testing.assert_array_equal(fast.u[-1], fast.u[-2])
+
+
+def solve(nlp, z, **options):
+    options = tm.Options(tolerance=1e-6, **options)
+    solver = SlpSolver(nlp, options, 0.0, make_solver("highs"), corrections=4)
+    return solver.run(z)
+
+
+def on_a_rail(velocity=1e3):
+    """One metre with 2 m/s^2, from rest to rest."""
+    robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
+    nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), 20)
+    return nlp, nlp.start(np.linspace(0, 1, 21)[:, None], np.array([4.0]))
+
+
+def test_a_mass_on_a_rail_takes_its_least_time():
+    result = solve(*on_a_rail())
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(2.0 * np.sqrt(1.0 / 2.0), rel=1e-6)
+
+
+def test_a_mass_on_a_rail_keeps_its_speed_limit():
+    nlp, z = on_a_rail(0.8)
+    result = solve(nlp, z)
+    # d / v + v / a; the switches lie within intervals.
+    least = 1.0 / 0.8 + 0.8 / 2.0
+    assert least * (1 - 1e-9) <= result.best.duration <= 1.01 * least
+    motion = nlp.trajectory(result.best.z)
+    assert np.abs(motion.v).max() <= 0.8 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("free", "gravity", "end", "least", "most"),
+    [
+        (True, True, (-0.08, 1.49, -2.22), 0.830, 0.835),
+        (False, True, (0.18, 0.58, -2.74), 1.080, 1.085),
+        (True, False, (-0.45, 1.84, -1.03), 0.714, 0.716),
+        (False, False, (0.63, -0.56, -2.08), 0.859, 0.861),
+    ],
+)
+def test_the_papers_example(free, gravity, end, least, most):
+    """From a straight line that keeps neither dynamics nor obstacle."""
+    changes = {} if gravity else {"gravity": (0, 0, 0)}
+    if free:
+        changes |= {"position_lower": -np.inf, "position_upper": np.inf}
+    scene = tm.Scene() if free else OBSTACLE
+    problem = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=scene, **changes)
+    nlp = build(problem, 75)
+    path = START + np.linspace(0, 1, 76)[:, None] * (np.array(end) - START)
+    result = solve(nlp, nlp.start(path, np.array([1.5])))
+    assert result.status is Status.CONVERGED
+    assert len(result.history) <= 25
+    assert least <= result.best.duration <= most
+    assert result.best.violation <= 1e-6
+    motion = nlp.trajectory(result.best.z)
+    limits = problem.robot.limits
+    full = np.abs(motion.u[:-1]) >= (1 - 1e-6) * limits.effort_upper
+    assert np.mean(full.any(axis=1)) >= 0.95
+    tip = nlp.system.kinematics.placement(motion.q[-1], "tip").translation
+    np.testing.assert_allclose(tip, (4, 1, 0), atol=1e-6)
+    np.testing.assert_allclose(motion.v[-1], 0.0, atol=1e-9)
+    assert np.all(motion.q >= limits.position_lower - 1e-9)
+    if not free:
+        assert nlp.system.clearance.values(motion.q).max() <= 1e-6

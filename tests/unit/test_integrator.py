@@ -1,0 +1,169 @@
+"""Radau IIA: order, stiffness, agreement of its two forms, failure."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from toy_dynamics import Pendulum, double_integrator
+
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.robot import Robot
+from tominpmp.transcription.integrator import (
+    differentiate_defects,
+    differentiate_rollout,
+    evaluate_defects,
+    rollout,
+    solve_inner_stage,
+)
+
+# A joint and a half: one swings, the other is heavily damped.
+SWING = Pendulum([0.5, 0.2], [0.1, 2.0], [3.0, 1.0])
+# As some robot descriptions have it: time constant 0.02 ms.
+STIFF = Pendulum([1e-3], [50.0], [0.1])
+
+
+def sample(dynamics, rng, intervals=6):
+    x = rng.normal(size=2 * dynamics.n)
+    u = rng.normal(size=(intervals, dynamics.n))
+    return x, u, rng.uniform(0.02, 0.1, intervals)
+
+
+def reference(dynamics, x, u, h):
+    for torque, length in zip(u, h, strict=True):
+        solution = solve_ivp(
+            lambda _, y, torque=torque: dynamics.forward(y[None], torque[None])[0],
+            (0.0, length),
+            x,
+            method="Radau",
+            rtol=1e-11,
+            atol=1e-12,
+        )
+        x = solution.y[:, -1]
+    return x
+
+
+def test_a_constant_torque_on_a_free_mass_is_exact():
+    x, u, h = np.array([0.3, -0.2]), np.array([[2.0], [-1.0]]), np.array([0.5, 2.0])
+    motion = rollout(double_integrator(), x, u, h)
+    v1 = -0.2 + 2.0 * 0.5
+    q1 = 0.3 - 0.2 * 0.5 + 0.5 * 2.0 * 0.5**2
+    expected = [[0.3, -0.2], [q1, v1], [q1 + 2.0 * v1 - 0.5 * 2.0**2, v1 - 2.0]]
+    np.testing.assert_allclose(motion.nodes, expected, atol=1e-13)
+
+
+def test_the_error_falls_with_the_third_power_of_the_step(rng):
+    x, u, h = sample(SWING, rng)
+    exact = reference(SWING, x, u, h)
+    errors = [
+        np.abs(rollout(SWING, x, u, h, substeps).nodes[-1] - exact).max()
+        for substeps in (2, 4, 8)
+    ]
+    assert errors[0] > 1e-8  # far above the error of the reference
+    for coarse, fine in pairwise(errors):
+        assert 6.5 < coarse / fine < 9.5
+
+
+def test_stiff_friction_does_no_harm():
+    u = np.array([[5.0], [-5.0], [2.0]])
+    h = np.full(3, 0.05)  # 2500 time constants
+    motion = rollout(STIFF, np.array([0.2, 1.0]), u, h)
+    assert motion.finite
+    # The velocity is where torque and friction balance, whatever it was before.
+    balance = (u[:, 0] - 0.1 * np.sin(motion.nodes[1:, 0])) / 50.0
+    np.testing.assert_allclose(motion.nodes[1:, 1], balance, rtol=2e-2)
+    moved = np.diff(motion.nodes[1:, 0])
+    np.testing.assert_allclose(moved, h[1:] * balance[1:], rtol=2e-2)
+
+
+def test_both_forms_agree(rng, planar3r: Robot):
+    """A rollout has no defects, and its inner stages are the condensed ones."""
+    dynamics = RobotDynamics(planar3r)
+    x, u, h = sample(dynamics, rng, 12)
+    motion = rollout(dynamics, x, u, h)
+    start, end = motion.nodes[:-1], motion.nodes[1:]
+    stage = solve_inner_stage(dynamics, start, end, u, h)
+    assert stage.solved.all()
+    np.testing.assert_allclose(stage.x, motion.inner, atol=1e-10)
+    defects = evaluate_defects(dynamics, start, end, u, h, stage.x)
+    np.testing.assert_allclose(defects, 0.0, atol=1e-10)
+    by = differentiate_defects(dynamics, start, end, u, h, stage.x)
+    np.testing.assert_allclose(by.value, defects, atol=1e-12)
+
+
+@pytest.mark.parametrize("change", [1e-6, 0.02, 0.5])
+def test_a_guess_changes_nothing_but_the_effort(rng, planar3r: Robot, change):
+    dynamics = RobotDynamics(planar3r)
+    x, u, h = sample(dynamics, rng, 20)
+    before = rollout(dynamics, x, u, h, 2)
+    u = u + change * rng.normal(size=u.shape)
+    cold = rollout(dynamics, x, u, 1.01 * h, 2)
+    warm = rollout(dynamics, x, u, 1.01 * h, 2, before)
+    np.testing.assert_allclose(warm.x, cold.x, atol=1e-10)
+    np.testing.assert_allclose(warm.inner, cold.inner, atol=1e-10)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_sensitivities_against_differences(rng, planar3r: Robot, substeps):
+    dynamics = RobotDynamics(planar3r)
+    x, u, h = sample(dynamics, rng, 1)
+    motion = rollout(dynamics, x, u, h, substeps)
+    by = differentiate_rollout(dynamics, motion)
+
+    def end(x, u, h):
+        return rollout(dynamics, x, u, h, substeps).nodes[-1]
+
+    step = 1e-5
+    for analytic, function, size in (
+        (by.A[0], lambda d: end(x + d, u, h), x.size),
+        (by.B[0], lambda d: end(x, u + d, h), u.shape[1]),
+        (by.c[0][:, None], lambda d: end(x, u, h + d), 1),
+    ):
+        columns = [
+            (function(step * e) - function(-step * e)) / (2 * step)
+            for e in np.eye(size)
+        ]
+        expected = np.stack(columns, axis=1)
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(analytic, expected, atol=1e-6 * scale)
+
+
+def test_substeps_compose(rng):
+    """Two steps an interval are two intervals of half the length."""
+    x, u, h = sample(SWING, rng, 3)
+    whole = rollout(SWING, x, u, h, 2)
+    halves = rollout(SWING, x, np.repeat(u, 2, axis=0), np.repeat(h / 2, 2))
+    np.testing.assert_allclose(whole.nodes, halves.nodes[::2], atol=1e-12)
+    one, two = differentiate_rollout(SWING, whole), differentiate_rollout(SWING, halves)
+    np.testing.assert_allclose(one.A, two.A[1::2] @ two.A[::2], atol=1e-12)
+    np.testing.assert_allclose(
+        one.B, two.A[1::2] @ two.B[::2] + two.B[1::2], atol=1e-12
+    )
+    carried = (two.A[1::2] @ two.c[::2][..., None])[..., 0]
+    np.testing.assert_allclose(one.c, 0.5 * (carried + two.c[1::2]), atol=1e-12)
+
+
+def test_a_motion_that_cannot_be_integrated_says_so():
+    class Blowing(Pendulum):
+        """Pushes off with the square of its speed: infinite after a finite time."""
+
+        def forward(self, x, u):
+            return np.concatenate([x[:, 1:], 1.0 + x[:, 1:] ** 2], axis=1)
+
+        def forward_jacobians(self, x, u):
+            by = super().forward_jacobians(x, u)
+            by.f_x[:, 1, 0] = 0.0
+            by.f_x[:, 1, 1] = 2.0 * x[:, 1]
+            return by
+
+    blowing = Blowing([1.0], [0.0], [0.0])
+    motion = rollout(blowing, np.zeros(2), np.zeros((40, 1)), np.full(40, 0.1))
+    assert not motion.finite
+    assert np.isfinite(motion.x[:10]).all()  # up to pi / 2
+    assert np.isnan(motion.x[-1]).all()
+    ends = np.array([[0.0, 5.0]]), np.array([[1.0, 4.0]])
+    stage = solve_inner_stage(blowing, *ends, np.zeros((1, 1)), np.array([2.0]))
+    assert not stage.solved.any()
+    assert np.isfinite(stage.x).all()
