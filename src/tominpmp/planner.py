@@ -164,6 +164,12 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
             "method",
         )
+    if options.processes > 1:
+        raise OptionsError(
+            f"processes is {options.processes}, and starts are not yet spread over "
+            "several processes: expected 1",
+            "processes",
+        )
     lp_solver = options.lp_solver
     if lp_solver == "auto":
         lp_solver = LP_SOLVERS[method]

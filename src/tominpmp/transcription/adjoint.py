@@ -45,7 +45,6 @@ BROKEN = 1e3
 SHORTEST = 0.1
 # Instants attain the maximum of a constraint if they come this close to it.
 ATTAINED = 1e-4
-
 # Clearances above this share of the arm's reach are left out of a linear program.
 NEAR = 0.2
 
@@ -100,7 +99,7 @@ class AdjointTranscription:
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
         instants: Which instants of path constraints become rows: "exact" those that
             attain the maximum (the paper's S), "near" all that a step can bring to
-            their bound.
+            their bound, "violated" those beyond it.
         substeps: Integration steps an interval.
     """
 
@@ -311,7 +310,10 @@ class AdjointTranscription:
         rows = self._rows
         path = np.flatnonzero(rows.kind > 0)
         if self.instants == "near":
-            return np.arange(rows.size)
+            # Distances are costly to differentiate; the others are left to the builder
+            # of the linear program, which knows what a step can do to them.
+            clearance = rows.kind == rows.kinds.index("clearance")
+            return np.flatnonzero(~clearance | (values > -NEAR))
         if self.instants == "violated":
             return np.flatnonzero((rows.kind == 0) | (rows.violation(values) > 0.0))
         chosen = np.zeros(rows.size, dtype=bool)
