@@ -1,0 +1,115 @@
+"""Small arms with known equations of motion, written as robot descriptions.
+
+All of them move in the x-y plane: sliders along a given axis, turning joints about z.
+Gravity is off unless it is given; "vertical" arms have it along -y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from numpy.typing import ArrayLike
+
+from tominpmp.robot import JointValues, Robot, load_robot
+
+GRAVITY = 9.81
+DOWNWARD = (0.0, -GRAVITY, 0.0)
+WEIGHTLESS = (0.0, 0.0, 0.0)
+# Limits that never bind: of positions, for sliders [m] and turning joints [rad], and of
+# velocities [m/s, rad/s].
+FAR = {"prismatic": 4.0, "revolute": 10.0}
+FAST = 1e3
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link and the joint that carries it.
+
+    Attributes:
+        mass: Mass [kg].
+        length: Distance to the next joint, along x [m].
+        centre: Distance of the centre of mass from the joint, along x [m].
+        inertia: Moment of inertia about z through the centre of mass [kg m^2].
+        kind: "revolute" about z, or "prismatic" along the axis.
+        axis: Axis of a prismatic joint.
+    """
+
+    mass: float
+    length: float = 0.0
+    centre: float = 0.0
+    inertia: float = 0.01
+    kind: str = "revolute"
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def with_payload(self, mass: float) -> Link:
+        """The link with a point mass at its far end."""
+        total = self.mass + mass
+        centre = (self.mass * self.centre + mass * self.length) / total
+        inertia = (
+            self.inertia
+            + self.mass * (self.centre - centre) ** 2
+            + mass * (self.length - centre) ** 2
+        )
+        return replace(self, mass=total, centre=centre, inertia=inertia)
+
+
+def rod(mass: float, length: float) -> Link:
+    """A slender uniform rod that turns about one end."""
+    return Link(mass, length, 0.5 * length, mass * length**2 / 12.0)
+
+
+def slide(mass: float, axis: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Link:
+    """A mass on a rail."""
+    return Link(mass, kind="prismatic", axis=axis)
+
+
+def describe(links: Sequence[Link]) -> str:
+    """Robot description of links one after another, with joints joint1, joint2, ...
+
+    The frame "tip" is at the far end of the last link.
+    """
+    parts = ['<link name="base"/>']
+    parent, origin = "base", 0.0
+    for number, link in enumerate(links, 1):
+        axis = " ".join(str(part) for part in link.axis)
+        # Only the inertia about z matters; the others keep the tensor a possible one.
+        parts.append(
+            f'<link name="link{number}"><inertial><origin xyz="{link.centre} 0 0"/>'
+            f'<mass value="{link.mass}"/><inertia ixx="{0.6 * link.inertia}" ixy="0" '
+            f'ixz="0" iyy="{0.6 * link.inertia}" iyz="0" izz="{link.inertia}"/>'
+            f'</inertial></link><joint name="joint{number}" type="{link.kind}">'
+            f'<parent link="{parent}"/><child link="link{number}"/>'
+            f'<origin xyz="{origin} 0 0"/><axis xyz="{axis}"/>'
+            f'<limit lower="{-FAR[link.kind]}" upper="{FAR[link.kind]}" effort="1" '
+            f'velocity="{FAST}"/></joint>'
+        )
+        parent, origin = f"link{number}", link.length
+    parts.append(
+        '<link name="tip"/><joint name="tip_joint" type="fixed">'
+        f'<parent link="{parent}"/><child link="tip"/><origin xyz="{origin} 0 0"/>'
+        "</joint>"
+    )
+    return f'<robot name="sample">{"".join(parts)}</robot>'
+
+
+def make_arm(
+    *links: Link,
+    effort: JointValues,
+    gravity: ArrayLike = WEIGHTLESS,
+    **limits: JointValues | None,
+) -> Robot:
+    """Load an arm of links one after another.
+
+    Args:
+        *links: The links, from the base on.
+        effort: Effort limits, as for :func:`~tominpmp.robot.load_robot`.
+        gravity: Gravity [m/s^2].
+        **limits: What else :func:`~tominpmp.robot.load_robot` takes per joint.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "sample.urdf"
+        path.write_text(describe(links), encoding="utf-8")
+        return load_robot(path, effort=effort, gravity=gravity, **limits)

@@ -1,0 +1,230 @@
+"""The adjoint transcription: rows, active instants, and optima it must find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from sample_arms import make_arm, slide
+
+import tominpmp as tm
+from tominpmp.solution import Status
+from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.transcription.adjoint import BROKEN, AdjointTranscription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.system import System
+
+START = np.array([0.5, 1.7, -1.7])
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+INTERVALS = 10
+
+
+def planar(goal, **changes):
+    names = ("scene", "margin", "v_start")
+    options = {name: changes.pop(name) for name in names if name in changes}
+    return tm.Problem(tm.load_robot("planar3r", **changes), START, goal, **options)
+
+
+POSITION = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=OBSTACLE)
+JOINT = planar(tm.JointGoal((0.5, 1, 1), v=(0.1, 0.2, 0.3)), velocity=2.0)
+
+
+def build(problem, intervals=INTERVALS, T=1.0, **options):
+    shares = np.full((intervals, 1), 1.0 / intervals)
+    return AdjointTranscription(System.of(problem), shares, T, **options)
+
+
+def throw(nlp, rng, T=0.6):
+    limits = nlp.system.problem.robot.limits
+    u = limits.effort_upper * rng.uniform(-0.5, 0.5, (INTERVALS, nlp.system.n))
+    return nlp.pack(u, np.array([T]))
+
+
+def kind_rows(nlp, kind):
+    return np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index(kind))
+
+
+def test_rows_are_those_of_the_motion(rng):
+    nlp = build(JOINT, T=2.0)
+    z = throw(nlp, rng)
+    values, motion = nlp.evaluate(z), nlp.trajectory(z)
+    goal = values[kind_rows(nlp, "goal")]
+    np.testing.assert_allclose(goal[:3], motion.q[-1] - (0.5, 1, 1))
+    # Velocities in units of 5 rad over the duration.
+    np.testing.assert_allclose(goal[3:], (motion.v[-1] - (0.1, 0.2, 0.3)) / 2.5)
+    position = values[kind_rows(nlp, "position")].reshape(-1, 3)
+    np.testing.assert_allclose(position, motion.q[1:])
+    velocity = values[kind_rows(nlp, "velocity")].reshape(-1, 3)
+    np.testing.assert_allclose(velocity, motion.v[1:] / 2.0)
+    assert motion.duration == pytest.approx(nlp.cost @ z)
+
+
+def test_joints_without_limits_have_no_rows():
+    free = planar(
+        tm.JointGoal((0.5, 1, 1)),
+        position_lower=-np.inf,
+        position_upper={"joint1": np.inf, "joint3": np.inf},
+        velocity=np.inf,
+    )
+    nlp = build(free)
+    assert kind_rows(nlp, "position").size == INTERVALS  # joint2 from above
+    assert kind_rows(nlp, "velocity").size == 0
+    assert kind_rows(nlp, "clearance").size == 0
+
+
+def test_exact_instants_are_those_that_attain_the_maximum(rng):
+    nlp = build(POSITION, instants="exact")
+    z = throw(nlp, rng)
+    values = nlp.evaluate(z)
+    steps = nlp.step_bounds(z, 1.0)
+    chosen = nlp.linearize(z, values, steps).rows
+    assert np.isin(kind_rows(nlp, "goal"), chosen).all()
+    expected = set()
+    for kind, bounds in (("position", 2), ("velocity", 2), ("clearance", 1)):
+        rows = kind_rows(nlp, kind)
+        table = values[rows].reshape(INTERVALS, -1)
+        for column in range(table.shape[1]):
+            expected.add(rows[table[:, column].argmax() * table.shape[1] + column])
+            if bounds == 2:
+                expected.add(rows[table[:, column].argmin() * table.shape[1] + column])
+    assert set(chosen) == expected | set(kind_rows(nlp, "goal"))
+
+
+def test_near_instants_leave_out_what_is_far_from_the_obstacle(rng):
+    aside = tm.Scene([tm.Sphere("O", radius=0.3, position=(0, 1.5, 0))])
+    nlp = build(planar(tm.JointGoal((0.5, 1, 1)), scene=aside))
+    z = throw(nlp, rng)
+    values = nlp.evaluate(z)
+    chosen = nlp.linearize(z, values, nlp.step_bounds(z, 1.0)).rows
+    left_out = np.setdiff1d(np.arange(nlp.rows.size), chosen)
+    assert left_out.size > 0
+    rows = kind_rows(nlp, "clearance")
+    assert np.isin(left_out, rows).all() and np.isin(rows, chosen).any()
+    assert values[left_out].max() < values[np.intersect1d(chosen, rows)].min()
+
+
+def test_the_papers_box_is_in_newton_metres_and_seconds(rng):
+    nlp = build(POSITION)
+    z = throw(nlp, rng)
+    steps = nlp.fixed_steps(z, 0.05, 0.01)
+    u, h = nlp.split(z)
+    for bound, sign in ((steps.lower, -1.0), (steps.upper, 1.0)):
+        torque, lengths = nlp.split(z + bound)
+        np.testing.assert_allclose(torque - u, sign * 0.05)
+        assert lengths.sum() - h.sum() == pytest.approx(sign * 0.01)
+    full = nlp.pack(np.tile(POSITION.robot.limits.effort_upper, (10, 1)), z[-1:])
+    assert not nlp.fixed_steps(full, 0.05, 0.01).upper[:-1].any()
+    # The duration stays positive, however large epsilon is.
+    assert z[-1] + nlp.fixed_steps(z, 0.05, 100.0).lower[-1] > 0
+
+
+@pytest.mark.parametrize("radius", [1e-3, 0.2, 10.0])
+def test_steps_stay_within_the_torque_limits(rng, radius):
+    nlp = build(POSITION)
+    z = throw(nlp, rng)
+    steps = nlp.step_bounds(z, radius)
+    for bound in (steps.lower, steps.upper):
+        torque, h = nlp.split(z + bound)
+        assert np.all(np.abs(torque) <= POSITION.robot.limits.effort_upper + 1e-12)
+        assert np.all(h > 0)
+    # A share of the whole range, which is 2 in these units.
+    assert np.abs([steps.lower[:-1], steps.upper[:-1]]).max() <= 4.0 * radius + 1e-12
+
+
+def test_eliminating_the_states_of_collocation_gives_the_adjoint_rows(rng):
+    adjoint = build(POSITION)
+    z = throw(adjoint, rng)
+    lifted = CollocationTranscription(adjoint.system, adjoint.shares, 1.0)
+    x = adjoint.motion(z).nodes
+    point = np.concatenate([x.ravel(), z])
+    values = lifted.evaluate(point)
+    rows = lifted.linearize(point, values, lifted.step_bounds(point, 1.0))
+    matrix = rows.matrix.tocsc()
+    dynamics = lifted.rows.kind[rows.rows] == lifted.rows.kinds.index("dynamics")
+    goal = lifted.rows.kind[rows.rows] == lifted.rows.kinds.index("goal")
+    step = rng.normal(size=z.size)
+    states = slice(6, x.size)  # all but the start
+    by_control = matrix[dynamics][:, x.size :] @ step
+    moved = sp.linalg.spsolve(matrix[dynamics][:, states], -by_control)
+    got = matrix[goal][:, states] @ moved
+    linear = adjoint.linearize(z, adjoint.evaluate(z), adjoint.step_bounds(z, 1.0))
+    expected = (linear.matrix @ step)[adjoint.rows.kind[linear.rows] == 0]
+    expected[3:] *= 5.0  # velocities are scaled there
+    np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-9)
+
+
+def test_a_motion_that_cannot_be_integrated_violates_everything():
+    # A light wrist at full torque for a long interval.
+    robot = tm.load_robot("ur5")
+    goal = tm.JointGoal((0.4, -1.0, 0.5, 0.1, 0.2, 0.0))
+    nlp = build(tm.Problem(robot, (0.1, -1.2, 0.8, 0.3, 0.5, 0.2), goal), 4)
+    z = nlp.pack(np.tile(robot.limits.effort_upper, (4, 1)), np.array([20.0]))
+    values = nlp.evaluate(z)
+    np.testing.assert_array_equal(values, BROKEN)
+    linear = nlp.linearize(z, values, nlp.step_bounds(z, 1.0))
+    assert linear.rows.size == 0 and linear.matrix.shape == (0, z.size)
+
+
+def test_stretching_makes_the_same_motion_slower(rng):
+    problem = planar(tm.JointGoal((0.5, 1, 1)))
+    nlp = build(problem, 200)
+    t = np.linspace(0, 1, 200)[:, None]
+    u = 2.0 * np.sin(np.pi * t) * [1.0, 0.5, 0.1]
+    hold = problem.robot
+    u = u + nlp.system.dynamics.inverse(START[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    z = nlp.pack(np.clip(u, hold.limits.effort_lower, hold.limits.effort_upper), [0.5])
+    fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.stretch(z, 1.5))
+    assert slow.duration == pytest.approx(1.5 * fast.duration)
+    assert np.abs(fast.q[-1] - START).max() > 0.05
+    np.testing.assert_allclose(slow.q, fast.q, atol=5e-3)
+
+
+def solve(nlp, z, **options):
+    options = tm.Options(tolerance=1e-6, **options)
+    solver = SlpSolver(nlp, options, 0.0, make_solver("highs"), corrections=4)
+    return solver.run(z)
+
+
+@pytest.mark.parametrize("instants", ["near", "exact"])
+def test_a_mass_on_a_rail_keeps_its_speed_limit(instants):
+    robot = make_arm(slide(2.0), effort=4.0, velocity=0.8)
+    nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), 20, instants=instants)
+    result = solve(nlp, nlp.pack(np.zeros((20, 1)), np.array([1.0])))
+    assert result.status is Status.CONVERGED
+    least = 1.0 / 0.8 + 0.8 / 2.0  # d / v + v / a; the switches lie within intervals
+    assert least * (1 - 1e-6) <= result.best.duration <= 1.01 * least
+    assert np.abs(nlp.trajectory(result.best.z).v).max() <= 0.8 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("free", "gravity", "least", "most"),
+    [
+        (True, True, 0.830, 0.835),
+        (False, True, 1.080, 1.085),
+        (True, False, 0.714, 0.716),
+        (False, False, 0.859, 0.861),
+    ],
+)
+def test_the_papers_example(free, gravity, least, most):
+    """From the paper's kind of start: no torque, T = 1.5, nothing satisfied."""
+    changes = {} if gravity else {"gravity": (0, 0, 0)}
+    if free:
+        changes |= {"position_lower": -np.inf, "position_upper": np.inf}
+    scene = tm.Scene() if free else OBSTACLE
+    problem = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=scene, **changes)
+    nlp = build(problem, 75, T=1.5)
+    z = nlp.pack(np.zeros((75, 3)), np.array([1.5]))
+    result = solve(nlp, z)
+    assert result.status is Status.CONVERGED
+    assert least <= result.best.duration <= most
+    assert result.best.violation <= 1e-6
+    motion = nlp.trajectory(result.best.z)
+    limits = problem.robot.limits
+    full = np.abs(motion.u[:-1]) >= (1 - 1e-6) * limits.effort_upper
+    assert np.mean(full.any(axis=1)) >= 0.95
+    tip = nlp.system.kinematics.placement(motion.q[-1], "tip").translation
+    np.testing.assert_allclose(tip, (4, 1, 0), atol=1e-6)
+    if not free:
+        assert np.all(motion.q >= limits.position_lower - 1e-6)
+        assert nlp.system.clearance.values(motion.q).max() <= 1e-6
