@@ -43,6 +43,8 @@ LP_SOLVERS = {
 # Relative torque excess between the rows that is let pass, and rounds of adding rows.
 OVERLOAD = 2e-3
 EXCHANGES = 4
+# Missing clearance between the rows that is let pass, as a share of the reach.
+GRAZE = 1e-5
 EXCHANGE_ITERATIONS = 25
 # Which instants of path constraints the methods that shoot differentiate.
 INSTANTS: dict[str, Instants] = {
@@ -236,11 +238,11 @@ def solve_from_guess(
     z = transcription.start(guess.position, duration)
     result = SlpSolver(transcription, options, smoothing, lp, watch).run(z)
     for _ in range(EXCHANGES):
-        # Torques run between the rows: add rows where they pass their limits there.
-        extra = transcription.overloaded(result.iterate.z, OVERLOAD)
+        # Torques and clearances run on between the rows.
+        extra = transcription.inspect(result.iterate.z, OVERLOAD, GRAZE)
         if not extra.size or result.status in STOPPED:
             break
-        transcription = transcription.with_instants(extra)
+        transcription = transcription.with_rows(extra)
         few = replace(options, max_iterations=EXCHANGE_ITERATIONS)
         solver = SlpSolver(transcription, few, smoothing, lp, watch)
         result = solver.run(result.iterate.z, after=result)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.transcription.exchange import Extra
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.spline_rows import Instants
@@ -50,7 +51,8 @@ def build(problem, rng, *, intervals=7, free=False, extra=None):
 @pytest.mark.parametrize("free", [False, True])
 def test_jacobian_against_differences(name, free):
     rng = np.random.default_rng(1)
-    extra = Instants(np.array([0, 3, 6]), np.array([0.3, 0.5, 0.8]))
+    more = Instants(np.array([0, 3, 6]), np.array([0.3, 0.5, 0.8]))
+    extra = Extra(torque=more, clearance=more)
     nlp, z = build(PROBLEMS[name], rng, free=free, extra=extra)
     steps = nlp.step_bounds(z, 10.0)
     linearization = nlp.linearize(z, nlp.evaluate(z), steps)
@@ -106,14 +108,35 @@ def test_torque_rows_are_the_torques_of_the_motion():
 
 def test_overloaded_instants_are_found_between_the_nodes():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(5))
-    found = nlp.overloaded(z, 1e-3)
+    found = nlp.inspect(z, 1e-3, 1e-6).torque
     motion = nlp.trajectory(z)
     t = motion.t[found.interval] + found.share * np.diff(motion.t)[found.interval]
     load = np.abs(motion(t).u) / nlp.system.problem.robot.limits.effort_upper
     assert found.interval.size > 0
     assert np.all(load.max(axis=1) > 1.0 + 1e-3)
-    more = nlp.with_instants(found).with_instants(found)
+    extra = Extra(torque=found)
+    more = nlp.with_rows(extra).with_rows(extra)
     assert more.rows.size == nlp.rows.size + 2 * 3 * found.interval.size
+
+
+def test_closest_instants_are_found_between_the_rows():
+    # A thin post between two instants that are rows.
+    post = tm.Scene([tm.Sphere("post", radius=0.01, position=(2.0, 2.2, 0.0))])
+    problem = planar(tm.JointGoal((1.5, 0.5, 0.5)), scene=post)
+    nlp, z = build(problem, np.random.default_rng(8), intervals=6)
+    system = nlp.system
+    q = np.linspace(START, (1.5, 0.5, 0.5), 6)
+    z[: q.size] = q.ravel()
+    at = nlp.inspect(z, 1e-3, 1e-6).clearance
+    missing = system.clearance.values(at.states(nlp.spline(z))[0])
+    dense = Instants(np.repeat(np.arange(6), 400), np.tile(np.linspace(0, 1, 400), 6))
+    worst = system.clearance.values(dense.states(nlp.spline(z))[0]).max()
+    assert at.size > 0
+    assert np.all(missing.max(axis=1) > 1e-6)
+    assert missing.max() > 0.5 * worst
+    more = nlp.with_rows(Extra(clearance=at))
+    assert more.rows.size == nlp.rows.size + at.size * system.clearance.count
+    assert more.inspect(z, 1e-3, 1e-6).clearance.size < at.size
 
 
 def test_variation_is_the_jumps_of_acceleration():

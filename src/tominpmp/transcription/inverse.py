@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.exchange import Extra, grazing, overloaded
 from tominpmp.transcription.spline import (
     Spline,
     SplineDerivatives,
@@ -40,8 +41,6 @@ from tominpmp.transcription.system import System
 LENGTH_STEP = 0.3
 # Instants of each interval at which clearances are rows: its middle and its end.
 CLEARANCE_SHARES = (0.5, 1.0)
-# Instants at which torques are looked at between the rows.
-INSPECTED_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
 class InverseTranscription:
@@ -64,7 +63,7 @@ class InverseTranscription:
         system: System,
         shares: Array,
         duration: float,
-        extra: Instants | None = None,
+        extra: Extra | None = None,
     ) -> None:
         self.system = system
         self.shares = shares
@@ -72,11 +71,12 @@ class InverseTranscription:
         self._n = system.n
         every = np.arange(self._N)
         ends = Instants(np.tile(every, 2), np.repeat([0.0, 1.0], self._N))
-        self._at = ends if extra is None else ends.joined(extra)
+        self._extra = extra = Extra() if extra is None else extra
+        self._at = ends.joined(extra.torque)
         count = len(CLEARANCE_SHARES)
         self._clear = Instants(
             np.repeat(every, count), np.tile(CLEARANCE_SHARES, self._N)
-        )
+        ).joined(extra.clearance)
         self._columns = Columns(self._N, self._n)
         self._reference = duration / self._N  # scales the velocity rows [s]
         self._rows = self._build_rows()
@@ -208,7 +208,7 @@ class InverseTranscription:
                 )
             )
         if system.clearance is not None:
-            count, instants = system.clearance.count, N * len(CLEARANCE_SHARES)
+            count, instants = system.clearance.count, self._clear.size
             parts.append(
                 (
                     "clearance",
@@ -248,36 +248,24 @@ class InverseTranscription:
             parts.append(self._goal(q[-1], v[-1])[0])
         return np.concatenate(parts)
 
-    def overloaded(self, z: Array, tolerance: float) -> Instants:
-        """Instants between the rows at which torques exceed their limits.
+    def inspect(self, z: Array, overload: float, graze: float) -> Extra:
+        """Instants between the rows at which an iterate breaks its limits.
 
         Args:
             z: Iterate.
-            tolerance: Relative excess that is let pass.
-
-        Returns:
-            For each interval and joint the worst of the inspected instants, if it is
-            overloaded; without repetitions.
+            overload: Relative excess of torques that is let pass.
+            graze: Missing clearance that is let pass, as a share of the reach.
         """
-        N, count = self._N, len(INSPECTED_SHARES)
-        at = Instants(np.tile(np.arange(N), count), np.repeat(INSPECTED_SHARES, N))
-        load = np.abs(self.system.torque(*at.states(self.spline(z))))
-        load = load.reshape(count, N, self._n)
-        worst = np.argmax(load, axis=0)  # (N, n)
-        over = np.max(load, axis=0) > 1.0 + tolerance
-        pairs = sorted({(int(k), int(worst[k, j])) for k, j in np.argwhere(over)})
-        return Instants(
-            np.array([k for k, _ in pairs], dtype=np.int64),
-            np.array([INSPECTED_SHARES[i] for _, i in pairs]),
+        spline = self.spline(z)
+        return Extra(
+            overloaded(self.system, spline, overload),
+            grazing(self.system, spline, graze, self._clear),
         )
 
-    def with_instants(self, extra: Instants) -> InverseTranscription:
-        """The same problem with torque rows at more instants."""
-        former = self._at.size - 2 * self._N
-        if former:
-            before = Instants(self._at.interval[-former:], self._at.share[-former:])
-            extra = before.joined(extra)
+    def with_rows(self, extra: Extra) -> InverseTranscription:
+        """The same problem with rows at more instants."""
         duration = self._reference * self._N
+        extra = self._extra.joined(extra)
         return InverseTranscription(self.system, self.shares, duration, extra)
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:

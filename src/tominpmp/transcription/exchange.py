@@ -1,0 +1,130 @@
+"""Semi-infinite exchange: rows where a motion breaks its limits between the rows.
+
+Torques and clearances are rows at chosen instants only. After a solve the motion is
+inspected between them, and the worst instants become rows of the next program (Hettich
+and Kortanek, 1993), until an inspection finds nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.transcription.spline import Spline
+from tominpmp.transcription.spline_rows import Instants
+from tominpmp.transcription.system import System
+
+# Instants at which torques are looked at between the rows.
+TORQUE_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
+# Clearances are looked at this often [s], and this often an interval at least.
+CLEARANCE_STEP = 2e-3
+CLEARANCE_SAMPLES = 4
+# Instants closer than this share of an interval are one.
+APART = 0.03
+
+
+def no_instants() -> Instants:
+    """No instants at all."""
+    return Instants(np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Extra:
+    """Instants that have become rows.
+
+    Attributes:
+        torque: Where torques are rows beside the ends of the intervals.
+        clearance: Where clearances are rows beside the regular instants.
+    """
+
+    torque: Instants = field(default_factory=no_instants)
+    clearance: Instants = field(default_factory=no_instants)
+
+    @property
+    def size(self) -> int:
+        """Number of instants."""
+        return self.torque.size + self.clearance.size
+
+    def joined(self, other: Extra) -> Extra:
+        """These instants and others."""
+        return Extra(
+            self.torque.joined(other.torque), self.clearance.joined(other.clearance)
+        )
+
+
+def overloaded(system: System, spline: Spline, tolerance: float) -> Instants:
+    """Instants between the rows at which torques exceed their limits.
+
+    Args:
+        system: Dynamics and limits.
+        spline: The motion.
+        tolerance: Relative excess that is let pass.
+
+    Returns:
+        For each interval and joint the worst of the inspected instants, if it is
+        overloaded; without repetitions.
+    """
+    N, count = spline.h.size, len(TORQUE_SHARES)
+    at = Instants(np.tile(np.arange(N), count), np.repeat(TORQUE_SHARES, N))
+    load = np.abs(system.torque(*at.states(spline)))
+    load = load.reshape(count, N, -1)
+    worst = np.argmax(load, axis=0)  # (N, n)
+    over = np.max(load, axis=0) > 1.0 + tolerance
+    pairs = sorted({(int(k), int(worst[k, j])) for k, j in np.argwhere(over)})
+    return Instants(
+        np.array([k for k, _ in pairs], dtype=np.int64),
+        np.array([TORQUE_SHARES[i] for _, i in pairs]),
+    )
+
+
+def grazing(
+    system: System, spline: Spline, tolerance: float, known: Instants
+) -> Instants:
+    """Instants at which links come closer to something than they may.
+
+    Args:
+        system: Clearances.
+        spline: The motion.
+        tolerance: Missing clearance that is let pass, as a share of the reach.
+        known: Instants that are rows already.
+
+    Returns:
+        For each interval and pair the closest of the inspected instants, if it is too
+        close; those near others are left out.
+    """
+    if system.clearance is None:
+        return no_instants()
+    at = _samples(spline.h)
+    missing = system.clearance.values(at.states(spline)[0])
+    worst = np.max(missing, axis=1)
+    found: list[tuple[int, float]] = []
+    taken: dict[int, list[float]] = {}
+    for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):
+        taken.setdefault(k, []).append(share)
+    for k in np.unique(at.interval[worst > tolerance]).tolist():
+        inside = np.flatnonzero(at.interval == k)
+        block = missing[inside]
+        pairs = np.flatnonzero(block.max(axis=0) > tolerance)
+        peaks = inside[np.argmax(block[:, pairs], axis=0)]
+        for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
+            share = float(at.share[index])
+            near = taken.setdefault(k, [])
+            if all(abs(share - other) > APART for other in near):
+                near.append(share)
+                found.append((k, share))
+    return Instants(
+        np.array([k for k, _ in found], dtype=np.int64),
+        np.array([share for _, share in found]),
+    )
+
+
+def _samples(h: Array) -> Instants:
+    counts: IntArray = np.maximum(
+        np.ceil(h / CLEARANCE_STEP).astype(np.int64), CLEARANCE_SAMPLES
+    )
+    interval = np.repeat(np.arange(h.size), counts)
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    step = np.arange(interval.size) - first
+    return Instants(interval, (step + 0.5) / counts[interval])
