@@ -17,10 +17,11 @@ from tominpmp.problem import Problem
 from tominpmp.seeding.guess import KINEMATIC_STARTS, Guess, initial_guesses
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.solution import IterationRecord, Solution, Status
+from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.solvers.penalty import PenaltySolver
-from tominpmp.solvers.slp import SlpResult, SlpSolver
+from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.adjoint import AdjointTranscription, Instants
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.collocation import CollocationTranscription

@@ -22,15 +22,18 @@ from scipy.optimize import minimize
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.slp import Iterate, SlpResult
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.transcription.adjoint import AdjointTranscription
 
 # The first weight K, in shares of T, and its growth from round to round.
 FIRST_WEIGHT = 10.0
 WEIGHT_GROWTH = 10.0
-ROUNDS = 9
+ROUNDS = 11
+# Violations fall like 1 / K; where two rounds leave more than this share of them, no
+# weight will remove the rest.
+STUCK = 0.5
 # Quasi-Newton iterations a round, and in all for each of ``options.max_iterations``:
 # one of them costs about a tenth of an iteration with a linear program.
 ROUND_ITERATIONS = 300
@@ -80,11 +83,15 @@ class PenaltySolver:
         run = _Run(self, z)
         status = Status.INFEASIBLE
         weight = FIRST_WEIGHT * run.duration
+        left: list[float] = []
         try:
             for _ in range(ROUNDS):
                 run.minimise(weight)
-                if run.iterate.violation <= self.options.feasibility:
+                left.append(run.iterate.violation)
+                if left[-1] <= self.options.feasibility:
                     status = Status.CONVERGED
+                    break
+                if len(left) > 2 and left[-1] > STUCK * left[-3]:
                     break
                 weight *= WEIGHT_GROWTH
         except _Stop as stop:

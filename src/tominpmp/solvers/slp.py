@@ -19,6 +19,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.lp import LpSolution, LpSolver, make_solver
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
@@ -46,95 +47,11 @@ ENOUGH = 0.8
 CORRECTABLE = 1.0
 EXACT = 1e-10
 CONTRACTION = 0.5
+# Rounds of putting rows into a linear program that its step breaks by more than this.
+ADDITIONS = 3
+MISSED = 1e-4
 
 Monitor = Callable[[IterationRecord], Status | None]
-
-
-@dataclass(frozen=True, eq=False)
-class Iterate:
-    """State of the iteration.
-
-    Attributes:
-        z: Unknowns.
-        values: Row values there.
-        merit: Weights of the merit.
-        region: Trust region.
-        multipliers: Of all rows, from the last linear program.
-        raises: How often weights were raised for want of feasibility.
-        gains: Merit gained in the last iterations [s], the newest last.
-    """
-
-    z: Array
-    values: Array
-    merit: Merit
-    region: TrustRegion
-    multipliers: Array
-    raises: int = 0
-    gains: tuple[float, ...] = ()
-
-    @property
-    def duration(self) -> float:
-        """T [s]."""
-        return float(self.merit.cost @ self.z)
-
-    @property
-    def violation(self) -> float:
-        """Largest violation of all rows."""
-        return float(np.max(self.merit.rows.violation(self.values), initial=0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class SlpResult:
-    """Outcome of the iteration.
-
-    Attributes:
-        status: How it ended.
-        iterate: The last iterate.
-        best: The fastest iterate without violation, if there was one.
-        history: One record an iteration.
-    """
-
-    status: Status
-    iterate: Iterate
-    best: Iterate | None
-    history: tuple[IterationRecord, ...]
-
-
-@dataclass
-class Effort:
-    """Counts the work of one iteration."""
-
-    programs: int = 0
-    pivots: int = 0
-    seconds: float = 0.0
-
-    def add(self, solution: LpSolution) -> LpSolution:
-        """Count a linear program and hand it on."""
-        self.programs += 1
-        self.pivots += solution.iterations
-        self.seconds += solution.seconds
-        return solution
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A point tried, with its merit."""
-
-    z: Array
-    values: Array
-    merit: float
-    damping: float = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What a step brought."""
-
-    trial: Trial
-    predicted: float
-    actual: float
-    ratio: float
-    accepted: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,16 +128,26 @@ class SlpSolver:
         radius = self.options.trust_region * iterate.region.radius
         steps = nlp.step_bounds(z, radius)
         variation = nlp.variation(z) if self.smoothing > 0.0 else None
-        linearization = nlp.linearize(z, iterate.values, steps)
-        program = build_subproblem(
-            merit, iterate.values, linearization, steps, variation, z
-        )
-        solution = effort.add(self.lp.solve(program.program))
-        if not solution.optimal:
-            solution = effort.add(make_solver("highs").solve(program.program))
-        if not solution.optimal:
-            region = iterate.region.after(0.0, 0.1)
-            return replace(iterate, region=region), None
+        pressed = iterate.values
+        for attempt in range(1 + ADDITIONS):
+            linearization = nlp.linearize(z, pressed, steps)
+            program = build_subproblem(
+                merit, iterate.values, linearization, steps, variation, z
+            )
+            solution = effort.add(self.lp.solve(program.program))
+            if not solution.optimal:
+                solution = effort.add(make_solver("highs").solve(program.program))
+            if not solution.optimal:
+                region = iterate.region.after(0.0, 0.1)
+                return replace(iterate, region=region), None
+            # Rows far from their bounds are left out at first; those that the step
+            # breaks are put in.
+            reached = nlp.evaluate(z + program.step(solution))
+            broken = nlp.rows.violation(reached) > MISSED
+            broken[linearization.rows] = False
+            if attempt == ADDITIONS or not np.any(broken):
+                break
+            pressed = np.where(broken, reached, pressed)
         outcome = self.search(iterate, program, solution, variation, effort)
         multipliers = program.multipliers(solution)
         promised = self.promised(iterate, program, program.step(solution))

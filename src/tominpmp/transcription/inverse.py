@@ -41,6 +41,10 @@ from tominpmp.transcription.system import System
 LENGTH_STEP = 0.3
 # Instants of each interval at which clearances are rows: its middle and its end.
 CLEARANCE_SHARES = (0.5, 1.0)
+# Clearances beyond this, in shares of the reach per rad of trust region, are not rows
+# of the linear program: a step that uses them up all the same is cut short by the
+# merit.
+ATTENTION = 0.07
 
 
 class InverseTranscription:
@@ -284,7 +288,7 @@ class InverseTranscription:
         if self.system.clearance is not None:
             rows = np.flatnonzero(count.kind == count.kinds.index("clearance"))
             radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
-            near = rows[values[rows] > -2.0 * radius]
+            near = rows[values[rows] > -ATTENTION * radius]
             by = StateDerivatives.of(self._clear, coefficients)
             blocks.append(
                 clearance_jacobian(

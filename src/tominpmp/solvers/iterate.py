@@ -1,0 +1,100 @@
+"""State of the iteration, and what a step of it brought."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.lp import LpSolution
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.trust_region import TrustRegion
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """State of the iteration.
+
+    Attributes:
+        z: Unknowns.
+        values: Row values there.
+        merit: Weights of the merit.
+        region: Trust region.
+        multipliers: Of all rows, from the last linear program.
+        raises: How often weights were raised for want of feasibility.
+        gains: Merit gained in the last iterations [s], the newest last.
+    """
+
+    z: Array
+    values: Array
+    merit: Merit
+    region: TrustRegion
+    multipliers: Array
+    raises: int = 0
+    gains: tuple[float, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self.merit.cost @ self.z)
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of all rows."""
+        return float(np.max(self.merit.rows.violation(self.values), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class SlpResult:
+    """Outcome of the iteration.
+
+    Attributes:
+        status: How it ended.
+        iterate: The last iterate.
+        best: The fastest iterate without violation, if there was one.
+        history: One record an iteration.
+    """
+
+    status: Status
+    iterate: Iterate
+    best: Iterate | None
+    history: tuple[IterationRecord, ...]
+
+
+@dataclass
+class Effort:
+    """Counts the work of one iteration."""
+
+    programs: int = 0
+    pivots: int = 0
+    seconds: float = 0.0
+
+    def add(self, solution: LpSolution) -> LpSolution:
+        """Count a linear program and hand it on."""
+        self.programs += 1
+        self.pivots += solution.iterations
+        self.seconds += solution.seconds
+        return solution
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A point tried, with its merit."""
+
+    z: Array
+    values: Array
+    merit: float
+    damping: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step brought."""
+
+    trial: Trial
+    predicted: float
+    actual: float
+    ratio: float
+    accepted: bool
