@@ -27,11 +27,13 @@ class ClearanceConstraint:
 
     Attributes:
         checker: Distances of the pairs.
-        margin: Distance to keep [m].
+        margin: Distance to keep [m], one for all pairs or by pair.
         length: Length that the values are divided by [m].
     """
 
-    def __init__(self, checker: CollisionChecker, margin: float, length: float) -> None:
+    def __init__(
+        self, checker: CollisionChecker, margin: float | Array, length: float
+    ) -> None:
         self.checker, self.margin, self.length = checker, margin, length
 
     @property

@@ -108,7 +108,7 @@ def test_torque_rows_are_the_torques_of_the_motion():
 
 def test_overloaded_instants_are_found_between_the_nodes():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(5))
-    found = nlp.inspect(z, 1e-3, 1e-6).torque
+    found = nlp.inspect(z, 1e-3).torque
     motion = nlp.trajectory(z)
     t = motion.t[found.interval] + found.share * np.diff(motion.t)[found.interval]
     load = np.abs(motion(t).u) / nlp.system.problem.robot.limits.effort_upper
@@ -127,7 +127,7 @@ def test_closest_instants_are_found_between_the_rows():
     system = nlp.system
     q = np.linspace(START, (1.5, 0.5, 0.5), 6)
     z[: q.size] = q.ravel()
-    at = nlp.inspect(z, 1e-3, 1e-6).clearance
+    at = nlp.inspect(z, 1e-3).clearance
     missing = system.clearance.values(at.states(nlp.spline(z))[0])
     dense = Instants(np.repeat(np.arange(6), 400), np.tile(np.linspace(0, 1, 400), 6))
     worst = system.clearance.values(dense.states(nlp.spline(z))[0]).max()
@@ -136,7 +136,7 @@ def test_closest_instants_are_found_between_the_rows():
     assert missing.max() > 0.5 * worst
     more = nlp.with_rows(Extra(clearance=at))
     assert more.rows.size == nlp.rows.size + at.size * system.clearance.count
-    assert more.inspect(z, 1e-3, 1e-6).clearance.size < at.size
+    assert more.inspect(z, 1e-3).clearance.size < at.size
 
 
 def test_variation_is_the_jumps_of_acceleration():

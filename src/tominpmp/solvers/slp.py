@@ -10,6 +10,7 @@ evaluations, while a smaller trust region would cost another linear program.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -47,6 +48,10 @@ ENOUGH = 0.8
 CORRECTABLE = 1.0
 EXACT = 1e-10
 CONTRACTION = 0.5
+# Share of the violation that the error of a step may have once the duration has
+# settled, and the radius that is left at least.
+CALM = 0.05
+LEAST_CALM = 0.01
 # Rounds of putting rows into a linear program that its step breaks by more than this.
 ADDITIONS = 3
 MISSED = 1e-4
@@ -153,6 +158,7 @@ class SlpSolver:
         promised = self.promised(iterate, program, program.step(solution))
         merit = merit.raised(multipliers, iterate.values, promised)
         region = iterate.region.after(outcome.ratio, outcome.trial.damping)
+        region = self.calmed(region, iterate, outcome.trial)
         if outcome.accepted:
             iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
         iterate = replace(
@@ -167,6 +173,20 @@ class SlpSolver:
             merit = iterate.merit.scaled(WEIGHT_GROWTH)
             iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
         return iterate, outcome
+
+    def calmed(self, region: TrustRegion, iterate: Iterate, trial: Trial) -> TrustRegion:
+        """Trust region for removing the last violation once the duration has settled.
+
+        A linear program uses the whole trust region for unknowns that the duration
+        leaves free, with an error of the square of the radius; it is kept below the
+        violation, which a step of its size removes.
+        """
+        left = self.violation(trial)
+        change = abs(float(iterate.merit.cost @ trial.z) - iterate.duration)
+        if left > RESTORABLE or change > self.options.tolerance * iterate.duration:
+            return region
+        enough = math.sqrt(CALM * left) / self.options.trust_region
+        return replace(region, radius=min(region.radius, max(enough, LEAST_CALM)))
 
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""

@@ -21,6 +21,10 @@ TORQUE_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
 # Clearances are looked at this often [s], and this often an interval at least.
 CLEARANCE_STEP = 2e-3
 CLEARANCE_SAMPLES = 4
+# Share of the padding that may be used up between the rows, and what may be missing
+# without any padding, as a share of the reach.
+GRAZE = 0.8
+LEAST_GRAZE = 1e-5
 # Instants closer than this share of an interval are one.
 APART = 0.03
 
@@ -79,15 +83,12 @@ def overloaded(system: System, spline: Spline, tolerance: float) -> Instants:
     )
 
 
-def grazing(
-    system: System, spline: Spline, tolerance: float, known: Instants
-) -> Instants:
+def grazing(system: System, spline: Spline, known: Instants) -> Instants:
     """Instants at which links come closer to something than they may.
 
     Args:
         system: Clearances.
         spline: The motion.
-        tolerance: Missing clearance that is let pass, as a share of the reach.
         known: Instants that are rows already.
 
     Returns:
@@ -97,8 +98,10 @@ def grazing(
     if system.clearance is None:
         return no_instants()
     at = _samples(spline.h)
-    missing = system.clearance.values(at.states(spline)[0])
+    # The rows keep links a little farther away than need be: some of it may be used.
+    missing = system.clearance.values(at.states(spline)[0]) - GRAZE * system.padding
     worst = np.max(missing, axis=1)
+    tolerance = LEAST_GRAZE
     found: list[tuple[int, float]] = []
     taken: dict[int, list[float]] = {}
     for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):

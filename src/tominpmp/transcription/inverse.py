@@ -252,18 +252,17 @@ class InverseTranscription:
             parts.append(self._goal(q[-1], v[-1])[0])
         return np.concatenate(parts)
 
-    def inspect(self, z: Array, overload: float, graze: float) -> Extra:
+    def inspect(self, z: Array, overload: float) -> Extra:
         """Instants between the rows at which an iterate breaks its limits.
 
         Args:
             z: Iterate.
             overload: Relative excess of torques that is let pass.
-            graze: Missing clearance that is let pass, as a share of the reach.
         """
         spline = self.spline(z)
         return Extra(
             overloaded(self.system, spline, overload),
-            grazing(self.system, spline, graze, self._clear),
+            grazing(self.system, spline, self._clear),
         )
 
     def with_rows(self, extra: Extra) -> InverseTranscription:

@@ -15,6 +15,20 @@ from tominpmp.goals import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
 
+# Most that is asked for beyond the margin [m], and its share of what there is at the
+# ends of the motion.
+PADDING = 2e-3
+PADDING_SHARE = 0.5
+
+
+def _padding(problem: Problem, checker: CollisionChecker) -> Array:
+    """Clearance beyond the margin to ask for, by pair [m]."""
+    ends = [problem.q_start]
+    if isinstance(problem.goal, JointGoal):
+        ends.append(problem.goal.q)
+    room = np.min(checker.distances(np.stack(ends)), axis=0) - problem.margin
+    return np.asarray(np.clip(PADDING_SHARE * room, 0.0, PADDING))
+
 
 @dataclass(frozen=True, eq=False)
 class System:
@@ -26,6 +40,8 @@ class System:
         kinematics: Placement of frames.
         clearance: Distance to obstacles; None without obstacles.
         reach: Length of the arm, which scales lengths [m].
+        padding: Clearance that the rows ask for beyond the margin, so that the motion
+            keeps the margin between them, by pair, as shares of the reach.
     """
 
     problem: Problem
@@ -33,6 +49,7 @@ class System:
     kinematics: RobotKinematics
     clearance: PathConstraint | None
     reach: float
+    padding: Array
 
     @classmethod
     def of(cls, problem: Problem) -> System:
@@ -40,12 +57,14 @@ class System:
         kinematics = RobotKinematics(problem.robot)
         reach = max(kinematics.reach(), 1e-3)
         checker = CollisionChecker(problem.robot, problem.scene)
+        padding = _padding(problem, checker)
         clearance = (
-            ClearanceConstraint(checker, problem.margin, reach)
+            ClearanceConstraint(checker, problem.margin + padding, reach)
             if checker.pairs
             else None
         )
-        return cls(problem, RobotDynamics(problem.robot), kinematics, clearance, reach)
+        dynamics = RobotDynamics(problem.robot)
+        return cls(problem, dynamics, kinematics, clearance, reach, padding / reach)
 
     @property
     def n(self) -> int:

@@ -1,0 +1,221 @@
+"""Attempts: what one initial guess leads to."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.options import Options
+from tominpmp.seeding.guess import Guess
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.lp import LpSolver, make_solver
+from tominpmp.solvers.paper import PaperSolver
+from tominpmp.solvers.penalty import PenaltySolver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.adjoint import AdjointTranscription, Instants
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.system import System
+
+# Weight of the total variation, as a share of the duration of the guess; chosen on
+# benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
+SMOOTHING_SHARE = 1e-4
+# Relative torque excess between the rows that is let pass, and rounds of adding rows.
+OVERLOAD = 2e-3
+EXCHANGES = 4
+EXCHANGE_ITERATIONS = 25
+# Progress below which rows between the nodes are looked for while the duration still
+# falls: rows that a finished motion breaks cost a new solve.
+ROUGH = 1e-2
+# Which instants of path constraints the methods that shoot differentiate.
+INSTANTS: dict[str, Instants] = {
+    "paper": "exact",
+    "adjoint": "near",
+    "penalty": "violated",
+}
+# Duration that shooting begins with: the paper's T^0 [s].
+FIRST_DURATION = 1.5
+# How a solver ends when it was told to.
+STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
+# A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
+# admissible.
+GUESS_STRETCH = 1.02
+
+
+class Watch:
+    """Time limit, callback and interruption of a planning, as a monitor of solvers.
+
+    Attributes:
+        start: Number of the initial guess that is worked on.
+    """
+
+    def __init__(self, options: Options) -> None:
+        self.start = 0
+        self._begin = time.perf_counter()
+        self._limit = options.max_planning_time
+        self._callback = options.callback
+
+    @property
+    def seconds(self) -> float:
+        """Time since planning began [s]."""
+        return time.perf_counter() - self._begin
+
+    @property
+    def over(self) -> bool:
+        """Whether the planning time is used up."""
+        return self._limit is not None and self.seconds >= self._limit
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        record = replace(record, start=self.start, seconds=self.seconds)
+        if self._callback is not None and self._callback(record):
+            return Status.INTERRUPTED
+        return Status.TIME_LIMIT if self.over else None
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What one initial guess led to.
+
+    Attributes:
+        name: What it began with.
+        status: How the iteration ended.
+        feasible: Whether the motion keeps all constraints.
+        trajectory: The best motion.
+        initial: The motion it began with.
+        violations: Largest violation by kind of constraint.
+        history: One record an iteration.
+    """
+
+    name: str
+    status: Status
+    feasible: bool
+    trajectory: Trajectory
+    initial: Trajectory
+    violations: dict[str, float]
+    history: tuple[IterationRecord, ...]
+
+    @classmethod
+    def of(
+        cls, name: str, transcription: Transcription, initial: Array, result: SlpResult
+    ) -> Attempt:
+        """Attempt from the iterate it began with and the outcome of a solver."""
+        feasible = result.best is not None
+        iterate = result.iterate if result.best is None else result.best
+        rows = transcription.rows
+        violation = rows.violation(iterate.values)
+        violations = {
+            kind: float(np.max(violation[rows.kind == index], initial=0.0))
+            for index, kind in enumerate(rows.kinds)
+        }
+        return cls(
+            name,
+            result.status,
+            feasible,
+            transcription.trajectory(iterate.z),
+            transcription.trajectory(initial),
+            violations,
+            result.history,
+        )
+
+    @property
+    def violation(self) -> float:
+        """Largest violation."""
+        return max(self.violations.values(), default=0.0)
+
+    @property
+    def duration(self) -> float:
+        """T of the motion if it keeps all constraints [s]; else infinite."""
+        return self.trajectory.duration if self.feasible else np.inf
+
+
+def solve_from_guess(
+    system: System, options: Options, guess: Guess, watch: Watch
+) -> Attempt:
+    """Improve a guess with the inverse or the collocation transcription."""
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * guess.duration
+    shares = interval_shares(options.grid, options.intervals)
+    duration = guess.duration * (GUESS_STRETCH if guess.timed else 1.0)
+    lp = make_solver(options.lp_solver)
+    if options.method == "collocation":
+        lifted = CollocationTranscription(system, shares, guess.duration)
+        nodes = np.concatenate([[0.0], np.cumsum(shares)])
+        start = lifted.start(
+            guess.position(nodes * guess.duration), np.array([duration])
+        )
+        solver = SlpSolver(lifted, options, smoothing, lp, watch)
+        return Attempt.of(guess.name, lifted, start, solver.run(start))
+    transcription = InverseTranscription(system, shares, guess.duration)
+    start = transcription.start(guess.position, duration)
+    transcription, result = exchange(
+        transcription, start, options, smoothing, lp, watch
+    )
+    return Attempt.of(guess.name, transcription, start, result)
+
+
+def exchange(
+    transcription: InverseTranscription,
+    z: Array,
+    options: Options,
+    smoothing: float,
+    lp: LpSolver,
+    watch: Watch,
+) -> tuple[InverseTranscription, SlpResult]:
+    """Solve, and solve on with rows where the motion breaks limits between them."""
+    system = transcription.system
+    rough = options
+    if system.clearance is not None:
+        rough = replace(options, tolerance=max(ROUGH, options.tolerance))
+    result = SlpSolver(transcription, rough, smoothing, lp, watch).run(z)
+    settled = rough is options
+    few = replace(
+        options, max_iterations=min(options.max_iterations, EXCHANGE_ITERATIONS)
+    )
+    for _ in range(EXCHANGES):
+        if result.status in STOPPED:
+            break
+        extra = transcription.inspect(result.iterate.z, OVERLOAD)
+        if not extra.size and settled:
+            break
+        transcription = transcription.with_rows(extra)
+        solver = SlpSolver(transcription, few if settled else options, smoothing, lp)
+        solver = replace(solver, monitor=watch)
+        result = solver.run(result.iterate.z, after=result)
+        settled = True
+    return transcription, result
+
+
+def solve_by_shooting(system: System, options: Options, watch: Watch) -> Attempt:
+    """Improve torques from the paper's kind of start, which need reach nothing."""
+    n, N = system.n, options.intervals
+    shares = interval_shares(options.grid, N)
+    duration = options.initial_duration or FIRST_DURATION
+    paper = options.step_rule == "paper" and options.method == "adjoint"
+    transcription = AdjointTranscription(
+        system,
+        shares,
+        duration,
+        instants=INSTANTS["paper" if paper else options.method],
+    )
+    control = options.initial_control
+    control = np.zeros(n) if control is None else control
+    z = transcription.pack(np.broadcast_to(control, (N, n)), np.array([duration]))
+    lp = make_solver(options.lp_solver)
+    solver: PaperSolver | PenaltySolver | SlpSolver
+    if options.method == "penalty":
+        solver = PenaltySolver(transcription, options, watch)
+    elif paper:
+        solver = PaperSolver(transcription, options, lp, watch)
+    else:
+        smoothing = options.smoothing or 0.0
+        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+    return Attempt.of("shooting", transcription, z, solver.run(z))

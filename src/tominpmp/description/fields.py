@@ -1,0 +1,122 @@
+"""Taking values out of a parsed file, with errors that name the file and the key."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import ScenarioError
+
+
+@dataclass(frozen=True)
+class Field:
+    """A value in a file, and where it is.
+
+    Attributes:
+        value: The value: dictionary, list, text, number, truth value or None.
+        path: The file.
+        key: Where the value is in it, for example ``goal.position[2]``; empty for the
+            whole.
+    """
+
+    value: Any
+    path: Path
+    key: str = ""
+
+    def fail(self, message: str) -> NoReturn:
+        """Raise the error about this value.
+
+        Raises:
+            ScenarioError: Always.
+        """
+        where = f"{self.path}: {self.key}: " if self.key else f"{self.path}: "
+        raise ScenarioError(where + message, self.path, self.key or None)
+
+    def _expected(self, what: str) -> NoReturn:
+        shown = repr(self.value)
+        shown = shown if len(shown) <= 80 else f"{shown[:77]}..."
+        self.fail(f"is {shown}, expected {what}")
+
+    @property
+    def given(self) -> bool:
+        """Whether there is a value: neither left out, nor None, nor empty."""
+        return self.value is not None and self.value not in ("", [], {})
+
+    def get(self, name: str) -> Field:
+        """Value of a key of a table, with the value None if it is not there."""
+        table = {} if self.value is None else self.value
+        if not isinstance(table, dict):
+            self._expected("a table of keys and values")
+        key = f"{self.key}.{name}" if self.key else name
+        return Field(table.get(name), self.path, key)
+
+    def need(self, name: str) -> Field:
+        """Value of a key that must be there."""
+        found = self.get(name)
+        if found.value is None:
+            found.fail("is missing")
+        return found
+
+    def table(self) -> dict[str, Field]:
+        """Values of a table by their keys."""
+        if not isinstance(self.value, dict):
+            self._expected("a table of keys and values")
+        return {name: self.get(name) for name in self.value}
+
+    def only(self, *names: str) -> None:
+        """Refuse keys of a table that are not among those named."""
+        for name, item in self.table().items():
+            if name not in names:
+                item.fail(f"there is no such key; there are: {', '.join(names)}")
+
+    def items(self) -> Iterator[Field]:
+        """Values of a list; none if it is left out."""
+        values = [] if self.value is None else self.value
+        if not isinstance(values, list):
+            self._expected("a list")
+        for index, value in enumerate(values):
+            yield Field(value, self.path, f"{self.key}[{index}]")
+
+    def text(self) -> str:
+        """A text that is not empty."""
+        if not isinstance(self.value, str) or not self.value:
+            self._expected("a text")
+        return self.value
+
+    def flag(self) -> bool:
+        """A truth value."""
+        if not isinstance(self.value, bool):
+            self._expected("true or false")
+        return self.value
+
+    def number(self, *, infinite: bool = False) -> float:
+        """A number, finite unless infinite ones are allowed."""
+        value = self.value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self._expected("a number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.nan
+        if math.isnan(number) or (math.isinf(number) and not infinite):
+            self._expected("a number" if infinite else "a finite number")
+        return number
+
+    def numbers(self, count: int | None = None) -> list[float]:
+        """A list of finite numbers, of a length if one is given."""
+        values = self.value
+        if not isinstance(values, list) or count not in (None, len(values)):
+            self._expected("numbers" if count is None else f"{count} numbers")
+        return [item.number() for item in self.items()]
+
+    def vector(self, names: str) -> Array:
+        """Numbers as a list, or by a letter each: ``[1, 2, 3]`` or ``{x: 1, ...}``."""
+        if isinstance(self.value, dict):
+            return np.array([self.need(name).number() for name in names])
+        return np.array(self.numbers(len(names)))

@@ -1,0 +1,1 @@
+"""Files that describe a planning problem: scenarios, and those of MoveIt."""

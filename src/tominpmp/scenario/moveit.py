@@ -1,0 +1,258 @@
+"""MoveIt motion plan requests (YAML): start and goal of a problem."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import ScenarioError, TominpmpError, TominpmpWarning
+from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.moveit_scene import (
+    Frames,
+    load_moveit_scene,
+    read_frames,
+    read_message,
+    read_pose,
+    read_rotation,
+    read_scene,
+    refuse_attached,
+)
+
+__all__ = ["load_moveit", "load_moveit_scene"]
+
+# A locked joint that is this far from where the request has it causes a warning
+# [rad or m].
+APART = 1e-3
+
+
+def load_moveit(
+    robot: Robot | str | os.PathLike[str],
+    scene_path: str | Path,
+    request_path: str | Path,
+    *,
+    margin: float = 0.0,
+) -> Problem:
+    """Load a problem from a MoveIt planning scene and a motion plan request.
+
+    The goal is the middle of what the request tolerates. All poses become those in the
+    frame of the robot's first link. A velocity scaling factor below 1 scales the
+    robot's speed limits.
+
+    Args:
+        robot: The robot. Joints of which the goal says nothing stay where they start.
+            Given by its name or path, it is loaded with those joints locked.
+        scene_path: YAML file with a ``PlanningScene`` message.
+        request_path: YAML file with a ``MotionPlanRequest`` message.
+        margin: Distance to keep from obstacles [m].
+
+    Returns:
+        The problem.
+
+    Raises:
+        ScenarioError: If a file is wrong, with the file and the key in it.
+        RobotLoadError: If the robot cannot be loaded.
+        ProblemError: If the problem is wrong: a start in collision, say.
+    """
+    scene_message, request = read_message(scene_path), read_message(request_path)
+    state = request.get("start_state")
+    start = _joint_values(state.get("joint_state"), "name", "position")
+    if not isinstance(robot, Robot):
+        robot = load_robot(robot, locked_joints=_unmoved(request, start))
+    _check_state(robot, state.get("joint_state"), start)
+    _refuse_unread(request)
+    refuse_attached(state)
+    frames = read_frames(scene_message, robot, state)
+    _check_upright(frames, robot, scene_message)
+    return Problem(
+        _scaled(robot, request.get("max_velocity_scaling_factor")),
+        np.array([start[name] for name in robot.joint_names]),
+        _read_goal(request, robot, frames, start),
+        scene=read_scene(scene_message, frames),
+        margin=margin,
+        v_start=_start_velocity(robot, state.get("joint_state")),
+    )
+
+
+def _joint_values(state: Field, names: str, values: str) -> dict[str, float]:
+    """Values by joint name of a JointState."""
+    joints = [item.text() for item in state.need(names).items()]
+    found = state.need(values)
+    numbers = found.numbers()
+    if len(numbers) != len(joints):
+        found.fail(f"holds {len(numbers)} numbers for {len(joints)} joints")
+    return dict(zip(joints, numbers, strict=True))
+
+
+def _unmoved(request: Field, start: dict[str, float]) -> dict[str, float]:
+    """Joints that a goal of joint positions leaves out, where they start."""
+    moved = set()
+    for goal in request.get("goal_constraints").items():
+        moved |= {
+            item.get("joint_name").value
+            for item in goal.get("joint_constraints").items()
+        }
+    return {k: v for k, v in start.items() if k not in moved} if moved else {}
+
+
+def _check_state(robot: Robot, state: Field, start: dict[str, float]) -> None:
+    """Check the joints of the start state against those of the robot."""
+    known = {joint.name for joint in robot.description.joints}
+    for name in start:
+        if name not in known:
+            state.get("name").fail(
+                f"there is no joint {name!r}; the robot has: {', '.join(sorted(known))}"
+            )
+    lacking = [name for name in robot.joint_names if name not in start]
+    if lacking:
+        state.get("name").fail(f"says nothing about the joints {', '.join(lacking)}")
+    for name, position in robot.locked_joints.items():
+        asked = start.get(name, position)
+        if abs(asked - position) > APART:
+            warnings.warn(
+                f"{state.path}: joint {name} is at {asked:g} at the start, but the "
+                f"robot has it locked at {position:g}",
+                TominpmpWarning,
+                stacklevel=3,
+            )
+
+
+def _start_velocity(robot: Robot, state: Field) -> Array | None:
+    if not state.get("velocity").given:
+        return None
+    velocity = _joint_values(state, "name", "velocity")
+    return np.array([velocity[name] for name in robot.joint_names])
+
+
+def _refuse_unread(request: Field) -> None:
+    """Refuse constraints on the way, which a motion would silently break."""
+    for key in ("path_constraints", "trajectory_constraints"):
+        for name, item in (request.get(key).value or {}).items():
+            if isinstance(item, list) and item:
+                request.get(key).get(name).fail("constraints on the way are not read")
+
+
+def _check_upright(frames: Frames, robot: Robot, message: Field) -> None:
+    """Refuse a base that stands askew: gravity would have another direction."""
+    turned = frames.base.rotation.T @ robot.gravity
+    if not np.allclose(turned, robot.gravity, atol=1e-6 * (1.0 + np.abs(turned).max())):
+        message.get("robot_state").get("multi_dof_joint_state").fail(
+            "the base of the robot is tilted: leave that out here and load the robot "
+            f"with the gravity that its base sees, {np.round(turned, 6).tolist()}"
+        )
+
+
+def _scaled(robot: Robot, factor: Field) -> Robot:
+    """Scale the speed limits; MoveIt takes whatever is not in (0, 1] for 1."""
+    value = factor.number() if factor.given else 1.0
+    if not 0.0 < value < 1.0:
+        return robot
+    return robot.with_changes(velocity=value * robot.limits.velocity)
+
+
+def _read_goal(
+    request: Field, robot: Robot, frames: Frames, start: dict[str, float]
+) -> Goal:
+    constraints = request.need("goal_constraints")
+    goals = [
+        _one_goal(item, robot, frames, start)
+        for item in constraints.items()
+        if any(value.given for value in item.table().values())
+    ]
+    if not goals:
+        constraints.fail("is empty, expected a goal")
+    if len(goals) > 1:
+        constraints.fail(f"holds {len(goals)} alternatives, expected one goal")
+    return goals[0]
+
+
+def _one_goal(
+    item: Field, robot: Robot, frames: Frames, start: dict[str, float]
+) -> Goal:
+    joints = list(item.get("joint_constraints").items())
+    places = list(item.get("position_constraints").items())
+    turns = list(item.get("orientation_constraints").items())
+    if item.get("visibility_constraints").given:
+        item.get("visibility_constraints").fail("visibility goals are not read")
+    if joints and (places or turns):
+        item.fail("joint and pose constraints together are not read")
+    if joints:
+        return _joint_goal(joints, robot, start)
+    if len(places) > 1 or len(turns) > 1:
+        item.fail("expected one position and one orientation at most")
+    if not places:
+        item.fail("a goal of an orientation alone is not read")
+    return _frame_goal(places[0], turns, robot, frames)
+
+
+def _joint_goal(
+    constraints: Sequence[Field], robot: Robot, start: dict[str, float]
+) -> JointGoal:
+    asked: dict[str, float] = {}
+    for item in constraints:
+        name = item.need("joint_name").text()
+        position = item.need("position").number()
+        if name in asked:
+            item.get("joint_name").fail(f"the joint {name!r} is there twice")
+        asked[name] = position
+        if name in robot.joint_names:
+            continue
+        if name not in robot.locked_joints:
+            item.get("joint_name").fail(
+                f"there is no joint {name!r} that moves; the robot has: "
+                f"{', '.join(robot.joint_names)}"
+            )
+        if abs(position - robot.locked_joints[name]) > APART:
+            item.get("position").fail(
+                f"is {position:g}, but joint {name!r} is locked at "
+                f"{robot.locked_joints[name]:g}"
+            )
+    return JointGoal(
+        np.array([asked.get(name, start[name]) for name in robot.joint_names])
+    )
+
+
+def _frame_goal(
+    place: Field, turns: Sequence[Field], robot: Robot, frames: Frames
+) -> Goal:
+    link = _link(place, robot)
+    region = place.need("constraint_region")
+    poses = [
+        *region.get("primitive_poses").items(),
+        *region.get("mesh_poses").items(),
+    ]
+    if len(poses) != 1:
+        region.fail(f"holds {len(poses)} regions, expected one")
+    centre = frames.to_base(place.get("header")) * read_pose(poses[0])
+    offset = place.get("target_point_offset")
+    shift = offset.vector("xyz") if offset.given else np.zeros(3)
+    if not turns:
+        if np.any(shift):
+            offset.fail("an offset without an orientation is not read")
+        return PositionGoal(link, centre.translation)
+    turn = turns[0]
+    if _link(turn, robot) != link:
+        turn.get("link_name").fail(f"expected {link!r}, of which the position is given")
+    rotation = frames.to_base(turn.get("header")).rotation @ read_rotation(
+        turn.need("orientation")
+    )
+    return PoseGoal(link, pin.SE3(rotation, centre.translation - rotation @ shift))
+
+
+def _link(item: Field, robot: Robot) -> str:
+    link = item.need("link_name")
+    try:
+        robot.frame_id(link.text())
+    except ScenarioError:
+        raise
+    except TominpmpError as error:
+        link.fail(str(error))
+    return link.text()

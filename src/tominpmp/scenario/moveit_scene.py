@@ -1,0 +1,310 @@
+"""MoveIt planning scenes (YAML): obstacles, and the frames they are given in.
+
+Both ways of writing the messages are read: short (``type: box``, ``position: [x, y,
+z]``) and as ROS prints them (``type: 1``, ``position: {x: .., y: .., z: ..}``).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.description.fields import Field
+from tominpmp.description.yaml_reader import read_yaml
+from tominpmp.exceptions import ScenarioError, SceneError, TominpmpWarning
+from tominpmp.robot import Robot
+from tominpmp.scene import Box, Cylinder, Obstacle, Scene, Sphere, rotation_matrix
+
+# Numbers of the shapes in the message SolidPrimitive.
+_SHAPES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
+_SIZES = {"box": "x, y and z", "sphere": "the radius", "cylinder": "height and radius"}
+# Frames that are the world whatever the file is about.
+_WORLD = ("", "world", "/world")
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The frames in which poses of a file may be given.
+
+    Attributes:
+        base: Placement base_to_world of the robot's first link.
+        root: Name of that link, empty if no robot is given.
+        fixed: Placements child_to_world of further frames.
+    """
+
+    base: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    root: str = ""
+    fixed: Mapping[str, pin.SE3] = field(default_factory=dict)
+
+    def to_base(self, header: Field) -> pin.SE3:
+        """Placement frame_to_base of the frame that a header names.
+
+        Args:
+            header: A message header; without one the frame is the world.
+
+        Raises:
+            ScenarioError: If the frame is not known.
+        """
+        frame_id = header.get("frame_id")
+        name = frame_id.text() if frame_id.given else ""
+        if name in _WORLD:
+            return self.base.inverse()
+        if name.lstrip("/") == self.root:
+            return pin.SE3.Identity()
+        if name in self.fixed:
+            return self.base.actInv(self.fixed[name])
+        known = ["world", *([self.root] if self.root else []), *self.fixed]
+        frame_id.fail(
+            f"there is no frame {name!r} that stands still; there are: "
+            f"{', '.join(dict.fromkeys(known))}"
+        )
+
+
+def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
+    """Load the obstacles of a MoveIt planning scene.
+
+    Poses become those in the frame of the robot's first link, which the scene may have
+    put elsewhere in the world (a joint of several freedoms in its robot state).
+
+    Args:
+        path: YAML file with a ``PlanningScene`` message.
+        robot: The robot, whose first link is then known as a frame.
+
+    Returns:
+        The scene; an object of several shapes becomes several obstacles, ``NAME.0``,
+        ``NAME.1`` and so on.
+
+    Raises:
+        ScenarioError: If the file is wrong, or holds what cannot be read: attached
+            objects, an octree, planes, cones.
+    """
+    message = read_message(path)
+    return read_scene(message, read_frames(message, robot))
+
+
+def read_message(path: str | Path) -> Field:
+    """Read a message from a YAML file; it must be a table.
+
+    Raises:
+        ScenarioError: If it is no YAML file with a table.
+    """
+    path = Path(path).expanduser()
+    message = Field(read_yaml(path), path)
+    message.table()
+    return message
+
+
+def read_frames(
+    message: Field, robot: Robot | None, start_state: Field | None = None
+) -> Frames:
+    """Collect the frames of a planning scene.
+
+    Args:
+        message: The planning scene.
+        robot: The robot, if there is one.
+        start_state: A robot state that says more about where the base is.
+
+    Returns:
+        The frames.
+    """
+    base = pin.SE3.Identity()
+    for state in (message.get("robot_state"), start_state):
+        joints = None if state is None else state.get("multi_dof_joint_state")
+        if joints is None or not joints.get("transforms").given:
+            continue
+        placements = [read_pose(item) for item in joints.get("transforms").items()]
+        if len(placements) > 1:
+            joints.get("transforms").fail(
+                f"holds {len(placements)} transforms, expected that of the base only"
+            )
+        base = placements[0]
+    fixed: dict[str, pin.SE3] = {}
+    for item in message.get("fixed_frame_transforms").items():
+        name = item.need("child_frame_id").text()
+        parent = item.get("header").get("frame_id")
+        if parent.given and parent.value not in (*_WORLD, *fixed, name):
+            # Frames may hang on frames that are said later or not at all.
+            continue
+        above = fixed.get(parent.value, pin.SE3.Identity())
+        fixed[name] = above * read_pose(item.need("transform"))
+    root = "" if robot is None else robot.description.links[0]
+    return Frames(base, root, fixed)
+
+
+def read_pose(value: Field) -> pin.SE3:
+    """Read a pose or transform; what is left out is zero.
+
+    Args:
+        value: A message ``Pose`` (position, orientation) or ``Transform`` (translation,
+            rotation).
+
+    Raises:
+        ScenarioError: If it is none.
+    """
+    place, turn = value.get("position"), value.get("orientation")
+    if not place.given and not turn.given:
+        place, turn = value.get("translation"), value.get("rotation")
+    position = place.vector("xyz") if place.given else np.zeros(3)
+    return pin.SE3(read_rotation(turn), position)
+
+
+def read_rotation(value: Field) -> np.ndarray:
+    """Read a quaternion (x, y, z, w); all zeros, the ROS default, is no rotation."""
+    quaternion = value.vector("xyzw") if value.given else np.zeros(4)
+    if not np.any(quaternion):
+        return np.eye(3)
+    try:
+        return np.array(rotation_matrix(quaternion, value.key))
+    except SceneError as error:
+        value.fail(str(error))
+
+
+def read_scene(message: Field, frames: Frames) -> Scene:
+    """Read the obstacles of a planning scene message.
+
+    Raises:
+        ScenarioError: As :func:`load_moveit_scene`.
+    """
+    refuse_attached(message.get("robot_state"))
+    world = message.get("world")
+    _warn_of_unread(message)
+    octree = world.get("octomap").get("octomap").get("data")
+    if octree.given:
+        octree.fail("octrees are not read")
+    obstacles: list[Obstacle] = []
+    for item in world.get("collision_objects").items():
+        obstacles += _read_object(item, frames)
+    try:
+        return Scene(obstacles)
+    except SceneError as error:
+        world.get("collision_objects").fail(str(error))
+
+
+def refuse_attached(state: Field) -> None:
+    """Refuse a robot state in which the robot holds something.
+
+    Raises:
+        ScenarioError: If it does.
+    """
+    attached = state.get("attached_collision_objects")
+    if attached.given:
+        names = [item.get("object").get("id").value for item in attached.items()]
+        attached.fail(
+            "objects attached to the robot are not read: "
+            f"{', '.join(str(name) for name in names)}"
+        )
+
+
+def _warn_of_unread(message: Field) -> None:
+    """Warn of what would make a motion safer or freer, and is not read."""
+    unread = []
+    for name, key in (("link_padding", "padding"), ("link_scale", "scale")):
+        neutral = 0.0 if key == "padding" else 1.0
+        for item in message.get(name).items():
+            if item.get(key).given and item.get(key).number() != neutral:
+                unread.append(item.get(key).key)
+    objects = {
+        item.get("id").value
+        for item in message.get("world").get("collision_objects").items()
+    }
+    allowed = message.get("allowed_collision_matrix")
+    names = [item.value for item in allowed.get("entry_names").items()]
+    if any(isinstance(name, str) and name in objects for name in names):
+        unread.append("allowed_collision_matrix (its entries about objects)")
+    if unread:
+        warnings.warn(
+            f"{message.path}: not read: {', '.join(unread)}",
+            TominpmpWarning,
+            stacklevel=4,
+        )
+
+
+def _read_object(item: Field, frames: Frames) -> list[Obstacle]:
+    """Read a CollisionObject: one obstacle for each of its shapes."""
+    name = item.need("id").text()
+    operation = item.get("operation")
+    if operation.given and operation.value not in (0, "add", "ADD"):
+        operation.fail("only objects that are added can be read (operation 0)")
+    for key in ("planes", "subframe_poses"):
+        if key == "planes" and item.get(key).given:
+            item.get(key).fail("planes are not read; use a large box")
+    place = frames.to_base(item.get("header"))
+    if item.get("pose").given:
+        place = place * read_pose(item.get("pose"))
+    shapes = [*_shapes(item, "primitive"), *_shapes(item, "mesh")]
+    if not shapes:
+        item.fail(f"the object {name!r} has no shapes")
+    obstacles = []
+    for index, (shape, pose) in enumerate(shapes):
+        label = name if len(shapes) == 1 else f"{name}.{index}"
+        within = place if pose is None else place * read_pose(pose)
+        obstacles.append(_obstacle(label, shape, within))
+    return obstacles
+
+
+def _shapes(item: Field, kind: str) -> Iterator[tuple[Field, Field | None]]:
+    """Shapes of one kind with their poses, None where there are no poses at all."""
+    plural = {"primitive": "primitives", "mesh": "meshes"}[kind]
+    shapes = list(item.get(plural).items())
+    poses: list[Field | None] = [*item.get(f"{kind}_poses").items()]
+    if not poses:
+        poses = [None] * len(shapes)
+    if len(poses) != len(shapes):
+        item.get(f"{kind}_poses").fail(
+            f"holds {len(poses)} poses for {len(shapes)} {plural}"
+        )
+    yield from zip(shapes, poses, strict=True)
+
+
+def _obstacle(name: str, shape: Field, place: pin.SE3) -> Obstacle:
+    where: dict[str, Any] = {"position": place.translation, "rotation": place.rotation}
+    try:
+        if "type" not in shape.table():
+            return _mesh(name, shape, where)
+        kind, size = read_primitive(shape)
+        if kind == "box":
+            return Box(name, size=np.array(size), **where)
+        if kind == "sphere":
+            return Sphere(name, radius=size[0], **where)
+        return Cylinder(name, radius=size[1], length=size[0], **where)
+    except SceneError as error:
+        shape.fail(str(error))
+
+
+def read_primitive(shape: Field) -> tuple[str, list[float]]:
+    """Read a SolidPrimitive.
+
+    Returns:
+        "box", "sphere" or "cylinder", and the dimensions in the order of MoveIt: edges;
+        radius; height and radius [m].
+
+    Raises:
+        ScenarioError: If it is none of these.
+    """
+    kind = shape.need("type")
+    name = kind.value.lower() if isinstance(kind.value, str) else kind.value
+    if isinstance(name, int):
+        name = _SHAPES.get(name, name)
+    if name not in _SIZES:
+        kind.fail(
+            f"there is no shape {name!r} here; there are: {', '.join(_SIZES)}, and "
+            "meshes"
+        )
+    size = shape.need("dimensions")
+    count = {"box": 3, "sphere": 1, "cylinder": 2}[name]
+    if not isinstance(size.value, list) or len(size.value) != count:
+        size.fail(f"is {size.value!r}, expected {_SIZES[name]} of a {name} [m]")
+    return name, size.numbers(count)
+
+
+def _mesh(name: str, shape: Field, where: dict[str, Any]) -> Obstacle:
+    """Read a mesh: corners and triangles, or the name of a file."""
+    raise ScenarioError(
+        f"{shape.path}: {shape.key}: meshes are not read", shape.path, shape.key
+    )
