@@ -22,6 +22,7 @@ HEADER = (
 )
 KEYS = ("t", "q", "v", "a", "u")
 ENDINGS = ("csv", "npz")
+ROS_ENDINGS = ("yaml", "yml", "json")
 
 
 @pytest.fixture(scope="module")
@@ -259,7 +260,7 @@ def write_npz(path: Path, **changes: object) -> Path:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"v": None}, "lacks v; it holds: "),
+        ({"q": None}, "lacks q; it holds: "),
         ({"a": np.zeros((3, 1))}, r"a has shape \(3, 1\), expected \(3, 2\)"),
         ({"t": np.zeros(3)}, "the time must increase"),
         ({"t": np.zeros((3, 1))}, "t has shape"),
@@ -278,7 +279,7 @@ def test_wrong_npz(changes: dict[str, object], message: str, tmp_path: Path) -> 
 
 def test_what_is_no_npz(tmp_path: Path) -> None:
     path = tmp_path / "m.npz"
-    with pytest.raises(ScenarioError, match="cannot be read: No such file"):
+    with pytest.raises(ScenarioError, match="there is no file"):
         load_motion(path)
     whole = write_npz(tmp_path / "whole.npz").read_bytes()
     array = io.BytesIO()

@@ -1,10 +1,12 @@
-"""Motions as files: CSV for everybody, NPZ for NumPy.
+"""Motions as files: CSV for everybody, NPZ for NumPy, YAML and JSON for ROS.
 
-Both hold one row a time: the time [s], then for every joint its position [rad or m],
+All hold one row a time: the time [s], then for every joint its position [rad or m],
 velocity [rad/s or m/s], acceleration [rad/s^2 or m/s^2] and torque [N m or N]. The
 columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``, ``a_<joint>``
-and ``u_<joint>``, without units, so that any program takes the names as they are.
-Numbers are written in full: what is read back is what was there, to the last bit.
+and ``u_<joint>``, without units, so that any program takes the names as they are. YAML
+and JSON files are messages ``JointTrajectory`` of ROS 2, see
+:mod:`~tominpmp.output.ros`. Numbers are written in full: what is read back is what was
+there, to the last bit; only the times of ROS messages are whole nanoseconds.
 """
 
 from __future__ import annotations
@@ -17,24 +19,28 @@ from typing import BinaryIO
 
 import numpy as np
 
-from tominpmp.arrays import frozen_array
+from tominpmp.arrays import Array, frozen_array
+from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.output.files import write_file
+from tominpmp.output.ros import read_json, read_yaml, write_json, write_yaml
 from tominpmp.trajectory import Samples, Trajectory
 
 QUANTITIES = ("q", "v", "a", "u")
+# Motions of an hour at 1 kHz fit in.
+MAX_BYTES = 2**30
 
 
 def export(
     trajectory: Trajectory, path: str | Path, *, dt: float | None = None
 ) -> Path:
-    """Write a motion as CSV or NPZ, by the ending of the path.
+    """Write a motion as CSV, NPZ or ROS message, by the ending of the path.
 
     A file that exists is replaced once the new one is complete.
 
     Args:
         trajectory: The motion.
-        path: File to write, ending in ``.csv`` or ``.npz``.
+        path: File to write, ending in ``.csv``, ``.npz``, ``.yaml`` or ``.json``.
         dt: Time between rows [s], the end of the motion being the last row in any case;
             None writes the nodes. At a node where acceleration or torque jump, the row
             holds the value just after it.
@@ -52,13 +58,15 @@ def export(
 
 
 def load_motion(path: str | Path) -> Samples:
-    """Read a motion that :func:`export` wrote, or another program in its form.
+    """Read a motion that :func:`export` wrote, or another program in one of its forms.
+
+    Positions must be there; velocities, accelerations and torques need not.
 
     Args:
-        path: CSV or NPZ file, by its ending.
+        path: CSV, NPZ, YAML or JSON file, by its ending.
 
     Returns:
-        The samples, their times increasing.
+        The samples, their times increasing; a quantity that the file lacks is NaN.
 
     Raises:
         ProblemError: If the ending is unknown.
@@ -66,12 +74,7 @@ def load_motion(path: str | Path) -> Samples:
     """
     read = _chosen(READERS, path)
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ScenarioError(f"{path} cannot be read: {reason}", path) from error
-    return _checked(read(content, path), path)
+    return _checked(read(read_bytes(path, MAX_BYTES), path), path)
 
 
 def _chosen(table: dict[str, Callable], path: str | Path) -> Callable:  # type: ignore[type-arg]
@@ -96,15 +99,15 @@ def _node_samples(trajectory: Trajectory) -> Samples:
     )
 
 
-def _columns(joint_names: tuple[str, ...]) -> list[str]:
-    return ["time", *(f"{key}_{name}" for key in QUANTITIES for name in joint_names)]
+def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[str]:
+    return ["time", *(f"{key}_{name}" for key in quantities for name in joint_names)]
 
 
 def _write_csv(samples: Samples, file: BinaryIO) -> None:
     rows = np.column_stack([samples.t, samples.q, samples.v, samples.a, samples.u])
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_columns(samples.joint_names))
+    writer.writerow(_columns(samples.joint_names, QUANTITIES))
     writer.writerows([repr(value) for value in row] for row in rows.tolist())
     text.flush()
     text.detach()  # the file is closed by whoever opened it
@@ -129,19 +132,7 @@ def _read_csv(content: bytes, path: Path) -> Samples:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path} is no CSV file: {error}", path) from error
     header = lines[0] if lines else []
-    joint_names = tuple(
-        column.removeprefix("q_") for column in header if column.startswith("q_")
-    )
-    joint_names = joint_names[: (len(header) - 1) // len(QUANTITIES)]
-    expected = _columns(joint_names)
-    if not joint_names or header != expected:
-        raise ScenarioError(
-            f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
-            "..., a_<joint>, ..., u_<joint>, ..., found: "
-            f"{', '.join(header)[:200] or 'none'}",
-            path,
-            "time" if header[:1] != ["time"] else None,
-        )
+    joint_names, quantities = _header(header, path)
     rows = [
         _numbers(line, number, header, path)
         for number, line in enumerate(lines[1:], start=2)
@@ -149,8 +140,26 @@ def _read_csv(content: bytes, path: Path) -> Samples:
     ]
     table = np.array(rows, dtype=np.float64).reshape(-1, len(header))
     n = len(joint_names)
-    parts = [table[:, 1 + i * n : 1 + (i + 1) * n] for i in range(len(QUANTITIES))]
-    return Samples(joint_names, table[:, 0], *parts)
+    parts = dict.fromkeys(QUANTITIES, np.full((len(table), n), np.nan))
+    for i, key in enumerate(quantities):
+        parts[key] = table[:, 1 + i * n : 1 + (i + 1) * n]
+    return Samples(joint_names, table[:, 0], **parts)
+
+
+def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Joints and quantities of which the columns are."""
+    for quantities in ("qvau", "qva", "qvu", "qau", "qv", "qa", "qu", "q"):
+        n, left = divmod(len(header) - 1, len(quantities))
+        names = tuple(column.removeprefix("q_") for column in header[1 : n + 1])
+        if n > 0 and not left and header == _columns(names, tuple(quantities)):
+            return names, tuple(quantities)
+    raise ScenarioError(
+        f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
+        "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out), "
+        f"found: {', '.join(header)[:200] or 'none'}",
+        path,
+        "time" if header[:1] != ["time"] else None,
+    )
 
 
 def _numbers(
@@ -184,7 +193,7 @@ def _read_npz(content: bytes, path: Path) -> Samples:
             held = ", ".join(archive.files)[:200] or "nothing"
     except Exception as error:  # a damaged archive may raise anything
         raise ScenarioError(f"{path} is no NPZ file: {error}", path) from error
-    missing = [key for key in keys if key not in arrays]
+    missing = [key for key in ("joint_names", "t", "q") if key not in arrays]
     if missing:
         raise ScenarioError(
             f"{path} lacks {', '.join(missing)}; it holds: {held}", path, missing[0]
@@ -197,6 +206,8 @@ def _read_npz(content: bytes, path: Path) -> Samples:
     for key, values in arrays.items():
         if values.dtype.kind not in "fiu":
             raise ScenarioError(f"{path}: {key} does not hold numbers", path, key)
+    for key in QUANTITIES:
+        arrays.setdefault(key, np.full(arrays["q"].shape, np.nan))
     return Samples(tuple(names.tolist()), **arrays)
 
 
@@ -219,7 +230,7 @@ def _checked(samples: Samples, path: Path) -> Samples:
                 f"{path}: {key} has shape {values.shape}, expected {shape}", path, key
             )
         wrong = np.argwhere(~np.isfinite(values))
-        if len(wrong):
+        if len(wrong) and not _left_out(key, values):
             where = f"row {wrong[0][0] + 1}"
             if key != "t":
                 where += f", joint {names[wrong[0][1]]!r}"
@@ -241,5 +252,22 @@ def _checked(samples: Samples, path: Path) -> Samples:
     return Samples(names, **arrays)
 
 
-WRITERS = {".csv": _write_csv, ".npz": _write_npz}
-READERS = {".csv": _read_csv, ".npz": _read_npz}
+def _left_out(key: str, values: Array) -> bool:
+    """Whether nothing is said about a quantity, which positions and times need."""
+    return key not in ("t", "q") and bool(np.all(np.isnan(values)))
+
+
+WRITERS = {
+    ".csv": _write_csv,
+    ".npz": _write_npz,
+    ".yaml": write_yaml,
+    ".yml": write_yaml,
+    ".json": write_json,
+}
+READERS = {
+    ".csv": _read_csv,
+    ".npz": _read_npz,
+    ".yaml": read_yaml,
+    ".yml": read_yaml,
+    ".json": read_json,
+}

@@ -174,7 +174,9 @@ class SlpSolver:
             iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
         return iterate, outcome
 
-    def calmed(self, region: TrustRegion, iterate: Iterate, trial: Trial) -> TrustRegion:
+    def calmed(
+        self, region: TrustRegion, iterate: Iterate, trial: Trial
+    ) -> TrustRegion:
         """Trust region for removing the last violation once the duration has settled.
 
         A linear program uses the whole trust region for unknowns that the duration
