@@ -69,6 +69,13 @@ def real_number(value: object) -> float:
     return float(array)
 
 
+def comparable(value: Any) -> Any:
+    """Turn an array into its shape and numbers; other values remain."""
+    if isinstance(value, np.ndarray):
+        return value.shape, tuple(value.ravel().tolist())
+    return value
+
+
 class Record:
     """Base of frozen dataclasses that hold arrays; to be declared with ``eq=False``.
 
@@ -80,10 +87,7 @@ class Record:
     def _values(self) -> tuple[Any, ...]:
         """What is compared: the fields, with arrays as shapes and numbers."""
         values = (getattr(self, f.name) for f in fields(self) if f.compare)  # type: ignore[arg-type]
-        return tuple(
-            (v.shape, tuple(v.ravel().tolist())) if isinstance(v, np.ndarray) else v
-            for v in values
-        )
+        return tuple(map(comparable, values))
 
     def __eq__(self, other: object) -> bool:
         """Whether the other record is of the same class and has the same values."""

@@ -8,9 +8,10 @@ parse the message.
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tominpmp.solution import Solution
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
 class TominpmpError(Exception):
     """Root of all exceptions of this library."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the message and the values, not the arguments they were made from."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class RobotLoadError(TominpmpError):

@@ -14,12 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from tominpmp.arrays import Record, comparable
 from tominpmp.description.files import check_folders, find_robot
-from tominpmp.description.joint_table import (
-    JointLimits,
-    JointTable,
-    read_only,
-)
+from tominpmp.description.joint_table import JointLimits, JointTable, read_only
 from tominpmp.description.joint_values import JointValues
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import (
@@ -47,7 +44,7 @@ DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(Record):
     r"""A robot arm: its model, limits, friction and geometry.
 
     The n joints are those that move freely; locked joints are part of the links. A
@@ -90,13 +87,8 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Make the arrays and the mapping read-only."""
-        for name in (
-            "damping",
-            "armature",
-            "gravity",
-            "expansion_matrix",
-            "expansion_offset",
-        ):
+        matrices = ("expansion_matrix", "expansion_offset")
+        for name in ("damping", "armature", "gravity", *matrices):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, read_only(value))
@@ -111,6 +103,14 @@ class Robot:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         values["locked_joints"] = dict(self.locked_joints)
         return type(self), tuple(values.values())
+
+    def _values(self) -> tuple[Any, ...]:
+        """What is compared; of the model, only what the rest does not determine."""
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        model = found.pop("model")
+        found["locked_joints"] = tuple(sorted(self.locked_joints.items()))
+        found["inertias"] = np.array([i.toDynamicParameters() for i in model.inertias])
+        return tuple(map(comparable, found.values()))
 
     @property
     def n(self) -> int:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tominpmp.description.files import robot_names
-from tominpmp.options import Options
+from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
 from tominpmp.solution import IterationRecord, Solution, Status
 from tominpmp.trajectory import Trajectory
@@ -43,6 +45,53 @@ SLIDER = """
   </joint>
 </robot>
 """
+
+SCENARIO = """
+margin = 0.01
+[robot]
+name = "planar3r"
+[start]
+state = "start"
+[goal]
+type = "joint"
+q = [2.0, -1.0, 0.5]
+[[scene.obstacles]]
+type = "sphere"
+name = "ball"
+position = [0.0, 5.5, 0.0]
+radius = 0.1
+[options]
+intervals = 50
+"""
+
+PANDA = [f"panda_joint{k}" for k in range(1, 8)]
+FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+
+SCENE: dict[str, Any] = {
+    "world": {
+        "collision_objects": [
+            {
+                "id": "table",
+                "primitives": [{"type": "box", "dimensions": [1.0, 1.0, 0.1]}],
+                "primitive_poses": [{"position": [0.8, 0.0, 0.0]}],
+            }
+        ]
+    }
+}
+REQUEST: dict[str, Any] = {
+    "start_state": {
+        "joint_state": {"name": PANDA + FINGERS, "position": [*READY, 0.04, 0.04]}
+    },
+    "goal_constraints": [
+        {
+            "joint_constraints": [
+                {"joint_name": name, "position": value + 0.1}
+                for name, value in zip(PANDA, READY, strict=True)
+            ]
+        }
+    ],
+}
 
 Run = Callable[..., Any]
 
@@ -105,3 +154,48 @@ class Planner:
             planning_time=0.25,
             violations={"torque": np.float64(2e-9), "velocity": 0.0},
         )
+
+
+@dataclass(frozen=True)
+class Violation:
+    """What a judge complains of."""
+
+    kind: str
+    joint: str
+    time: float
+    amount: float
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        return f"{self.kind} of {self.joint} by {self.amount} at {self.time} s"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a judge says."""
+
+    ok: bool
+    goal_error: float
+    violations: tuple[Violation, ...]
+    speed_error: float = 0.0
+    min_clearance: float = math.inf
+    integrator: str = "none"
+    seconds: float = 0.0
+    replay: object = field(default=None, repr=False)
+
+
+class Judge:
+    """Stands in for the verification: keeps what it got, says what it is told."""
+
+    def __init__(self) -> None:
+        self.problem: Any = None
+        self.trajectory: Any = None
+        self.tolerances: Any = None
+        self.verdict = Verdict(True, 1e-9, ())
+
+    def __call__(
+        self, problem: Problem, trajectory: Trajectory, tolerances: Tolerances
+    ) -> Verdict:
+        self.problem, self.trajectory = problem, trajectory
+        self.tolerances = tolerances
+        return self.verdict

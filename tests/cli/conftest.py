@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from cli_samples import (
+    REQUEST,
+    SCENARIO,
+    SCENE,
     SLIDER,
+    Judge,
     Planner,
     Run,
+    straight,
 )
 from typer.testing import CliRunner
 
 from tominpmp.cli.app import app
+from tominpmp.output.export import export
 from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.scenario import load_scenario
 
 
 @pytest.fixture
@@ -38,3 +46,21 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
     fake = Planner()
     monkeypatch.setattr("tominpmp.planner.plan", fake)
     return fake
+
+
+@pytest.fixture
+def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
+    """A judge that takes no time."""
+    fake = Judge()
+    monkeypatch.setattr("tominpmp.verification.verify", fake)
+    return fake
+
+
+@pytest.fixture
+def files(run: Run, tmp_path: Path) -> None:
+    """The files of the examples, in the folder where the command line runs."""
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    (tmp_path / "scene.yaml").write_text(json.dumps(SCENE))
+    (tmp_path / "request.yaml").write_text(json.dumps(REQUEST))
+    problem = load_scenario(tmp_path / "scenario.toml").problem
+    export(straight(problem), tmp_path / "motion.yaml")

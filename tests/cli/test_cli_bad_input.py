@@ -143,7 +143,7 @@ BAD = {
         "plan planar3r --start start --goal 1,1,1 --json --output -",
         "both write to standard output",
     ),
-    "no file": ("play none.csv --robot planar3r", "none.csv cannot be read"),
+    "no file": ("play none.csv --robot planar3r", "there is no file none.csv"),
     # Refused by the parser.
     "no robot": ("plan --start 1", "ROBOT"),
     "no start": ("plan planar3r --goal 1,1,1", "--start"),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from cli_samples import (
+    Judge,
     Planner,
     Run,
     needs_panda,
@@ -27,7 +28,7 @@ def test_help_names_every_command_on_a_line(run: Run) -> None:
     assert result.exit_code == 0
     assert "Plan time-optimal motions of robot arms" in result.stdout
     commands = {item.name or item.callback.__name__ for item in app.registered_commands}
-    assert commands == {"plan", "play", "info", "robots"}
+    assert commands == {"plan", "verify", "play", "info", "robots"}
     for name in commands:
         line = re.search(rf"^  {name} .*\.$", result.stdout, re.MULTILINE)
         assert line is not None, name
@@ -68,7 +69,7 @@ def examples() -> list[list[str]]:
 @needs_panda
 @pytest.mark.parametrize("words", examples(), ids=" ".join)
 def test_examples_in_the_help_work(
-    words: list[str], run: Run, planner: Planner
+    words: list[str], run: Run, planner: Planner, judge: Judge, files: None
 ) -> None:
     result = run(*words)
     assert result.exit_code == 0, result.stderr

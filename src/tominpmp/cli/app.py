@@ -21,6 +21,9 @@ Examples:
       --obstacle sphere:O:r=0.8:at=4,0,0 --html motion.html
   tominpmp plan panda --lock panda_finger_joint1=0.04 --start default \\
       --goal panda_joint1=90,panda_joint4=-60 --degrees -o motion.npz --dt 0.001
+  tominpmp plan scenario.toml -o motion.yaml --dt 0.01
+  tominpmp verify scenario.toml motion.yaml
+  tominpmp plan panda --scene scene.yaml --request request.yaml
 """
 
 EXIT_CODES = """\b
@@ -31,11 +34,20 @@ Exit codes:
   130  interrupted before there was a motion
 """
 
+VERIFY_CODES = """\b
+Exit codes:
+  0    the motion solves the problem
+  1    it does not
+  2    bad input
+"""
+
 PLAN_HELP = (
     "Plan the fastest motion from a start to a goal and write it to a file.\n\n"
     "The motion keeps the limits of positions, velocities and torques of the robot and "
     "stays clear of the obstacles. It begins and ends at rest unless a velocity is "
-    "given. Lists of numbers may be separated by spaces or commas."
+    "given. Lists of numbers may be separated by spaces or commas. Robot, start, goal "
+    "and obstacles may also come from a scenario file (.toml), or start, goal and "
+    "obstacles from files of MoveIt (--scene, --request)."
 )
 
 app = typer.Typer(
@@ -82,16 +94,18 @@ def tominpmp(
     epilog=f"{EXAMPLES}\n{EXIT_CODES}",
 )
 def plan(
-    robot: a.RobotName,
-    start: a.Start,
+    robot: a.PlannedRobot,
+    start: a.Start = None,
     goal: a.Goal = None,
     goal_position: a.GoalPosition = None,
     goal_pose: a.GoalPose = None,
     start_velocity: a.StartVelocity = None,
     goal_velocity: a.GoalVelocity = None,
     degrees: a.Degrees = False,
+    request: a.MoveItRequest = None,
+    scene: a.MoveItScene = None,
     obstacle: a.Obstacles = None,
-    margin: a.Margin = 0.0,
+    margin: a.Margin = None,
     package_dir: a.PackageDirs = None,
     srdf: a.Srdf = None,
     lock: a.Locks = None,
@@ -100,6 +114,7 @@ def plan(
     velocity: a.Velocity = None,
     damping: a.Damping = None,
     armature: a.Armature = None,
+    joint_limits: a.JointLimitsFile = None,
     method: a.Method = None,
     intervals: a.Intervals = None,
     smoothing: a.Smoothing = None,
@@ -113,6 +128,7 @@ def plan(
     dt: a.Dt = None,
     plot: a.Plot = None,
     html: a.Html = None,
+    save_scenario: a.SaveScenario = None,
     json: a.Json = False,
     quiet: a.Quiet = False,
     verbose: a.Verbose = False,
@@ -129,6 +145,7 @@ def plan(
         velocity=velocity,
         damping=damping,
         armature=armature,
+        joint_limits=joint_limits,
     )
     motion_request = MotionRequest(
         start=start,
@@ -138,6 +155,8 @@ def plan(
         start_velocity=start_velocity,
         goal_velocity=goal_velocity,
         obstacles=obstacle or (),
+        scene=scene,
+        request=request,
         margin=margin,
         degrees=degrees,
     )
@@ -157,6 +176,7 @@ def plan(
         dt=dt,
         plot=plot,
         page=html,
+        scenario=save_scenario,
         json=json,
         quiet=quiet,
         verbose=verbose,
@@ -168,10 +188,50 @@ def plan(
     raise typer.Exit(code)
 
 
+@app.command(
+    cls=Command,
+    short_help="Judge a motion from a file, whoever planned it.",
+    epilog=VERIFY_CODES,
+)
+def verify(
+    problem: a.JudgedProblem,
+    motion: a.RecordedMotion,
+    request: a.MoveItRequest = None,
+    scene: a.MoveItScene = None,
+    margin: a.Margin = None,
+    package_dir: a.PackageDirs = None,
+    srdf: a.Srdf = None,
+    lock: a.Locks = None,
+    joint_limits: a.JointLimitsFile = None,
+    json: a.Json = False,
+    debug: a.Debug = False,
+) -> None:
+    """Judge a motion: does it reach the goal, keep all limits and stay clear?
+
+    The motion may come from any planner; the problem is that of a scenario file, or of
+    a robot and files of MoveIt. Whatever the motion breaks is listed with joint or
+    pair, time and amount.
+    """
+    robot_request = RobotRequest(
+        robot=problem,
+        package_dirs=package_dir or (),
+        srdf=srdf,
+        locks=lock or (),
+        joint_limits=joint_limits,
+    )
+    motion_request = MotionRequest(scene=scene, request=request, margin=margin)
+    with guarded(debug):
+        from tominpmp.cli.verifying import run_verify
+
+        code = run_verify(robot_request, motion_request, motion, json)
+    raise typer.Exit(code)
+
+
 @app.command(cls=Command, short_help="Show a motion from a file in the browser.")
 def play(
     motion: a.RecordedMotion,
     robot: a.MovingRobot,
+    scene: a.MoveItScene = None,
     obstacle: a.Obstacles = None,
     package_dir: a.PackageDirs = None,
     srdf: a.Srdf = None,
@@ -183,10 +243,11 @@ def play(
     request = RobotRequest(
         robot=robot, package_dirs=package_dir or (), srdf=srdf, locks=lock or ()
     )
+    surroundings = MotionRequest(obstacles=obstacle or (), scene=scene)
     with guarded(debug):
         from tominpmp.cli.playing import run_play
 
-        page = run_play(motion, request, obstacle or (), output)
+        page = run_play(motion, request, surroundings, output)
         typer.echo(f"page  {page}")
 
 
@@ -201,6 +262,7 @@ def info(
     velocity: a.Velocity = None,
     damping: a.Damping = None,
     armature: a.Armature = None,
+    joint_limits: a.JointLimitsFile = None,
     json: a.Json = False,
     debug: a.Debug = False,
 ) -> None:
@@ -215,6 +277,7 @@ def info(
         velocity=velocity,
         damping=damping,
         armature=armature,
+        joint_limits=joint_limits,
     )
     with guarded(debug):
         from tominpmp.cli.listing import run_info

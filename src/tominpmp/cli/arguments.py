@@ -57,21 +57,44 @@ RobotName = Annotated[
         show_default=False,
     ),
 ]
+PlannedRobot = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Name of a robot (tominpmp robots lists them) or path of a URDF file; or "
+        "a scenario file (.toml), which holds robot, start, goal, scene and options.",
+        show_default=False,
+    ),
+]
+JudgedProblem = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="Scenario file (.toml); or a robot, with --scene and --request.",
+        show_default=False,
+    ),
+]
 MovingRobot = Annotated[
     str,
-    _option(ROBOT, "--robot", "Name of a robot or path of a URDF file.", "ROBOT"),
+    _option(
+        ROBOT,
+        "--robot",
+        "Name of a robot, path of a URDF file, or a scenario file (.toml).",
+        "ROBOT",
+    ),
 ]
 RecordedMotion = Annotated[
     Path,
     typer.Argument(
         metavar="MOTION",
-        help="File with a motion (.csv or .npz), as tominpmp plan writes it.",
+        help="File with a motion: .csv or .npz, as tominpmp plan writes it, or a ROS 2 "
+        "JointTrajectory (.yaml, .json).",
         show_default=False,
     ),
 ]
 
 Start = Annotated[
-    str,
+    str | None,
     _option(
         MOTION,
         "--start",
@@ -148,8 +171,24 @@ Obstacles = Annotated[
     ),
 ]
 Margin = Annotated[
-    float,
+    float | None,
     _option(SCENE, "--margin", "Distance to keep from obstacles (m).", "LENGTH"),
+]
+MoveItScene = Annotated[
+    Path | None,
+    _option(
+        SCENE, "--scene", "Obstacles of a MoveIt planning scene (.yaml), too.", "FILE"
+    ),
+]
+MoveItRequest = Annotated[
+    Path | None,
+    _option(
+        MOTION,
+        "--request",
+        "Start and goal from a MoveIt motion plan request (.yaml), which belongs to a "
+        "--scene. Joints that its goal leaves out are held at the start.",
+        "FILE",
+    ),
 ]
 
 PackageDirs = Annotated[
@@ -178,6 +217,16 @@ Locks = Annotated[
         "--lock",
         "Hold a joint at a position (rad or m), repeatable.",
         "JOINT=VALUE",
+    ),
+]
+JointLimitsFile = Annotated[
+    Path | None,
+    _option(
+        ROBOT,
+        "--joint-limits",
+        "MoveIt's joint_limits.yaml: limits of velocity, effort and position instead "
+        "of the URDF's.",
+        "FILE",
     ),
 ]
 Gravity = Annotated[
@@ -277,8 +326,9 @@ MotionFile = Annotated[
     _option(
         OUTPUT,
         "--output -o",
-        "Write the motion there: .csv or .npz, replaced if it exists; or - for "
-        "standard output. Default: motion.csv, or motion-2.csv, ... if that exists.",
+        "Write the motion there: .csv, .npz, or a ROS 2 JointTrajectory (.yaml, "
+        ".json); replaced if it exists; or - for standard output. Default: motion.csv, "
+        "or motion-2.csv, ... if that exists.",
         "FILE",
     ),
 ]
@@ -298,6 +348,15 @@ Plot = Annotated[
         OUTPUT,
         "--plot",
         "Plot positions, velocities and torques: .png, .pdf or .svg.",
+        "FILE",
+    ),
+]
+SaveScenario = Annotated[
+    Path | None,
+    _option(
+        OUTPUT,
+        "--save-scenario",
+        "Write the problem and the options as a scenario: .toml.",
         "FILE",
     ),
 ]

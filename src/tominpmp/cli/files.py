@@ -18,7 +18,8 @@ from tominpmp.solution import Solution
 
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
-MOTION_ENDINGS = (".csv", ".npz")
+MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json")
+SCENARIO_ENDINGS = (".toml",)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
 
@@ -65,6 +66,8 @@ class Targets:
         if request.write and not to_stdout:
             motion = _free_name() if request.motion is None else Path(request.motion)
             check_target(motion, "--output", MOTION_ENDINGS)
+        if request.scenario is not None:
+            check_target(request.scenario, "--save-scenario", SCENARIO_ENDINGS)
         if request.plot is not None:
             check_target(request.plot, "--plot", PLOT_ENDINGS)
             need_package("matplotlib", "plots", "--plot")

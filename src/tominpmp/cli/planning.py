@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import typer
@@ -71,14 +72,18 @@ def _solve(
     output: OutputRequest,
     console: Console,
 ) -> Solution:
+    from tominpmp.cli.sources import load_problem
     from tominpmp.planner import plan
+    from tominpmp.scenario.scenario import save_scenario
 
     make_options(options)  # a wrong one is to be told of before a robot is loaded
     with Progress(console, quiet=output.quiet, verbose=output.verbose) as progress:
         progress.phase(f"loading {robot.robot}")
-        problem = motion.problem(robot.load())
+        problem, chosen = load_problem(robot, motion, options)
+        if output.scenario is not None:
+            save_scenario(output.scenario, problem, chosen)
         progress.phase("planning")
-        return plan(problem, make_options({**options, "callback": progress}))
+        return plan(problem, replace(chosen, callback=progress))
 
 
 def _report(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tominpmp.options import Options
     from tominpmp.problem import Problem
     from tominpmp.robot import Robot
+    from tominpmp.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,7 @@ class RobotRequest:
         velocity: Velocity limits [rad/s or m/s], as text.
         damping: Viscous friction [N m s/rad or N s/m], as text.
         armature: Rotor inertia [kg m^2 or kg], as text.
+        joint_limits: MoveIt's file of limits, which those above go before.
     """
 
     robot: str
@@ -42,9 +44,18 @@ class RobotRequest:
     velocity: str | None = None
     damping: str | None = None
     armature: str | None = None
+    joint_limits: Path | None = None
 
-    def load(self) -> Robot:
+    @property
+    def is_scenario(self) -> bool:
+        """Whether the robot is that of a scenario file."""
+        return self.robot.lower().endswith(".toml")
+
+    def load(self, resting: Mapping[str, float] | None = None) -> Robot:
         """Load the robot.
+
+        Args:
+            resting: Joints to lock that the command line does not.
 
         Raises:
             TominpmpError: If anything in it is wrong.
@@ -52,6 +63,7 @@ class RobotRequest:
         from tominpmp.cli.values import joint_pair, joint_values, vector
         from tominpmp.exceptions import OptionsError
         from tominpmp.robot import load_robot
+        from tominpmp.scenario.joint_limits import load_joint_limits
 
         locked: dict[str, float] = {}
         for text in self.locks:
@@ -66,11 +78,18 @@ class RobotRequest:
                 changes[name] = joint_values(text, f"--{name}")
         if self.gravity is not None:
             changes["gravity"] = vector(self.gravity, "--gravity")
+        if self.joint_limits is not None:
+            for name, values in (
+                load_joint_limits(self.joint_limits).overrides().items()
+            ):
+                own = changes.get(name, {})
+                if isinstance(own, dict):
+                    changes[name] = {**values, **own}
         return load_robot(
             self.robot,
             package_dirs=self.package_dirs,
             srdf=self.srdf,
-            locked_joints=locked,
+            locked_joints={**(resting or {}), **locked},
             **changes,
         )
 
@@ -87,18 +106,22 @@ class MotionRequest:
         start_velocity: Joint velocities at the start, as text.
         goal_velocity: Velocities at the end, as text: of the joints, or of the frame.
         obstacles: Obstacles, as text.
+        scene: MoveIt planning scene with more of them.
+        request: MoveIt motion plan request with start and goal.
         margin: Distance to keep from them [m].
         degrees: Whether angles are in degrees.
     """
 
-    start: str
+    start: str | None = None
     goal: str | None = None
     goal_position: Position | None = None
     goal_pose: Pose | None = None
     start_velocity: str | None = None
     goal_velocity: str | None = None
     obstacles: Sequence[str] = ()
-    margin: float = 0.0
+    scene: Path | None = None
+    request: Path | None = None
+    margin: float | None = None
     degrees: bool = False
 
     def problem(self, robot: Robot) -> Problem:
@@ -107,12 +130,16 @@ class MotionRequest:
         Raises:
             TominpmpError: If anything in it is wrong.
         """
-        from tominpmp.cli.values import obstacle, positions, velocities
+        from tominpmp.cli.values import positions, velocities
+        from tominpmp.exceptions import ProblemError
         from tominpmp.problem import Problem
-        from tominpmp.scene import Scene
 
+        if self.start is None:
+            raise ProblemError(
+                "there is no start: give --start, or a --scene and a --request", "start"
+            )
         self._check_goal()
-        scene = Scene([obstacle(text) for text in self.obstacles])
+        scene = self.obstacles_around(robot)
         q_start = positions(self.start, "--start", robot, degrees=self.degrees)
         v_start = None
         if self.start_velocity is not None:
@@ -124,9 +151,24 @@ class MotionRequest:
             q_start,
             self._goal(robot, q_start),
             scene=scene,
-            margin=self.margin,
+            margin=0.0 if self.margin is None else self.margin,
             v_start=v_start,
         )
+
+    def obstacles_around(self, robot: Robot) -> Scene:
+        """Make the scene.
+
+        Raises:
+            TominpmpError: If anything in it is wrong.
+        """
+        from tominpmp.cli.values import obstacle
+        from tominpmp.scenario.moveit import load_moveit_scene
+        from tominpmp.scene import Scene
+
+        found = [obstacle(text) for text in self.obstacles]
+        if self.scene is not None:
+            found += load_moveit_scene(self.scene, robot)
+        return Scene(found)
 
     def _check_goal(self) -> None:
         """Check that there is one goal."""
@@ -193,12 +235,13 @@ class OutputRequest:
     """What to write and what to show.
 
     Attributes:
-        motion: File for the motion (.csv, .npz), or "-" for standard output; None takes
+        motion: File for the motion, or "-" for standard output; None takes
             a free name.
         write: Whether to write the motion at all.
         dt: Time between its rows [s]; None for the nodes.
         plot: File for the plot.
         page: File for the page with the playback.
+        scenario: File for the problem and the options.
         json: Whether the report is JSON.
         quiet: Whether to show errors and warnings only.
         verbose: Whether to show the log.
@@ -209,6 +252,7 @@ class OutputRequest:
     dt: float | None = None
     plot: Path | None = None
     page: Path | None = None
+    scenario: Path | None = None
     json: bool = False
     quiet: bool = False
     verbose: bool = False

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tominpmp.arrays import Record
 from tominpmp.description.joint_values import (
     JointValues,
     check_order,
@@ -33,7 +34,7 @@ def read_only(values: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimits:
+class JointLimits(Record):
     """Limits of the n joints of a robot, as read-only arrays of shape (n,).
 
     Attributes:

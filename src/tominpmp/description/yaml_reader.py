@@ -136,8 +136,8 @@ class _Builder:
         mark = event.start_mark
         if isinstance(event, yaml.DocumentStartEvent):
             self.documents += 1
-            if self.documents > 1:
-                self.fail("a second document begins, expected a single one", mark)
+        elif self.documents > 1 and _is_content(event):
+            self.fail("a second document begins, expected a single one", mark)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
                 self.fail(f"nothing is named {event.anchor!r} before it", mark)
@@ -180,7 +180,8 @@ class _Builder:
         if self.count > MAX_VALUES:
             self.fail(f"it holds more than {MAX_VALUES} values", mark)
         if not self.stack:
-            self.result = value
+            if self.documents == 1:
+                self.result = value
             return
         top = self.stack[-1]
         if isinstance(top.value, list):
@@ -194,6 +195,13 @@ class _Builder:
         else:
             top.value[top.key] = value
             top.key = None
+
+
+def _is_content(event: Any) -> bool:
+    """Whether there is anything in a document: ROS ends messages with ``---``."""
+    if isinstance(event, yaml.ScalarEvent):
+        return bool(event.value)
+    return isinstance(event, yaml.AliasEvent | yaml.CollectionStartEvent)
 
 
 def _plain(word: str) -> Any:

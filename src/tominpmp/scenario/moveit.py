@@ -12,7 +12,13 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ScenarioError, TominpmpError, TominpmpWarning
+from tominpmp.exceptions import (
+    JointNotFound,
+    ProblemError,
+    ScenarioError,
+    TominpmpError,
+    TominpmpWarning,
+)
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
@@ -58,28 +64,41 @@ def load_moveit(
         The problem.
 
     Raises:
-        ScenarioError: If a file is wrong, with the file and the key in it.
+        ScenarioError: If a file is wrong, or the problem in it, as by a start in
+            collision; with the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
-        ProblemError: If the problem is wrong: a start in collision, say.
+        ProblemError: If the margin is wrong.
     """
     scene_message, request = read_message(scene_path), read_message(request_path)
     state = request.get("start_state")
     start = _joint_values(state.get("joint_state"), "name", "position")
     if not isinstance(robot, Robot):
-        robot = load_robot(robot, locked_joints=_unmoved(request, start))
+        try:
+            robot = load_robot(robot, locked_joints=_unmoved(request, start))
+        except JointNotFound as error:
+            state.get("joint_state").get("name").fail(str(error))
     _check_state(robot, state.get("joint_state"), start)
     _refuse_unread(request)
     refuse_attached(state)
     frames = read_frames(scene_message, robot, state)
     _check_upright(frames, robot, scene_message)
-    return Problem(
-        _scaled(robot, request.get("max_velocity_scaling_factor")),
-        np.array([start[name] for name in robot.joint_names]),
-        _read_goal(request, robot, frames, start),
-        scene=read_scene(scene_message, frames),
-        margin=margin,
-        v_start=_start_velocity(robot, state.get("joint_state")),
-    )
+    scene = read_scene(scene_message, frames)
+    goal = _read_goal(request, robot, frames, start)
+    try:
+        return Problem(
+            _scaled(robot, request.get("max_velocity_scaling_factor")),
+            np.array([start[name] for name in robot.joint_names]),
+            goal,
+            scene=scene,
+            margin=margin,
+            v_start=_start_velocity(robot, state.get("joint_state")),
+        )
+    except ProblemError as error:
+        blamed = (error.field or "").split(".")[0]
+        places = {"q_start": "start_state", "v_start": "start_state"}
+        if blamed == "margin":
+            raise
+        request.get(places.get(blamed, "goal_constraints")).fail(str(error))
 
 
 def _joint_values(state: Field, names: str, values: str) -> dict[str, float]:
@@ -92,14 +111,29 @@ def _joint_values(state: Field, names: str, values: str) -> dict[str, float]:
     return dict(zip(joints, numbers, strict=True))
 
 
+def resting_joints(request_path: str | Path) -> dict[str, float]:
+    """Find the joints that a request does not move.
+
+    Args:
+        request_path: YAML file with a ``MotionPlanRequest`` message.
+
+    Returns:
+        Joints of the start state of which a goal of joint positions says nothing, with
+        their positions [rad or m]; none for goals of other kinds.
+
+    Raises:
+        ScenarioError: If the file is wrong.
+    """
+    request = read_message(request_path)
+    state = request.get("start_state").get("joint_state")
+    return _unmoved(request, _joint_values(state, "name", "position"))
+
+
 def _unmoved(request: Field, start: dict[str, float]) -> dict[str, float]:
-    """Joints that a goal of joint positions leaves out, where they start."""
     moved = set()
     for goal in request.get("goal_constraints").items():
-        moved |= {
-            item.get("joint_name").value
-            for item in goal.get("joint_constraints").items()
-        }
+        for item in goal.get("joint_constraints").items():
+            moved.add(item.need("joint_name").text())
     return {k: v for k, v in start.items() if k not in moved} if moved else {}
 
 

@@ -131,7 +131,7 @@ def read_frames(
         if parent.given and parent.value not in (*_WORLD, *fixed, name):
             # Frames may hang on frames that are said later or not at all.
             continue
-        above = fixed.get(parent.value, pin.SE3.Identity())
+        above = fixed.get(str(parent.value), pin.SE3.Identity())
         fixed[name] = above * read_pose(item.need("transform"))
     root = "" if robot is None else robot.description.links[0]
     return Frames(base, root, fixed)
@@ -209,10 +209,10 @@ def _warn_of_unread(message: Field) -> None:
         for item in message.get(name).items():
             if item.get(key).given and item.get(key).number() != neutral:
                 unread.append(item.get(key).key)
-    objects = {
+    objects = [
         item.get("id").value
         for item in message.get("world").get("collision_objects").items()
-    }
+    ]
     allowed = message.get("allowed_collision_matrix")
     names = [item.value for item in allowed.get("entry_names").items()]
     if any(isinstance(name, str) and name in objects for name in names):
@@ -291,7 +291,7 @@ def read_primitive(shape: Field) -> tuple[str, list[float]]:
     name = kind.value.lower() if isinstance(kind.value, str) else kind.value
     if isinstance(name, int):
         name = _SHAPES.get(name, name)
-    if name not in _SIZES:
+    if not isinstance(name, str) or name not in _SIZES:
         kind.fail(
             f"there is no shape {name!r} here; there are: {', '.join(_SIZES)}, and "
             "meshes"

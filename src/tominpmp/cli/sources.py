@@ -1,0 +1,82 @@
+"""Where a problem comes from: a scenario, files of MoveIt, or the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from tominpmp.cli.request import MotionRequest, RobotRequest, make_options
+from tominpmp.exceptions import OptionsError, ProblemError
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.scenario.moveit import load_moveit, resting_joints
+from tominpmp.scenario.scenario import load_scenario
+from tominpmp.scene import Scene
+
+
+def load_problem(
+    robot: RobotRequest, motion: MotionRequest, options: Mapping[str, Any]
+) -> tuple[Problem, Options]:
+    """Load or make the problem that was asked for, and the options to plan it with.
+
+    Args:
+        robot: The robot, or a scenario file.
+        motion: Start, goal and obstacles.
+        options: Options of the planner that go before those of a scenario; None where
+            nothing is said.
+
+    Raises:
+        TominpmpError: If anything given is wrong or contradicts something else.
+    """
+    if robot.is_scenario:
+        _refuse("a scenario file", robot, motion, keep=("robot", "margin"))
+        scenario = load_scenario(robot.robot)
+        problem = scenario.problem
+        if motion.margin is not None:
+            problem = replace(problem, margin=motion.margin)
+        given = {k: v for k, v in options.items() if v is not None}
+        return problem, replace(scenario.options, **given)
+    chosen = make_options(options)
+    if motion.request is None:
+        return motion.problem(robot.load()), chosen
+    if motion.scene is None:
+        raise ProblemError("--request needs a --scene that it belongs to", "scene")
+    keep = ("scene", "request", "margin", *(f.name for f in fields(robot)))
+    _refuse("--request", robot, motion, keep=keep)
+    arm = robot.load(resting_joints(motion.request))
+    margin = 0.0 if motion.margin is None else motion.margin
+    return load_moveit(arm, motion.scene, motion.request, margin=margin), chosen
+
+
+def load_scene(robot: RobotRequest, motion: MotionRequest) -> tuple[Any, Scene]:
+    """Load a robot and the obstacles around it, from a scenario or the command line.
+
+    Raises:
+        TominpmpError: If anything given is wrong or contradicts something else.
+    """
+    if robot.is_scenario:
+        _refuse("a scenario file", robot, motion, keep=("robot",))
+        problem = load_scenario(robot.robot).problem
+        return problem.robot, problem.scene
+    arm = robot.load()
+    return arm, motion.obstacles_around(arm)
+
+
+def _refuse(
+    what: str, robot: RobotRequest, motion: MotionRequest, keep: tuple[str, ...]
+) -> None:
+    """Refuse options that say again, or otherwise, what a file says."""
+    for request in (robot, motion):
+        for field in fields(request):
+            value = getattr(request, field.name)
+            if field.name not in keep and value not in (None, (), [], False):
+                option = {
+                    "locks": "lock",
+                    "obstacles": "obstacle",
+                    "package_dirs": "package-dir",
+                }.get(field.name, field.name.replace("_", "-"))
+                raise OptionsError(
+                    f"--{option} contradicts {what}, which holds the whole problem",
+                    field.name,
+                )

@@ -1,0 +1,84 @@
+"""The limits of a scenario beyond those of the robot's description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import TominpmpError
+from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.robot import Robot
+from tominpmp.scenario.joint_limits import MoveItLimits
+from tominpmp.scenario.records import field_table, make
+
+
+def read_motion_limits(
+    table: Field, moveit: MoveItLimits | None, robot: Robot
+) -> MotionLimits | None:
+    """Read the limits.
+
+    Args:
+        table: Their table, keys as the fields of
+            :class:`~tominpmp.motion_limits.MotionLimits`; may be left out.
+        moveit: Limits of accelerations and jerks that the table's own go before; those
+            of joints that do not move are left out.
+        robot: The robot.
+
+    Returns:
+        The limits; None if there are none.
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    values: dict[str, Any] = {}
+    if moveit is not None:
+        values = {
+            "acceleration": _of_joints(moveit.acceleration, robot),
+            "jerk": _of_joints(moveit.jerk, robot),
+        }
+        values = {key: limits for key, limits in values.items() if limits}
+    if not table.given and not values:
+        return None
+    if table.given:
+        table.only(*(field.name for field in fields(MotionLimits)))
+        for name, item in table.table().items():
+            values[name] = _limit(name, item, values.get(name, {}))
+    try:
+        limits = MotionLimits(**values)
+        limits.check(robot.joint_names)
+    except TominpmpError as error:
+        table.fail(str(error))
+    return limits
+
+
+def _of_joints(values: Mapping[str, float], robot: Robot) -> dict[str, float]:
+    return {k: v for k, v in values.items() if k in robot.joint_names}
+
+
+def _limit(name: str, item: Field, before: Mapping[str, float]) -> Any:
+    if name == "effort_curves":
+        return {
+            joint: make(EffortCurve, curve.table(), curve, {})
+            for joint, curve in item.table().items()
+        }
+    if isinstance(item.value, dict):
+        own = {k: v.number(infinite=True) for k, v in item.table().items()}
+        return {**before, **own}
+    return item.value
+
+
+def motion_limits_table(limits: MotionLimits, folder: Path) -> dict[str, Any]:
+    """Write the limits as the table for :func:`read_motion_limits`.
+
+    Raises:
+        TypeError: If a value cannot be written.
+    """
+    table = field_table(limits, {"curve": EffortCurve}, folder)
+    for curve in table.get("effort_curves", {}).values():
+        del curve["type"]
+    if not table.get("effort_curves", True):
+        del table["effort_curves"]
+    return table

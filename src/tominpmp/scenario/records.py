@@ -1,0 +1,222 @@
+"""Obstacles, goals and options as tables of a file, and back.
+
+A table names the class by its key ``type`` and has a key for every field; fields at
+their default are left out. New shapes and goals need no change here as long as their
+fields are numbers, texts, arrays, placements, paths, or such records again.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import ScenarioError, SceneError, TominpmpError
+from tominpmp.scene import rotation_matrix
+
+T = TypeVar("T")
+
+# How None is written where a field has another default; TOML has no word for it.
+NONE = "none"
+
+
+def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
+    """Find this library's classes of a kind, by what a file calls them.
+
+    Args:
+        base: Base class.
+        suffix: What is left out at the end of their names; None for the name of the
+            base class: ``JointGoal`` is "joint".
+    """
+    suffix = base.__name__ if suffix is None else suffix
+    found: dict[str, type[Any]] = {}
+    for child in base.__subclasses__():
+        own = child.__module__.startswith("tominpmp.") and is_dataclass(child)
+        if own and not getattr(child, "__abstractmethods__", None):
+            name = child.__name__.removesuffix(suffix)
+            found[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()] = child
+        found |= classes(child, suffix)
+    return found
+
+
+def to_table(record: Any, kinds: Mapping[str, type[Any]], folder: Path) -> Any:
+    """Turn a value into what TOML can hold.
+
+    Args:
+        record: An instance of one of the classes, or anything that a field may hold.
+        kinds: The classes by their names.
+        folder: Folder of the file; paths inside it are written relative to it.
+
+    Raises:
+        TypeError: If a value cannot be written.
+    """
+    if isinstance(record, pin.SE3):
+        return placement_table(record)
+    if isinstance(record, np.ndarray):
+        return record.tolist()
+    if isinstance(record, np.generic):
+        return record.item()
+    if isinstance(record, os.PathLike):
+        return file_name(Path(record), folder)
+    if isinstance(record, bool | int | float | str):
+        return record
+    if isinstance(record, Mapping):
+        return {str(k): to_table(v, kinds, folder) for k, v in record.items()}
+    if isinstance(record, list | tuple):
+        return [to_table(item, kinds, folder) for item in record]
+    names = {kind: name for name, kind in kinds.items()}
+    if type(record) not in names:
+        raise TypeError(f"a {type(record).__name__} cannot be written")
+    return {"type": names[type(record)]} | field_table(record, kinds, folder)
+
+
+def field_table(
+    record: Any, kinds: Mapping[str, type[Any]], folder: Path
+) -> dict[str, Any]:
+    """Turn the fields of a record that differ from their defaults into a table.
+
+    Raises:
+        TypeError: If a value cannot be written.
+    """
+    table: dict[str, Any] = {}
+    for field in fields(record):
+        if not field.init:
+            continue
+        value, default = getattr(record, field.name), field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
+        if default is not MISSING and same(value, default):
+            continue
+        if field.name == "rotation" and isinstance(value, np.ndarray):
+            table[field.name] = rotation_values(value)
+        else:
+            table[field.name] = (
+                NONE if value is None else to_table(value, kinds, folder)
+            )
+    return table
+
+
+def same(value: Any, default: Any) -> bool:
+    """Whether a field has its default value."""
+    if isinstance(value, np.ndarray) or isinstance(default, np.ndarray):
+        return default is not None and np.array_equal(value, default)
+    return value is default or bool(value == default)
+
+
+def rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
+    """Write a rotation as a quaternion if that gives it back to the last bit."""
+    quaternion = pin.Quaternion(np.array(rotation)).coeffs()
+    for digits in (3, 9, 15, 17):
+        rounded = np.round(quaternion, digits)
+        if np.array_equal(rotation_matrix(rounded, "rotation"), rotation):
+            return [float(value) for value in rounded]
+    return [[float(value) for value in row] for row in rotation]
+
+
+def placement_table(placement: pin.SE3) -> dict[str, Any]:
+    """Write a placement as position and rotation."""
+    table: dict[str, Any] = {"position": placement.translation.tolist()}
+    if not np.array_equal(placement.rotation, np.eye(3)):
+        table["rotation"] = rotation_values(placement.rotation)
+    return table
+
+
+def file_name(path: Path, folder: Path) -> str:
+    """Write a path: relative to the folder if it lies in it, else absolute."""
+    path = Path(os.path.abspath(path))
+    folder = Path(os.path.abspath(folder))
+    return path.relative_to(folder).as_posix() if folder in path.parents else str(path)
+
+
+def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
+    """Make a record from its table.
+
+    Args:
+        table: The table.
+        kinds: Classes by their names.
+        what: What it is, for messages: "obstacle", "goal".
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    table.table()
+    kind = table.need("type")
+    if not isinstance(kind.value, str) or kind.value not in kinds:
+        kind.fail(f"there is no {what} {kind.value!r}; there are: {', '.join(kinds)}")
+    values = {k: v for k, v in table.table().items() if k != "type"}
+    return make(kinds[kind.value], values, table, kinds)
+
+
+def make(
+    kind: type[T], values: Mapping[str, Field], table: Field, kinds: Mapping[str, Any]
+) -> T:
+    """Make a record from the fields of a table.
+
+    Raises:
+        ScenarioError: If a field is unknown, missing or wrong.
+    """
+    known = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
+    for name, item in values.items():
+        if name not in known:
+            item.fail(f"there is no such key; there are: {', '.join(known)}")
+    for name, field in known.items():
+        needed = field.default is MISSING and field.default_factory is MISSING
+        if needed and name not in values:
+            table.get(name).fail("is missing")
+    arguments = {
+        name: _value(item, known[name], kinds) for name, item in values.items()
+    }
+    try:
+        return kind(**arguments)
+    except ScenarioError:
+        raise
+    except (TominpmpError, TypeError, ValueError, OverflowError) as error:
+        blamed = [name for name in values if re.search(rf"\b{name}\b", str(error))]
+        where = values[blamed[0]] if len(blamed) == 1 else table
+        where.fail(str(error))
+
+
+def _value(item: Field, field: Any, kinds: Mapping[str, Any]) -> Any:
+    value = item.value
+    if value == NONE and "None" in str(field.type):
+        return None
+    if isinstance(value, str) and "Path" in str(field.type):
+        return item.path.parent / value
+    return _plain(item, kinds)
+
+
+def _plain(item: Field, kinds: Mapping[str, Any]) -> Any:
+    value = item.value
+    if isinstance(value, dict):
+        if "type" in value:
+            return from_table(item, kinds, "class")
+        return read_placement(item)
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        return tuple(_plain(entry, kinds) for entry in item.items())
+    return value
+
+
+def read_placement(item: Field) -> pin.SE3:
+    """Read a placement: position, and rotation as quaternion or 3x3 matrix.
+
+    Raises:
+        ScenarioError: If it is none.
+    """
+    item.only("position", "rotation")
+    position = np.array(item.need("position").numbers(3))
+    rotation = item.get("rotation")
+    try:
+        matrix = rotation_matrix(rotation.value, "")
+    except SceneError:
+        rotation.fail(
+            f"is {rotation.value!r}, expected a quaternion (x, y, z, w) or a rotation "
+            "matrix of 3x3 numbers"
+        )
+    return pin.SE3(np.array(matrix), position)

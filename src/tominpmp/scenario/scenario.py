@@ -1,0 +1,328 @@
+"""Scenario files (TOML): a problem and the options to plan it with.
+
+::
+
+    margin = 0.01                       # distance to keep from obstacles [m]
+
+    [robot]
+    name = "panda"                      # or path = "arm.urdf"
+    locked_joints = {panda_finger_joint1 = 0.04}
+
+    [start]
+    state = "default"                   # a group state; or q = [...]
+
+    [goal]
+    type = "joint"                      # or "position", "pose", ...
+    q = {panda_joint1 = 1.2}            # the other joints end where they start
+
+    [[scene.obstacles]]
+    type = "box"
+    name = "table"
+    size = [1.0, 1.0, 0.1]
+    position = [0.6, 0.0, -0.05]
+
+    [motion_limits]                     # beyond those of the URDF
+    acceleration = 10.0
+
+    [options]
+    intervals = 60
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record
+from tominpmp.description.fields import Field
+from tominpmp.description.yaml_reader import read_bytes
+from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError
+from tominpmp.goals import Goal, JointGoal
+from tominpmp.options import Options
+from tominpmp.output.files import write_file
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
+from tominpmp.scenario.records import (
+    classes,
+    field_table,
+    from_table,
+    make,
+    same,
+    to_table,
+)
+from tominpmp.scenario.robot_table import read_robot, robot_table
+from tominpmp.scenario.toml_writer import toml_text
+from tominpmp.scene import Obstacle, Scene
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
+
+MAX_BYTES = 16 * 2**20
+SECTIONS = ("margin", "robot", "start", "goal", "scene", "motion_limits", "options")
+# Fields of a problem that the file has under other names.
+PLACES = {"q_start": "start", "v_start": "start", "goal": "goal", "margin": "margin"}
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario(Record):
+    """A problem and the options to plan it with.
+
+    Attributes:
+        problem: The problem.
+        options: The options.
+    """
+
+    problem: Problem
+    options: Options
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Load a scenario file.
+
+    Args:
+        path: TOML file; paths in it are relative to its folder.
+
+    Returns:
+        The problem and the options.
+
+    Raises:
+        ScenarioError: If the file, or what it describes, is wrong, with the key.
+    """
+    path = Path(path).expanduser()
+    document = Field(_read_toml(path), path)
+    document.only(*SECTIONS)
+    robot, moveit = read_robot(document.need("robot"))
+    options = _read_options(document.get("options"))
+    q_start = _positions(document.need("start"), robot, None)
+    v_start = document.get("start").get("v")
+    goal = _read_goal(document.need("goal"), robot, q_start)
+    margin = document.get("margin")
+    try:
+        problem = Problem(
+            robot,
+            q_start,
+            goal,
+            scene=_read_scene(document.get("scene")),
+            margin=margin.number() if margin.value is not None else 0.0,
+            v_start=None if v_start.value is None else _vector(v_start, robot),
+            motion_limits=read_motion_limits(
+                document.get("motion_limits"), moveit, robot
+            ),
+        )
+    except ScenarioError:
+        raise
+    except TominpmpError as error:
+        name = (getattr(error, "field", None) or "goal").split(".")[0]
+        document.get(PLACES.get(name, "goal")).fail(str(error))
+    return Scenario(problem, options)
+
+
+def save_scenario(
+    path: str | Path, problem: Problem, options: Options | None = None
+) -> Path:
+    """Write a problem as a scenario file.
+
+    Loading the file gives an equal problem and equal options, but for the callback,
+    which no file can hold.
+
+    Args:
+        path: File to write, ending in ``.toml``; replaced if it exists.
+        problem: The problem.
+        options: The options; None for the defaults.
+
+    Returns:
+        The path.
+
+    Raises:
+        ScenarioError: If the problem holds something that a file cannot, or the file
+            cannot be written.
+    """
+    path = Path(path).expanduser()
+    document = _document(path, problem, Options() if options is None else options)
+    try:
+        content = toml_text(document).encode()
+    except UnicodeEncodeError as error:
+        raise ScenarioError(f"{path}: a name cannot be saved: {error}", path) from error
+    return write_file(path, lambda file: file.write(content))
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    content = read_bytes(path, MAX_BYTES)
+    try:
+        return tomllib.loads(content.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{path} is no TOML: {error}", path) from error
+
+
+def _read_scene(table: Field) -> Scene:
+    if not table.given:
+        return Scene()
+    table.only("obstacles")
+    kinds = classes(Obstacle)
+    items = table.get("obstacles").items()
+    obstacles = [from_table(item, kinds, "obstacle") for item in items]
+    try:
+        return Scene(obstacles)
+    except TominpmpError as error:
+        table.get("obstacles").fail(str(error))
+
+
+def _read_goal(table: Field, robot: Robot, q_start: Array) -> Goal:
+    kinds = classes(Goal)
+    if table.get("type").value != "joint":
+        goal: Goal = from_table(table, kinds, "goal")
+        return goal
+    table.only("type", "q", "v", "state")
+    q = _positions(table, robot, q_start)
+    v = table.get("v")
+    try:
+        return JointGoal(q, None if v.value is None else _vector(v, robot))
+    except TominpmpError as error:
+        table.fail(str(error))
+
+
+def _positions(table: Field, robot: Robot, base: Array | None) -> Array:
+    """Positions of all joints: numbers, a group state, some by name, or both."""
+    if base is None:
+        table.only("q", "v", "state")
+    state, q = table.get("state"), table.get("q")
+    if not state.given and q.value is None:
+        table.fail("says nothing of joint positions: expected q or state")
+    if isinstance(q.value, str):
+        state, q = q, Field(None, q.path, q.key)
+    if state.given:
+        if isinstance(q.value, list):
+            q.fail("expected joints by name beside a state")
+        base = _group_state(state, robot)
+    if q.value is None:
+        return np.array(base)
+    return _vector(q, robot, base)
+
+
+def _group_state(state: Field, robot: Robot) -> Array:
+    try:
+        return robot.group_state(state.text())
+    except ScenarioError:
+        raise
+    except TominpmpError as error:
+        state.fail(str(error))
+
+
+def _vector(value: Field, robot: Robot, base: Array | None = None) -> Array:
+    """Values of all joints: numbers in joint order, or by name where there is a base.
+
+    Velocities that are not named are zero.
+    """
+    if not isinstance(value.value, dict):
+        numbers = value.numbers()
+        if len(numbers) != robot.n:
+            value.fail(
+                f"holds {len(numbers)} numbers, expected {robot.n}, one for each of: "
+                f"{', '.join(robot.joint_names)}"
+            )
+        return np.array(numbers)
+    given = value.table()
+    for name, item in given.items():
+        if name not in robot.joint_names:
+            item.fail(str(JointNotFound(name, robot.joint_names)))
+    lacking = [name for name in robot.joint_names if name not in given]
+    if lacking and base is None and value.key.endswith("q"):
+        value.fail(f"says nothing about {', '.join(lacking)}")
+    rest = np.zeros(robot.n) if base is None else base
+    return np.array(
+        [
+            given[name].number() if name in given else rest[i]
+            for i, name in enumerate(robot.joint_names)
+        ]
+    )
+
+
+def _read_options(table: Field) -> Options:
+    if not table.given:
+        return Options()
+    if "callback" in table.table():
+        table.get("callback").fail("a file cannot hold a function")
+    return make(Options, table.table(), table, {})
+
+
+def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
+    """Turn problem and options into tables.
+
+    Raises:
+        ScenarioError: If they hold something that a file cannot.
+    """
+    folder = path.parent
+
+    def fail(key: str, reason: object) -> NoReturn:
+        raise ScenarioError(f"{path}: {key}: cannot be saved: {reason}", path, key)
+
+    known = ("robot", "scene", "motion_limits", *PLACES)
+    for name in _changed(problem, without=known):
+        fail(name, "scenario files do not know it")
+    document: dict[str, Any] = {}
+    if problem.margin:
+        document["margin"] = problem.margin
+    document["robot"] = robot_table(problem.robot, folder)
+    _check_robot(document["robot"], problem.robot, path)
+    document["start"] = {"q": problem.q_start.tolist()}
+    if problem.v_start is not None and np.any(problem.v_start):
+        document["start"]["v"] = problem.v_start.tolist()
+    try:
+        key = "goal"
+        document[key] = to_table(problem.goal, classes(Goal), folder)
+        key = "scene"
+        kinds = classes(Obstacle)
+        obstacles = [to_table(item, kinds, folder) for item in problem.scene]
+        if obstacles:
+            document[key] = {"obstacles": obstacles}
+        if problem.motion_limits is not None:
+            key = "motion_limits"
+            document[key] = motion_limits_table(problem.motion_limits, folder)
+        key = "options"
+        table = field_table(_without_callback(options), {}, folder)
+        if table:
+            document[key] = table
+    except TypeError as error:
+        fail(key, error)
+    return document
+
+
+def _changed(record: Any, without: Iterable[str]) -> list[str]:
+    """Fields that are not at their defaults."""
+    names = []
+    for field in fields(record):
+        default: Any = field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
+        value = getattr(record, field.name)
+        if field.init and field.name not in without and not same(value, default):
+            names.append(field.name)
+    return names
+
+
+def _without_callback(options: Options) -> Options:
+    values = {f.name: getattr(options, f.name) for f in fields(options) if f.init}
+    return Options(**(values | {"callback": None}))
+
+
+def _check_robot(table: dict[str, Any], robot: Robot, path: Path) -> None:
+    """Check that a table gives the robot back: with a payload, say, it would not."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is to be told was told at first loading
+        loaded, _ = read_robot(Field(table, path, "robot"))
+    if loaded != robot:
+        raise ScenarioError(
+            f"{path}: robot: cannot be saved: it differs from its files by more than "
+            "the arguments of load_robot",
+            path,
+            "robot",
+        )

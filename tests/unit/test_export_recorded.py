@@ -1,0 +1,146 @@
+"""Tests of making trajectories from recorded motions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.exceptions import ScenarioError
+from tominpmp.output.export import export, load_motion
+from tominpmp.output.recorded import recorded_motion
+from tominpmp.robot import Robot, load_robot
+from tominpmp.trajectory import Samples, Trajectory
+
+HERE = Path("m.csv")
+NAMES = ("joint1", "joint2", "joint3")
+
+
+def smooth(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities and accelerations of a motion from rest to rest in 2 s."""
+    s = t[:, None] / 2.0
+    span = np.array([1.0, -0.5, 0.25])
+    q = np.array([0.5, 1.7, -1.7]) + span * s**3 * (10 - 15 * s + 6 * s**2)
+    v = span * 30 * s**2 * (1 - s) ** 2 / 2.0
+    a = span * 60 * s * (1 - 3 * s + 2 * s**2) / 4.0
+    return q, v, a
+
+
+def samples_of(t: np.ndarray, **changes: np.ndarray) -> Samples:
+    q, v, a = smooth(t)
+    lacking = np.full(q.shape, np.nan)
+    parts = {"q": q, "v": v, "a": a, "u": lacking} | changes
+    return Samples(NAMES, t, **parts)
+
+
+def test_constant_acceleration_comes_back(planar3r: Robot, tmp_path: Path) -> None:
+    dynamics = RobotDynamics(planar3r)
+    t = np.array([0.0, 0.3, 0.5, 1.0])
+    a = np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 0.0], [-1.0, 0.5, 0.25]])
+    q, v = [np.array([0.5, 1.7, -1.7])], [np.zeros(3)]
+    for h, row in zip(np.diff(t), a, strict=True):
+        q.append(q[-1] + h * v[-1] + 0.5 * h**2 * row)
+        v.append(v[-1] + h * row)
+    rows = np.array(q), np.array(v)
+    u = dynamics.inverse(*rows, np.vstack([a, a[-1:]]))
+    motion = Trajectory(NAMES, t, *rows, u, a, dynamics.inverse)
+    for ending in ("csv", "yaml"):
+        path = export(motion, tmp_path / f"m.{ending}")
+        assert recorded_motion(load_motion(path), planar3r, path) == motion
+    # Jumps between samples are found again.
+    between = np.linspace(0.0, 1.0, 77)
+    for ending in ("csv", "yaml"):
+        path = export(motion, tmp_path / f"m.{ending}", dt=0.04)
+        found = recorded_motion(load_motion(path), planar3r, path)
+        assert found.a is not None
+        assert found.t.size == 27 + 1  # the jump at 0.3 is between samples
+        np.testing.assert_allclose(found(between).q, motion(between).q, atol=1e-7)
+        np.testing.assert_allclose(found(between).a, motion(between).a, atol=1e-9)
+        np.testing.assert_allclose(found(between).u, motion(between).u, atol=1e-5)
+
+
+def test_torque_is_what_the_motion_takes(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 2.0, 201)
+    lacking = np.full((201, 3), np.nan)
+    motion = recorded_motion(samples_of(t, a=lacking), planar3r, HERE)
+    assert motion.a is None
+    between = np.linspace(0.003, 1.997, 50)
+    q, v, a = smooth(between)
+    state = motion(between)
+    np.testing.assert_allclose(state.q, q, atol=1e-8)
+    np.testing.assert_allclose(state.v, v, atol=1e-6)
+    expected = RobotDynamics(planar3r).inverse(q, v, a)
+    np.testing.assert_allclose(state.u, expected, atol=0.05)
+    np.testing.assert_allclose(motion.u[1:-1], motion(t[1:-1]).u, atol=1e-9)
+
+
+def test_smooth_accelerations_make_it_exact(planar3r: Robot) -> None:
+    motion = recorded_motion(samples_of(np.linspace(0.0, 2.0, 21)), planar3r, HERE)
+    between = np.linspace(0.003, 1.997, 50)
+    q, v, a = smooth(between)
+    state = motion(between)
+    # The motion is of degree 5.
+    np.testing.assert_allclose(state.q, q, atol=1e-12)
+    expected = RobotDynamics(planar3r).inverse(q, v, a)
+    np.testing.assert_allclose(state.u, expected, atol=1e-8)
+
+
+def test_accelerations_that_jump_are_left_to_the_velocities(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 2.0, 21)
+    jumping = smooth(t)[2]
+    jumping[10:] += 1.0
+    assert recorded_motion(samples_of(t, a=jumping), planar3r, HERE).a is None
+
+
+def test_positions_alone(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 2.0, 81)
+    lacking = np.full((81, 3), np.nan)
+    motion = recorded_motion(samples_of(t, v=lacking, a=lacking), planar3r, HERE)
+    np.testing.assert_allclose(motion.v, smooth(t)[1], atol=1e-4)
+    np.testing.assert_allclose(motion.v[[0, -1]], np.zeros((2, 3)), atol=1e-12)
+
+
+def test_first_point_after_the_start(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 2.0, 81)
+    whole = samples_of(t)
+    late = Samples(
+        NAMES, *(getattr(whole, key)[4:] for key in ("t", "q", "v", "a", "u"))
+    )
+    start = smooth(t[:1])[0][0]
+    motion = recorded_motion(late, planar3r, HERE, start=start)
+    assert motion.t[0] == 0.0
+    np.testing.assert_array_equal(motion.q[0], start)
+    np.testing.assert_allclose(motion.v[1:], whole.v[4:], atol=5e-3)
+    with pytest.raises(ScenarioError, match=r"the time begins at 0\.1 s") as caught:
+        recorded_motion(late, planar3r, HERE)
+    assert caught.value.key == "time"
+    early = Samples(NAMES, whole.t - 1.0, whole.q, whole.v, whole.a, whole.u)
+    with pytest.raises(ScenarioError, match="the time begins at -1 s"):
+        recorded_motion(early, planar3r, HERE, start=start)
+
+
+def test_columns_by_name(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 2.0, 21)
+    whole = samples_of(t)
+    rows = [getattr(whole, key)[:, ::-1] for key in ("q", "v", "a", "u")]
+    turned = Samples(NAMES[::-1], t, *rows)
+    assert recorded_motion(turned, planar3r, HERE) == recorded_motion(
+        whole, planar3r, HERE
+    )
+    other = Samples(("joint1", "joint2", "elbow"), t, *rows)
+    with pytest.raises(ScenarioError, match=r"joint1, joint2, elbow; the joints of"):
+        recorded_motion(other, planar3r, HERE)
+
+
+def test_locked_joints_may_be_recorded(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 2.0, 21)
+    q = smooth(t)[0]
+    q[:, 2] = -1.7
+    samples = samples_of(t, q=q)
+    locked = load_robot("planar3r", locked_joints={"joint3": -1.7})
+    assert recorded_motion(samples, locked, HERE).joint_names == NAMES[:2]
+    elsewhere = load_robot("planar3r", locked_joints={"joint3": -1.0})
+    with pytest.raises(ScenarioError, match=r"joint3 is up to 0\.7 away from -1"):
+        recorded_motion(samples, elsewhere, HERE)

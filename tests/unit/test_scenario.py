@@ -1,0 +1,539 @@
+"""Tests of the project's own scenario files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tominpmp as tm
+from tominpmp.exceptions import ScenarioError
+from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.records import classes
+from tominpmp.scenario.scenario import load_scenario, save_scenario, tomllib
+from tominpmp.scenario.toml_writer import toml_text
+from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+
+START, GOAL = [0.5, 1.7, -1.7], [2.0, -1.0, 0.5]
+TURN = pin.rpy.rpyToMatrix(0.3, -0.2, 0.9)
+
+SMALL = """
+[robot]
+name = "planar3r"
+[start]
+state = "start"
+[goal]
+type = "joint"
+q = [2.0, -1.0, 0.5]
+"""
+
+
+def write(folder: Path, text: str, name: str = "s.toml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def round_trip(problem: Problem, options: Options, folder: Path) -> str:
+    """Save and load, and save again: all must stay the same."""
+    path = save_scenario(folder / "a.toml", problem, options)
+    found = load_scenario(path)
+    assert found.problem == problem
+    assert found.options == options
+    again = save_scenario(folder / "b.toml", found.problem, found.options)
+    assert again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+    return path.read_text(encoding="utf-8")
+
+
+def problem_of(robot: Robot, goal: Goal | None = None, **values: Any) -> Problem:
+    return Problem(robot, START, JointGoal(GOAL) if goal is None else goal, **values)
+
+
+def test_small_scenario(planar3r: Robot, tmp_path: Path) -> None:
+    found = load_scenario(write(tmp_path, SMALL))
+    assert found.problem == problem_of(planar3r)
+    assert found.options == Options()
+    assert tm.load_scenario is load_scenario
+    assert tm.save_scenario is save_scenario
+
+
+def test_defaults_are_left_out(planar3r: Robot, tmp_path: Path) -> None:
+    text = round_trip(problem_of(planar3r), Options(), tmp_path)
+    assert tomllib.loads(text) == {
+        "robot": {"name": "planar3r"},
+        "start": {"q": START},
+        "goal": {"type": "joint", "q": GOAL},
+    }
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        JointGoal(GOAL, [0.1, 0.0, -0.2]),
+        PositionGoal("tip", [4.0, 1.0, 0.0]),
+        PositionGoal("tip", [4.0, 1.0, 0.0], [0.0, 1.0 / 3.0, 0.0]),
+        PoseGoal("tip", pin.SE3(TURN, np.array([4.0, 1.0, 0.0]))),
+        PoseGoal("tip", pin.SE3(np.eye(3), np.array([4.0, 1.0, 0.0])), [0.0, 1.0, 0.0]),
+    ],
+    ids=["joint", "position", "moving position", "pose", "moving pose"],
+)
+def test_goals_come_back(planar3r: Robot, goal: Goal, tmp_path: Path) -> None:
+    round_trip(problem_of(planar3r, goal), Options(), tmp_path)
+
+
+def test_every_obstacle_comes_back(planar3r: Robot, tmp_path: Path) -> None:
+    place: dict[str, Any] = {"position": [9.0, 0.1 + 0.2, 1e-7]}
+    scene = Scene(
+        [
+            Sphere("ball", radius=1 / 3, **place),
+            Box('a "box"\n\x7f ü', size=[0.1, 0.2, 0.3], rotation=TURN, **place),
+            Cylinder(
+                "can", radius=0.03, length=0.14, rotation=[0, 0, 0.6, 0.8], **place
+            ),
+            Capsule(
+                "rod", radius=0.03, length=0.14, rotation=[0.1, 0.2, 0.3, 0.4], **place
+            ),
+        ]
+    )
+    problem = problem_of(planar3r, scene=scene, margin=0.05, v_start=[0.1, 0.0, 0.0])
+    text = round_trip(problem, Options(), tmp_path)
+    assert "rotation = [0.0, 0.0, 0.6, 0.8]" in text
+
+
+def test_options_come_back(planar3r: Robot, tmp_path: Path) -> None:
+    options = Options(
+        method="adjoint",
+        intervals=75,
+        smoothing=0.0,
+        starts=3,
+        max_planning_time=2.5,
+        initial_control=[[1.0, 2.0, 3.0]] * 75,
+        step_rule="paper",
+    )
+    round_trip(problem_of(planar3r), options, tmp_path)
+    with_callback = Options(intervals=50, callback=print)
+    path = save_scenario(tmp_path / "c.toml", problem_of(planar3r), with_callback)
+    assert load_scenario(path).options == Options(intervals=50)
+
+
+def test_motion_limits_come_back(planar3r: Robot, tmp_path: Path) -> None:
+    limits = MotionLimits(
+        acceleration=10.0,
+        jerk=[100.0, math.inf, 300.0],
+        effort_rate={"joint2": 1000.0},
+        effort_scale=0.9,
+        effort_curves={"joint1": EffortCurve.droop(20.0, 3.0)},
+    )
+    problem = problem_of(planar3r, motion_limits=limits)
+    text = round_trip(problem, Options(), tmp_path)
+    assert "[motion_limits.effort_curves.joint1]" in text
+
+
+def test_changed_robots_come_back(tmp_path: Path) -> None:
+    robot = load_robot(
+        "planar3r",
+        locked_joints={"joint3": 0.25},
+        gravity=(0.0, 0.0, -1.62),
+        velocity={"joint1": math.inf},
+        effort={"joint2": (-3.0, 5.0)},
+        damping=0.5,
+        armature=[0.0, 0.1],
+        position_upper={"joint1": 1 / 3 + 1},
+    )
+    problem = Problem(robot, [0.5, 1.7], JointGoal([0.6, 1.0]))
+    text = round_trip(problem, Options(), tmp_path)
+    table = tomllib.loads(text)["robot"]
+    assert table["locked_joints"] == {"joint3": 0.25}
+    assert table["velocity"] == {"joint1": math.inf}
+    assert table["effort"] == {"joint2": [-3.0, 5.0]}
+    assert "position_lower" not in table
+    plain = load_robot("planar3r", locked_joints={"joint3": 0.25})
+    assert plain != robot
+    assert plain.with_changes(gravity=(0.0, 0.0, -1.62)) != robot
+
+
+def test_robot_files_are_relative_to_the_scenario(
+    planar3r: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "arms"
+    folder.mkdir()
+    urdf = folder / "arm.urdf"
+    urdf.write_bytes(planar3r.urdf_path.read_bytes())
+    srdf = folder / "other.srdf"
+    assert planar3r.srdf is not None
+    srdf.write_bytes(planar3r.srdf.path.read_bytes())
+    robot = load_robot(urdf, srdf=srdf, package_dirs=[folder])
+    problem = problem_of(robot)
+    text = round_trip(problem, Options(), tmp_path)
+    table = tomllib.loads(text)["robot"]
+    assert table["path"] == "arms/arm.urdf"
+    assert table["srdf"] == "arms/other.srdf"
+    assert table["package_dirs"] == ["arms"]
+    # From anywhere, and when all has been moved together.
+    moved = tmp_path.rename(tmp_path.with_name(f"{tmp_path.name}-moved"))
+    monkeypatch.chdir(moved)
+    found = load_scenario("a.toml").problem
+    assert found.robot.urdf_path == moved / "arms" / "arm.urdf"
+    # Elsewhere, the path is absolute.
+    other = moved / "elsewhere"
+    other.mkdir()
+    path = save_scenario(other / "c.toml", found)
+    assert tomllib.loads(path.read_text())["robot"]["path"] == str(
+        moved / "arms" / "arm.urdf"
+    )
+    assert load_scenario(path).problem == found
+
+
+def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
+    def positions(start: str, goal: str) -> tuple[list[float], list[float]]:
+        text = f'[robot]\nname = "planar3r"\n[start]\n{start}\n[goal]\n'
+        found = load_scenario(write(tmp_path, f'{text}type = "joint"\n{goal}')).problem
+        assert isinstance(found.goal, JointGoal)
+        return found.q_start.tolist(), found.goal.q.tolist()
+
+    assert positions("q = [1, 2, 0.5]", "q = {joint2 = 1}") == (
+        [1.0, 2.0, 0.5],
+        [1.0, 1.0, 0.5],
+    )
+    assert positions('q = "start"', 'state = "start"') == (START, START)
+    assert positions('state = "start"\nq = {joint3 = 0}', "q = [1, 1, 1]") == (
+        [0.5, 1.7, 0.0],
+        [1.0, 1.0, 1.0],
+    )
+    named = "q = {joint3 = 3, joint1 = 1, joint2 = 2}"
+    assert positions(named, "q = {}") == ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
+
+
+def test_limits_of_moveit(tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        """
+joint_limits:
+  joint1: {has_velocity_limits: true, max_velocity: 1.25,
+           has_acceleration_limits: true, max_acceleration: 5.0}
+  joint2: {max_velocity: 1.5, has_jerk_limits: true, max_jerk: 50}
+  joint3: {max_acceleration: 7}
+""",
+        "limits.yaml",
+    )
+    text = SMALL.replace(
+        '"planar3r"',
+        '"planar3r"\njoint_limits = "limits.yaml"\nvelocity = {joint2 = 0.75}',
+    )
+    text += "[motion_limits]\nacceleration = {joint3 = 6.0}\n"
+    problem = load_scenario(write(tmp_path, text)).problem
+    assert problem.robot.limits.velocity[:2].tolist() == [1.25, 0.75]
+    limits = problem.motion_limits
+    assert limits is not None
+    assert limits.acceleration == {"joint1": 5.0, "joint3": 6.0}
+    assert limits.jerk == {"joint2": 50.0}
+    round_trip(problem, Options(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        (("[robot]", "[robots]"), "robots", "no such key; there are: margin, robot"),
+        (('name = "planar3r"', ""), "robot", "either the name or the path"),
+        (('"planar3r"', '"planar9r"'), "robot", "no robot 'planar9r'"),
+        (('"planar3r"', "3"), "robot.name", "expected a text"),
+        (('"planar3r"', '"planar3r"\npath = "a"'), "robot", "either the name or"),
+        (('"planar3r"', '"planar3r"\nsped = 1'), "robot.sped", "no such key"),
+        (
+            ('"planar3r"', '"planar3r"\nvelocity = -1.0'),
+            "robot.velocity",
+            "joint joint1 got -1",
+        ),
+        (
+            ('"planar3r"', '"planar3r"\nlocked_joints = {elbow = 1.0}'),
+            "robot",
+            "no joint 'elbow'",
+        ),
+        (
+            ('"planar3r"', '"planar3r"\njoint_limits = "no.yaml"'),
+            None,
+            r"there is no file .*no\.yaml",
+        ),
+        (("[start]\n", "[start]\nq = [1, 2]\n#"), "start.q", "2 numbers, expected 3"),
+        (
+            ("[start]\n", "[start]\nq = [1, 2, 9]\n#"),
+            "start",
+            "joint 'joint3' is 9 rad, outside its position limits",
+        ),
+        (('"start"', '"home"'), "start.state", "no group state 'home'.* start"),
+        (('state = "start"', ""), "start", "expected q or state"),
+        (('state = "start"', "q = {elbow = 1}"), "start.q.elbow", "no joint 'elbow'"),
+        (
+            ('state = "start"', "q = {joint1 = 1}"),
+            "start.q",
+            "nothing about joint2, joint3",
+        ),
+        (('state = "start"', 'q = [1, 2, "x"]'), "start.q[2]", "expected a number"),
+        (('state = "start"', "q = [1, 2, nan]"), "start.q[2]", "finite"),
+        (
+            ('"start"', '"start"\nv = [9, 9]'),
+            "start.v",
+            "2 numbers, expected 3",
+        ),
+        (('"joint"', '"joints"'), "goal.type", "no goal 'joints'; there are: joint"),
+        (('type = "joint"', ""), "goal.type", "is missing"),
+        (('"joint"', '"joint"\nframe = "tip"'), "goal.frame", "no such key"),
+        (
+            ('type = "joint"\nq =', 'type = "position"\nposition ='),
+            "goal.frame",
+            "is missing",
+        ),
+        (
+            (
+                'type = "joint"\nq =',
+                'type = "position"\nframe = "hand"\nposition =',
+            ),
+            "goal",
+            "no frame 'hand'",
+        ),
+        (
+            (
+                'type = "joint"\nq = [2.0, -1.0, 0.5]',
+                'type = "position"\nframe = "tip"\nposition = [2.0, -1.0]',
+            ),
+            "goal.position",
+            "expected three coordinates",
+        ),
+        (
+            (
+                'type = "joint"\nq = [2.0, -1.0, 0.5]',
+                'type = "position"\nframe = "tip"\nposition = [9.0, -1.0, 0.0]',
+            ),
+            "goal",
+            "outside reach by",
+        ),
+        (
+            (
+                'type = "joint"\nq = [2.0, -1.0, 0.5]',
+                'type = "pose"\nframe = "tip"\n'
+                "pose = {position = [4, 1, 0], rotation = [0, 0, 0, 0]}",
+            ),
+            "goal.pose.rotation",
+            "expected a quaternion",
+        ),
+        (("[goal]", "[options]\nintervals = 2\n[goal]"), "options.intervals", ">= 4"),
+        (("[goal]", '[options]\nmode = "x"\n[goal]'), "options.mode", "no such key"),
+        (
+            ("[goal]", '[options]\ncallback = "x"\n[goal]'),
+            "options.callback",
+            "cannot hold a function",
+        ),
+        (("[robot]", "margin = -1\n[robot]"), "margin", "expected a length"),
+        (("[robot]", 'margin = "x"\n[robot]'), "margin", "expected a number"),
+        (
+            ("[goal]", "[motion_limits]\nacceleration = -1\n[goal]"),
+            "motion_limits",
+            "expected positive numbers",
+        ),
+        (
+            ("[goal]", "[motion_limits.effort_curves]\njoint1 = {speed = [0]}\n[goal]"),
+            "motion_limits.effort_curves.joint1.effort",
+            "is missing",
+        ),
+    ],
+)
+def test_wrong_scenario(
+    change: tuple[str, str], key: str | None, words: str, tmp_path: Path
+) -> None:
+    assert change[0] in SMALL
+    path = write(tmp_path, SMALL.replace(*change))
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_scenario(path)
+    assert caught.value.key == key
+    if key is not None:
+        assert caught.value.path == path
+        assert str(caught.value).startswith(f"{path}: {key}: ")
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "key", "words"),
+    [
+        ('name = "a"\nradius = 1', "type", "is missing"),
+        ('type = "torus"', "type", "no obstacle 'torus'; there are: sphere, box"),
+        ('type = "sphere"\nname = "a"', "radius", "is missing"),
+        ('type = "sphere"\nname = "a"\nradius = -1', "radius", "positive length"),
+        ('type = "sphere"\nname = "a"\nradius = "x"', "radius", "positive length"),
+        ('type = "sphere"\nname = ""\nradius = 1', "name", "needs a name"),
+        ('type = "sphere"\nradius = 1', "name", "is missing"),
+        ('type = "sphere"\nname = "a"\nradius = 1\nsize = 2', "size", "no such key"),
+        (
+            'type = "sphere"\nname = "a"\nradius = 1\nposition = [1, 2]',
+            "position",
+            "three finite coordinates",
+        ),
+        (
+            'type = "sphere"\nname = "a"\nradius = 1\nposition = {x = 1}',
+            "position.x",
+            "no such key",
+        ),
+        (
+            'type = "box"\nname = "a"\nsize = [1, 1, 1]\nrotation = [[1, 2, 3]]',
+            "rotation",
+            "3x3 matrix",
+        ),
+        ('type = "sphere"\nname = "a"\nradius = 4', None, "start in collision"),
+    ],
+)
+def test_wrong_obstacles(
+    obstacle: str, key: str | None, words: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path, f"{SMALL}\n[[scene.obstacles]]\n{obstacle}\n")
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_scenario(path)
+    expected = "start" if key is None else f"scene.obstacles[0].{key}".rstrip(".")
+    assert caught.value.key == expected
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff", b"a = ", b"a = 1\na = 2", b"a = " + b"[" * 20_000, b"[robot"]
+)
+def test_what_is_no_toml(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_bytes(content)
+    with pytest.raises(ScenarioError, match="is no TOML") as caught:
+        load_scenario(path)
+    assert caught.value.path == path
+
+
+def test_what_cannot_be_saved(planar3r: Robot, tmp_path: Path) -> None:
+    class Cone(Obstacle):
+        """A shape of the caller's own."""
+
+    problem = problem_of(planar3r)
+    with pytest.raises(ScenarioError, match="cannot be written: No such file"):
+        save_scenario(tmp_path / "none" / "s.toml", problem)
+    object.__setattr__(problem, "scene", Scene([Cone("a")]))
+    with pytest.raises(ScenarioError, match="scene: cannot be saved: a Cone") as caught:
+        save_scenario(tmp_path / "s.toml", problem)
+    assert caught.value.key == "scene"
+    heavy = planar3r.model.copy()
+    heavy.inertias[3] = heavy.inertias[3] + heavy.inertias[3]
+    problem = problem_of(replace(planar3r, model=heavy))
+    with pytest.raises(ScenarioError, match="robot: cannot be saved: it differs"):
+        save_scenario(tmp_path / "s.toml", problem)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_robots_differ_by_their_inertia(planar3r: Robot) -> None:
+    heavy = planar3r.model.copy()
+    heavy.inertias[3] = heavy.inertias[3] + heavy.inertias[3]
+    other = replace(planar3r, model=heavy)
+    assert other != planar3r
+    assert planar3r == load_robot("planar3r")
+    assert hash(planar3r) == hash(load_robot("planar3r"))
+
+
+def test_names_of_classes() -> None:
+    assert {"sphere", "box", "cylinder", "capsule"} <= set(classes(Obstacle))
+    assert {"joint", "position", "pose"} <= set(classes(Goal))
+    assert "frame" not in classes(Goal)
+
+
+scalars = (
+    st.booleans()
+    | st.integers(-(2**63), 2**63 - 1)
+    | st.floats(allow_nan=False)
+    | st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+)
+keys = st.text(st.characters(exclude_categories=["Cs"]), max_size=6)
+values = st.recursive(
+    scalars,
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3)
+    ),
+    max_leaves=12,
+)
+
+
+def _mixed(value: Any) -> bool:
+    """Whether a list holds tables and other things, which scenarios never do."""
+    if isinstance(value, dict):
+        return any(map(_mixed, value.values()))
+    if isinstance(value, list):
+        tables = [isinstance(item, dict) for item in value]
+        return any(map(_mixed, value)) or any(tables) != all(tables)
+    return False
+
+
+def _nested(value: Any, inside: bool = False) -> bool:
+    """Whether a list holds a list with tables, which has no form of its own."""
+    if isinstance(value, dict):
+        return any(_nested(item) for item in value.values())
+    if isinstance(value, list):
+        if inside and any(isinstance(item, dict) for item in value):
+            return True
+        return any(_nested(item, True) for item in value)
+    return False
+
+
+@given(st.dictionaries(keys, values, max_size=4))
+def test_toml_comes_back(table: dict[str, Any]) -> None:
+    if _mixed(table) or _nested(table):
+        return
+    assert tomllib.loads(toml_text(table)) == table
+
+
+FUZZ = """margin = 0.01
+[robot]
+name = "planar3r"
+velocity = {joint1 = 2.5}
+[start]
+q = [0.5, 1.7, -1.7]
+[goal]
+type = "pose"
+frame = "tip"
+pose = {position = [4, 1, 0], rotation = [0, 0, 0.6, 0.8]}
+[[scene.obstacles]]
+type = "box"
+name = "a"
+size = [0.1, 0.2, 0.3]
+position = [0, 9, 0]
+[motion_limits]
+acceleration = [10, 20, 30]
+[options]
+intervals = 50
+"""
+
+
+def test_damaged_files_never_raise_anything_else(
+    rng: np.random.Generator, tmp_path: Path
+) -> None:
+    path = tmp_path / "s.toml"
+    lines = FUZZ.splitlines()
+    whole = np.frombuffer(FUZZ.encode(), dtype=np.uint8)
+    refused = 0
+    for case in range(150):
+        if case % 3 == 0:  # lines swapped or left out
+            kept = (
+                rng.permutation(len(lines))[:-1] if case % 2 else np.arange(len(lines))
+            )
+            kept = np.delete(kept, rng.integers(len(kept)))
+            content = "\n".join(lines[i] for i in kept).encode()
+        else:
+            damaged = whole.copy()
+            damaged[rng.integers(len(whole), size=2)] = rng.integers(32, 127, size=2)
+            end = int(rng.integers(len(whole))) if case % 4 == 0 else len(whole)
+            content = damaged[:end].tobytes()
+        path.write_bytes(content)
+        try:
+            load_scenario(path)
+        except ScenarioError as error:
+            assert str(path) in str(error)
+            refused += 1
+    assert 75 < refused < 150

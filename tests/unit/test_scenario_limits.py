@@ -1,0 +1,118 @@
+"""Tests of reading MoveIt's joint_limits.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tominpmp.exceptions import ScenarioError
+from tominpmp.robot import load_robot
+from tominpmp.scenario.joint_limits import load_joint_limits
+
+FULL = """
+default_velocity_scaling_factor: 0.1
+default_acceleration_scaling_factor: 0.5
+joint_limits:
+  joint1:
+    has_velocity_limits: true
+    max_velocity: 2.5
+    has_acceleration_limits: true
+    max_acceleration: 3.75
+    has_jerk_limits: true
+    max_jerk: 7500
+    has_position_limits: true
+    min_position: 0.25
+    max_position: 2
+  joint2:
+    has_velocity_limits: false
+    max_velocity: 0
+    has_acceleration_limits: false
+    max_acceleration: 0
+  joint3:
+    max_velocity: 1
+    has_effort_limits: true
+    max_effort: 2.0
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "joint_limits.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_limits(tmp_path: Path) -> None:
+    limits = load_joint_limits(write(tmp_path, FULL))
+    assert limits.velocity == {"joint1": 2.5, "joint3": 1.0}
+    assert limits.acceleration == {"joint1": 3.75}
+    assert limits.jerk == {"joint1": 7500.0}
+    assert limits.effort == {"joint3": 2.0}
+    assert limits.position_lower == {"joint1": 0.25}
+    assert limits.position_upper == {"joint1": 2.0}
+    assert limits.velocity_scaling == 0.1
+    assert limits.acceleration_scaling == 0.5
+    with pytest.raises(TypeError):
+        limits.velocity["joint1"] = 1.0  # type: ignore[index]
+
+
+def test_overrides(tmp_path: Path) -> None:
+    limits = load_joint_limits(write(tmp_path, FULL))
+    plain = load_robot("planar3r")
+    robot = load_robot("planar3r", **limits.overrides())
+    assert robot == plain.with_changes(**limits.overrides())
+    assert robot.limits.velocity.tolist() == [2.5, plain.limits.velocity[1], 1.0]
+    assert robot.limits.position_lower[0] == 0.25
+    assert robot.limits.position_upper[0] == 2.0
+    assert robot.limits.effort_upper[2] == 2.0
+    assert robot.limits.effort_lower[2] == -2.0
+    scaled = limits.overrides(scaled=True)
+    assert scaled["velocity"] == pytest.approx({"joint1": 0.25, "joint3": 0.1})
+
+
+def test_wrapped_as_parameters_of_ros_2(tmp_path: Path) -> None:
+    inner = "\n".join(f"      {line}" for line in FULL.splitlines())
+    text = f"/**:\n  ros__parameters:\n    robot_description_planning:{inner}\n"
+    assert load_joint_limits(write(tmp_path, text)).velocity["joint1"] == 2.5
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "words"),
+    [
+        ("", "", "table"),
+        ("limits: {}", "joint_limits", "is missing"),
+        ("joint_limits: [1]", "joint_limits", "table"),
+        ("joint_limits: {a: 1}", "joint_limits.a", "table"),
+        (
+            "joint_limits: {a: {has_velocity_limits: yes}}",
+            "joint_limits.a.has_velocity_limits",
+            "true or false",
+        ),
+        (
+            "joint_limits: {a: {has_velocity_limits: true}}",
+            "joint_limits.a.max_velocity",
+            "is missing",
+        ),
+        (
+            "joint_limits: {a: {max_velocity: -1}}",
+            "joint_limits.a.max_velocity",
+            "greater than zero",
+        ),
+        (
+            "joint_limits: {a: {max_velocity: fast}}",
+            "joint_limits.a.max_velocity",
+            "number",
+        ),
+        (
+            "joint_limits: {}\ndefault_velocity_scaling_factor: 2",
+            "default_velocity_scaling_factor",
+            "from 0 to 1",
+        ),
+    ],
+)
+def test_wrong_files(text: str, key: str, words: str, tmp_path: Path) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_joint_limits(path)
+    assert caught.value.path == path
+    assert (caught.value.key or "") == key

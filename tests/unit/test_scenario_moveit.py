@@ -1,0 +1,378 @@
+"""Tests of loading planning scenes and requests of MoveIt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from scenario_samples import (
+    GOAL,
+    JOINTS,
+    MISSING,
+    REQUEST,
+    SCENE,
+    START,
+    changed,
+    write,
+)
+
+from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
+from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.moveit import load_moveit, load_moveit_scene, resting_joints
+from tominpmp.scene import Box, Cylinder, Sphere
+
+
+def place(link: str = "tip", **changes: Any) -> dict[str, Any]:
+    """Goal constraints with a position."""
+    constraint = {
+        "link_name": link,
+        "constraint_region": {
+            "primitives": [{"type": "sphere", "dimensions": [0.001]}],
+            "primitive_poses": [{"position": [4.0, 1.0, 0.0]}],
+        },
+    }
+    return {"position_constraints": [constraint | changes]}
+
+
+def turn(link: str = "tip", **changes: Any) -> dict[str, Any]:
+    constraint = {"link_name": link, "orientation": [0.0, 0.0, 0.6, 0.8]}
+    return {"orientation_constraints": [constraint | changes]}
+
+
+def goal_of(robot: Robot, folder: Path, goal: dict[str, Any], **scene: Any) -> Any:
+    request = changed(REQUEST, "goal_constraints", [goal])
+    return load_moveit(robot, *write(folder, request=request, **scene)).goal
+
+
+def test_joint_goal(planar3r: Robot, tmp_path: Path) -> None:
+    problem = load_moveit(planar3r, *write(tmp_path), margin=0.01)
+    np.testing.assert_array_equal(problem.q_start, START)
+    assert problem.goal == JointGoal(np.array(GOAL))
+    assert problem.margin == 0.01
+    assert problem.robot is planar3r
+    assert not np.any(problem.v_start)
+
+
+def test_obstacles(planar3r: Robot, tmp_path: Path) -> None:
+    scene = load_moveit_scene(write(tmp_path)[0])
+    assert scene == load_moveit(planar3r, *write(tmp_path)).scene
+    assert [item.name for item in scene] == ["box", "pair.0", "pair.1"]
+    box, sphere, cylinder = scene
+    assert isinstance(box, Box)
+    np.testing.assert_array_equal(box.size, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(box.position, [5.0, 4.0, 0.0])
+    np.testing.assert_allclose(box.rotation[0], [0.28, -0.96, 0.0], atol=1e-15)
+    # The desk is 2 m up and turned about z by half a turn.
+    assert isinstance(sphere, Sphere)
+    assert sphere.radius == 0.25
+    np.testing.assert_allclose(sphere.position, [4.0, 0.0, 3.0], atol=1e-15)
+    assert isinstance(cylinder, Cylinder)
+    assert (cylinder.length, cylinder.radius) == (0.4, 0.1)
+    np.testing.assert_allclose(cylinder.position, [4.0, -1.0, 3.0], atol=1e-15)
+
+
+def test_poses_become_those_of_the_base(tmp_path: Path) -> None:
+    """A base at (1, 0, 0), turned about z by a quarter."""
+    half = 0.5**0.5
+    base = {"translation": [1.0, 0.0, 0.0], "rotation": [0.0, 0.0, half, half]}
+    steps = ("robot_state", "multi_dof_joint_state", "transforms", [base])
+    scene = changed(SCENE, *steps)
+    found = load_moveit_scene(write(tmp_path, scene)[0])["box"]
+    np.testing.assert_allclose(found.position, [4.0, -4.0, 0.0], atol=1e-12)
+    robot = load_robot("planar3r", gravity=[0.0, 0.0, -9.81])
+    goal = goal_of(robot, tmp_path, place(), scene=scene)
+    np.testing.assert_allclose(goal.position, [1.0, -3.0, 0.0], atol=1e-12)
+    link = {"frame_id": robot.description.links[0]}
+    goal = goal_of(robot, tmp_path, place(header=link), scene=scene)
+    np.testing.assert_allclose(goal.position, [4.0, 1.0, 0.0], atol=1e-12)
+    sideways = load_robot("planar3r", gravity=[0.0, -9.81, 0.0])
+    with pytest.raises(ScenarioError, match=r"tilted.*gravity") as caught:
+        goal_of(sideways, tmp_path, place(), scene=scene)
+    assert caught.value.key == "robot_state.multi_dof_joint_state"
+
+
+def test_goals_on_frames(planar3r: Robot, tmp_path: Path) -> None:
+    assert goal_of(planar3r, tmp_path, place()) == PositionGoal("tip", [4.0, 1.0, 0.0])
+    rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
+    goal = goal_of(planar3r, tmp_path, place() | turn())
+    assert isinstance(goal, PoseGoal)
+    np.testing.assert_allclose(goal.pose.rotation, rotation, atol=1e-15)
+    np.testing.assert_allclose(goal.pose.translation, [4.0, 1.0, 0.0])
+    # The point that is to be there is 1 m ahead of the frame.
+    offset = {"target_point_offset": {"x": 1.0, "y": 0.0, "z": 0.0}}
+    goal = goal_of(planar3r, tmp_path, place(**offset) | turn())
+    np.testing.assert_allclose(goal.pose.translation, [3.72, 0.04, 0.0], atol=1e-15)
+    assert isinstance(goal.pose, pin.SE3)
+
+
+def test_start_velocity_and_slower_robots(planar3r: Robot, tmp_path: Path) -> None:
+    state = {**REQUEST["start_state"]["joint_state"], "velocity": [0.3, 0.2, 0.1]}
+    request = changed(REQUEST, "start_state", "joint_state", state)
+    request["max_velocity_scaling_factor"] = 0.5
+    problem = load_moveit(planar3r, *write(tmp_path, request=request))
+    np.testing.assert_array_equal(problem.v_start, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(
+        problem.robot.limits.velocity, 0.5 * planar3r.limits.velocity
+    )
+
+
+def test_joints_without_a_goal(planar3r: Robot, tmp_path: Path) -> None:
+    """They stay where they start, or are locked if the robot is given by name."""
+    constraints = REQUEST["goal_constraints"][0]["joint_constraints"][:2]
+    request = changed(REQUEST, "goal_constraints", [{"joint_constraints": constraints}])
+    paths = write(tmp_path, request=request)
+    goal = load_moveit(planar3r, *paths).goal
+    assert goal == JointGoal([*GOAL[:2], START[2]])
+    assert resting_joints(paths[1]) == {"joint3": START[2]}
+    robot = load_moveit("planar3r", *paths).robot
+    assert robot.joint_names == ("joint1", "joint2")
+    assert robot.locked_joints == {"joint3": START[2]}
+    locked = load_robot("planar3r", locked_joints={"joint3": -1.0})
+    with pytest.warns(TominpmpWarning, match=r"joint3 is at -1\.7 .* locked at -1"):
+        load_moveit(locked, *paths)
+
+
+@pytest.mark.parametrize(
+    ("scene", "key", "words"),
+    [
+        (("world", "collision_objects", 0, "id", MISSING), "[0].id", "is missing"),
+        (
+            ("world", "collision_objects", 1, SCENE["world"]["collision_objects"][0]),
+            "collision_objects",
+            "two obstacles are named 'box'",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitives", 0, "type", "torus"),
+            "[0].primitives[0].type",
+            "no shape 'torus' here; there are: box, sphere, cylinder",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitives", 0, "type", 4),
+            "[0].primitives[0].type",
+            "no shape 'cone'",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitives", 0, "dimensions", [1, 2]),
+            "[0].primitives[0].dimensions",
+            "expected x, y and z of a box",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitives", 0, "dimensions", [1, 0, 2]),
+            "[0].primitives[0]",
+            "positive length",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitives", []),
+            "primitive_poses",
+            "1 poses for 0 primitives",
+        ),
+        (
+            ("world", "collision_objects", 0, "planes", [{"coef": [0, 0, 1, 0]}]),
+            "[0].planes",
+            "planes are not read",
+        ),
+        (
+            ("world", "collision_objects", 0, "operation", 1),
+            "[0].operation",
+            "that are added",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitive_poses", 0, "position", [1, 2]),
+            "[0].primitive_poses[0].position",
+            "3 numbers",
+        ),
+        (
+            ("world", "collision_objects", 0, "primitive_poses", 0, "position", "x"),
+            "[0].primitive_poses[0].position",
+            "3 numbers",
+        ),
+        (
+            ("world", "collision_objects", 1, "header", "frame_id", "tool"),
+            "[1].header.frame_id",
+            "no frame 'tool' .* world, .*desk",
+        ),
+        (
+            ("world", "octomap", {"octomap": {"data": [1, 2]}}),
+            "world.octomap.octomap.data",
+            "octrees",
+        ),
+        (
+            ("robot_state", "attached_collision_objects", [{"object": {"id": "cup"}}]),
+            "robot_state.attached_collision_objects",
+            "attached .*: cup",
+        ),
+        (("world", 7), "world", "a table"),
+    ],
+)
+def test_wrong_scene(
+    planar3r: Robot, scene: tuple[Any, ...], key: str, words: str, tmp_path: Path
+) -> None:
+    paths = write(tmp_path, changed(SCENE, *scene))
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_moveit(planar3r, *paths)
+    assert caught.value.path == paths[0]
+    assert str(paths[0]) in str(caught.value)
+    assert caught.value.key is not None
+    assert caught.value.key.endswith(key)
+
+
+@pytest.mark.parametrize(
+    ("request_", "key", "words"),
+    [
+        (("start_state", MISSING), "start_state.joint_state.name", "is missing"),
+        (
+            ("start_state", "joint_state", "name", ["joint1", "joint2", "elbow"]),
+            "start_state.joint_state.name",
+            "no joint 'elbow'; the robot has: joint1",
+        ),
+        (
+            ("start_state", "joint_state", "name", ["joint1", "joint2"]),
+            "start_state.joint_state.position",
+            "3 numbers for 2 joints",
+        ),
+        (
+            ("start_state", "joint_state", {"name": JOINTS[:2], "position": [1, 1]}),
+            "start_state.joint_state.name",
+            "nothing about the joints joint3",
+        ),
+        (
+            ("start_state", "joint_state", "position", [-1.7, 1.7, float("nan")]),
+            "start_state.joint_state.position[2]",
+            "expected a (finite )?number",
+        ),
+        (
+            ("start_state", "joint_state", "position", [-1.7, 1.7, 9.0]),
+            "start_state",
+            "joint 'joint1' is 9 rad, outside its position limits",
+        ),
+        (("goal_constraints", []), "goal_constraints", "expected a goal"),
+        (("goal_constraints", MISSING), "goal_constraints", "is missing"),
+        (
+            ("goal_constraints", 0, "joint_constraints", 1, "joint_name", "elbow"),
+            "goal_constraints[0].joint_constraints[1].joint_name",
+            "no joint 'elbow'",
+        ),
+        (
+            ("goal_constraints", 0, "joint_constraints", 1, "joint_name", "joint1"),
+            "goal_constraints[0].joint_constraints[1].joint_name",
+            "there twice",
+        ),
+        (
+            ("goal_constraints", 0, "joint_constraints", 0, "position", 7.0),
+            "goal_constraints",
+            "outside its position limits",
+        ),
+        (
+            ("goal_constraints", [place("hand")]),
+            "goal_constraints[0].position_constraints[0].link_name",
+            "no frame 'hand'; the robot has",
+        ),
+        (("goal_constraints", [turn()]), "goal_constraints[0]", "orientation alone"),
+        (
+            ("goal_constraints", [place() | turn("link1")]),
+            "goal_constraints[0].orientation_constraints[0].link_name",
+            "expected 'tip'",
+        ),
+        (
+            ("path_constraints", {"joint_constraints": [{"joint_name": "joint1"}]}),
+            "path_constraints.joint_constraints",
+            "on the way",
+        ),
+        (
+            ("start_state", "attached_collision_objects", [{"object": {"id": "cup"}}]),
+            "start_state.attached_collision_objects",
+            "cup",
+        ),
+    ],
+)
+def test_wrong_request(
+    planar3r: Robot, request_: tuple[Any, ...], key: str, words: str, tmp_path: Path
+) -> None:
+    paths = write(tmp_path, request=changed(REQUEST, *request_))
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_moveit(planar3r, *paths)
+    assert caught.value.path == paths[1]
+    assert caught.value.key == key
+
+
+def test_start_in_collision_says_which_pair(planar3r: Robot, tmp_path: Path) -> None:
+    steps = ("world", "collision_objects", 0, "primitive_poses", 0, "position")
+    paths = write(tmp_path, changed(SCENE, *steps, [1.0, 0.5, 0.0]))
+    words = r"start_state: start in collision: link '\w+' and obstacle 'box' overlap"
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_moveit(planar3r, *paths)
+    assert caught.value.path == paths[1]
+    with pytest.raises(ProblemError, match="margin is -1"):
+        load_moveit(planar3r, *write(tmp_path), margin=-1.0)
+
+
+def test_what_is_not_taken_over_is_told(planar3r: Robot, tmp_path: Path) -> None:
+    scene = SCENE | {
+        "link_padding": [{"link_name": "link1", "padding": 0.01}],
+        "allowed_collision_matrix": {
+            "entry_names": ["link1", "box"],
+            "entry_values": [[True, True], [True, True]],
+        },
+    }
+    with pytest.warns(TominpmpWarning, match=r"link_padding.*allowed_collision_mat"):
+        load_moveit(planar3r, *write(tmp_path, scene))
+
+
+def test_files_that_are_no_messages(planar3r: Robot, tmp_path: Path) -> None:
+    scene, request = write(tmp_path)
+    with pytest.raises(ScenarioError, match="there is no file"):
+        load_moveit(planar3r, tmp_path / "none.yaml", request)
+    for text in ("", "[1, 2]", "word"):
+        request.write_text(text)
+        with pytest.raises(ScenarioError, match="expected a table"):
+            load_moveit(planar3r, scene, request)
+
+
+def test_block_style_of_ros(planar3r: Robot, tmp_path: Path) -> None:
+    """As ``ros2 topic echo`` prints messages."""
+    paths = write(tmp_path)
+    paths[0].write_text(yaml.safe_dump(SCENE, default_flow_style=False) + "---\n")
+    paths[1].write_text(yaml.safe_dump(REQUEST, default_flow_style=False))
+    assert load_moveit(planar3r, *paths) == load_moveit(planar3r, *write(tmp_path))
+
+
+def spots(message: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Paths to all values of a message."""
+    if isinstance(message, dict):
+        inner: Any = message.items()
+    elif isinstance(message, list):
+        inner = enumerate(message)
+    else:
+        return [path]
+    found = [path] if path else []
+    for key, value in inner:
+        found += spots(value, (*path, key))
+    return found
+
+
+ODD = (None, "", "x", -1, 1e300, float("nan"), float("inf"), True, [], {}, [[]], [1, 2])
+
+
+@pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
+def test_odd_values_never_raise_anything_else(
+    planar3r: Robot, rng: np.random.Generator, tmp_path: Path
+) -> None:
+    refused = 0
+    for case in range(200):
+        message = (SCENE, REQUEST)[case % 2]
+        places = spots(message)
+        where = places[rng.integers(len(places))]
+        damaged = changed(message, *where, ODD[rng.integers(len(ODD))])
+        scene, request = (damaged, None) if case % 2 == 0 else (None, damaged)
+        paths = write(tmp_path, scene, request)
+        try:
+            load_moveit(planar3r, *paths)
+        except ScenarioError as error:
+            assert str(paths[case % 2]) in str(error)
+            refused += 1
+    assert 80 < refused < 200

@@ -1,0 +1,141 @@
+"""Tests of reading YAML that strangers wrote."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tominpmp.description import yaml_reader
+from tominpmp.description.yaml_reader import parse_yaml, read_bytes, read_yaml
+from tominpmp.exceptions import ScenarioError
+
+HERE = Path("file.yaml")
+
+
+@pytest.fixture(params=["C", "Python"], autouse=True)
+def loader(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both parsers that PyYAML may have."""
+    kind = "CSafeLoader" if request.param == "C" else "SafeLoader"
+    if not hasattr(yaml, kind):
+        pytest.skip("PyYAML was built without its parser in C")
+    monkeypatch.setattr(yaml_reader, "_LOADER", getattr(yaml, kind))
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        ("1", 1),
+        ("-0", 0),
+        ("007", 7),
+        ("0x1F", 31),
+        ("0o17", 15),
+        ("1.5", 1.5),
+        ("1e-5", 1e-5),
+        ("-1.5E+3", -1500.0),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("-.inf", -math.inf),
+        ("true", True),
+        ("False", False),
+        ("", None),
+        ("~", None),
+        ("null", None),
+        # Words in YAML 1.2, though not in 1.1.
+        ("on", "on"),
+        ("no", "no"),
+        ("1_000", "1_000"),
+        ("12:30", "12:30"),
+        ("0x", "0x"),
+        ("1.2.3", "1.2.3"),
+        ('"1"', "1"),
+        ("'true'", "true"),
+        ("panda_joint1", "panda_joint1"),
+    ],
+)
+def test_words(word: str, value: object) -> None:
+    found = parse_yaml(f"key: {word}\n".encode(), HERE)["key"]
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_what_is_not_a_number() -> None:
+    assert math.isnan(parse_yaml(b"[.nan]", HERE)[0])
+
+
+def test_nested_values() -> None:
+    text = b"a: {b: [1, {c: x}], 2: y}\nd:\n- - 1\n  - 2\n- {}\n- []\n"
+    expected = {"a": {"b": [1, {"c": "x"}], "2": "y"}, "d": [[1, 2], {}, []]}
+    assert parse_yaml(text, HERE) == expected
+    assert parse_yaml(b"", HERE) is None
+
+
+def test_aliases() -> None:
+    text = b"a: &x {k: 1}\nb: *x\nc: &y word\nd: *y\n"
+    value = parse_yaml(text, HERE)
+    assert value == {"a": {"k": 1}, "b": {"k": 1}, "c": "word", "d": "word"}
+
+
+def bomb(levels: int) -> bytes:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    for k in range(1, levels):
+        lines.append(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]")
+    return "\n".join(lines).encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (bomb(12), "more than .* values"),
+        (b"[" * 100_000, "nest deeper"),
+        (b"a: " * 10, "is no YAML"),
+        (b"{a: 1", "is no YAML"),
+        (b"\xff\xfe\xfa", "is no YAML"),
+        (b"a: \x00", "is no YAML"),
+        (b"a: 1\na: 2\n", "line 2: the key 'a' is there twice"),
+        (b"a: &x [*x]\n", "nothing is named 'x'|is no YAML"),
+        (b"a: *y\n", "nothing is named 'y'|is no YAML"),
+        (b"a: !!python/object/apply:os.system [echo]\n", "the tag .*python"),
+        (b"a: !mine 1\n", "the tag '!mine'"),
+        (b"? [1, 2]\n: 3\n", "no single word"),
+        (b"--- 1\n--- 2\n", "a second document"),
+    ],
+)
+def test_hostile_yaml(content: bytes, words: str) -> None:
+    with pytest.raises(ScenarioError, match=words) as caught:
+        parse_yaml(content, HERE)
+    assert caught.value.path == HERE
+    assert str(caught.value).startswith("file.yaml")
+    assert len(str(caught.value)) < 600
+
+
+def test_damaged_files_never_raise_anything_else(rng: np.random.Generator) -> None:
+    text = b"a: {b: [1, 'x', \"y\"], c: &z 1e-5}\nd:\n- - 1\n  - *z\n- |\n  text\n" * 1
+    whole = np.frombuffer(text, dtype=np.uint8)
+    refused = 0
+    for case in range(300):
+        damaged = whole.copy()
+        damaged[rng.integers(len(whole), size=2)] = rng.integers(256, size=2)
+        end = int(rng.integers(len(whole))) if case % 3 == 0 else len(whole)
+        try:
+            parse_yaml(damaged[:end].tobytes(), HERE)
+        except ScenarioError:
+            refused += 1
+    assert 50 < refused < 300
+
+
+def test_files(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("x: 1")
+    assert read_yaml(path) == {"x": 1}
+    with pytest.raises(ScenarioError, match="more than the 3 it may have"):
+        read_bytes(path, 3)
+    with pytest.raises(ScenarioError, match="is a folder"):
+        read_yaml(tmp_path)
+    with pytest.raises(ScenarioError, match="there is no file"):
+        read_yaml(tmp_path / "b.yaml")
+    with pytest.raises(ScenarioError, match="no regular file"):
+        read_yaml(Path("/dev/null"))
