@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from seeding_samples import END, maze, wall
 
 import tominpmp as tm
-from tominpmp.seeding.guess import initial_guesses
-from tominpmp.seeding.inverse_kinematics import goal_configurations
+from tominpmp.seeding import guess as guess_module
+from tominpmp.seeding import sampling
+from tominpmp.seeding.guess import initial_guesses, sampled_guesses
+from tominpmp.seeding.inverse_kinematics import (
+    REACHED,
+    SPREAD,
+    find_configurations,
+    goal_configurations,
+)
+from tominpmp.seeding.sampling import is_free, sampling_available
 from tominpmp.seeding.timing import time_straight_line
 from tominpmp.transcription.system import System
 
@@ -125,3 +136,129 @@ def test_guesses_for_a_frame_begin_at_rest_and_reach_the_goal_after():
     for guess in others:
         error, _ = problem.goal.place_residual(system.kinematics, guess.q[-1])
         assert np.linalg.norm(error) < 1e-6
+
+
+# Near the point that the tip is to reach.
+BALL = tm.Sphere("ball", radius=0.3, position=(3.5, 1.2, 0))
+
+
+def planar_system(scene=None, goal=(4, 1, 0)):
+    robot = tm.load_robot("planar3r")
+    goal = tm.PositionGoal("tip", goal)
+    return System.of(tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=scene))
+
+
+def test_configurations_are_told_apart_by_collision():
+    open_system, system = planar_system(), planar_system(tm.Scene([BALL]))
+    goal = system.problem.goal
+    every = find_configurations(open_system, goal, 20, np.random.default_rng(0))
+    search = find_configurations(system, goal, 20, np.random.default_rng(0))
+    assert not every.blocked and search.free and search.blocked
+    assert len(search.free) + len(search.blocked) == len(every.free)
+    assert all(is_free(system, q) for q in search.free)
+    assert not any(is_free(system, q) for q in search.blocked)
+    again, least = goal_configurations(system, goal, 20, np.random.default_rng(0))
+    np.testing.assert_array_equal(again, search.free)
+    assert least == 0.0
+
+
+def test_configurations_in_collision_are_better_than_none():
+    system = planar_system(tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 1, 0))]))
+    goal = system.problem.goal
+    search = find_configurations(system, goal, 5, np.random.default_rng(0))
+    assert not search.free and search.blocked
+    found, least = goal_configurations(system, goal, 5, np.random.default_rng(0))
+    np.testing.assert_array_equal(found, search.blocked)
+    assert least == 0.0
+
+
+def test_configurations_spread_before_they_crowd():
+    system = planar_system()
+    search = find_configurations(
+        system, system.problem.goal, 30, np.random.default_rng(0)
+    )
+    q = np.array(search.free)
+    apart = np.abs(q[:, None] - q).max(axis=2) + np.eye(len(q)) * 10
+    few = 1
+    while few < len(q) and apart[few, :few].min() > SPREAD:
+        few += 1
+    assert 2 <= few < len(q)
+    assert all(apart[i, :few].min() <= SPREAD for i in range(few, len(q)))
+
+
+def test_unreachable_goals_tell_how_near_they_come():
+    system = planar_system(goal=(-3.0, -4.9, 0.0))  # joint 1 stays above the ground
+    search = find_configurations(
+        system, system.problem.goal, 5, np.random.default_rng(0)
+    )
+    assert not search.free and not search.blocked
+    assert search.least > 100 * REACHED
+
+
+needs_ompl = pytest.mark.skipif(not sampling_available(), reason="OMPL is missing")
+
+
+@needs_ompl
+def test_guesses_around_obstacles_begin_straight_and_go_on_with_sampled_paths(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    guesses = list(initial_guesses(system, 6, np.random.default_rng(0)))
+    names = [guess.name for guess in guesses]
+    assert names[0] == "straight line" and names[-1] == "via point"
+    sampled = [guess for guess in guesses if guess.name == "sampled path"]
+    assert names[1 : 1 + len(sampled)] == ["sampled path"] * len(sampled)
+    sides = set()
+    for guess in sampled:
+        q = guess.position(np.linspace(0, guess.duration, 150))
+        assert guess.timed and all(is_free(system, row) for row in q)
+        sides.add(np.sign(q[np.argmin(np.abs(q[:, 0])), 1]))
+    assert sides == {1.0, -1.0}
+
+
+@needs_ompl
+def test_paths_are_sampled_only_when_asked_for(tmp_path, monkeypatch):
+    calls = []
+
+    def count(*args, **kwargs):
+        calls.append(args)
+        return sample(*args, **kwargs)
+
+    sample = sampling.sample_path
+    monkeypatch.setattr(sampling, "sample_path", count)
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    guesses = initial_guesses(system, 3, np.random.default_rng(0))
+    assert next(guesses).name == "straight line" and not calls
+    assert next(guesses).name == "sampled path" and calls
+
+
+@needs_ompl
+def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.6, 0.8))
+    paths = sampled_guesses(system, [np.array(END)], np.random.default_rng(0))
+    durations = [guess.duration for guess in itertools.islice(paths, 2)]
+    assert len(durations) == 2 and durations[0] < durations[1]
+
+
+def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
+    system = maze(tmp_path, wall("aside", 0.0, 1.0, 1.4))
+    guesses = initial_guesses(system, 3, np.random.default_rng(0))
+    assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
+
+
+def test_without_ompl_via_points_follow_the_straight_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(guess_module, "sampling_available", lambda: False)
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    guesses = initial_guesses(system, 3, np.random.default_rng(0))
+    assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
+
+
+@needs_ompl
+def test_guesses_for_a_frame_among_obstacles_lead_to_several_configurations():
+    system = planar_system(tm.Scene([BALL]))
+    guesses = list(initial_guesses(system, 5, np.random.default_rng(0)))
+    names = [guess.name for guess in guesses]
+    assert names[:3] == ["straight line", "at rest", "sampled path"]
+    ends = [g.q[-1] for g in guesses if g.name == "sampled path"]
+    assert max(np.abs(a - b).max() for a, b in itertools.combinations(ends, 2)) > 0.3
+    for q in ends:
+        error, _ = system.problem.goal.place_residual(system.kinematics, q)
+        assert np.linalg.norm(error) < REACHED and is_free(system, q)

@@ -1,0 +1,165 @@
+"""Sampled paths."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+
+import numpy as np
+import pytest
+from seeding_samples import END, START, fine, maze, wall
+
+import tominpmp as tm
+from tominpmp.exceptions import MissingDependency
+from tominpmp.seeding.sampling import (
+    alike,
+    is_free,
+    is_free_line,
+    sample_path,
+    sample_paths,
+    sampling_available,
+)
+from tominpmp.transcription.system import System
+
+needs_ompl = pytest.mark.skipif(not sampling_available(), reason="OMPL is missing")
+
+
+def zigzag(folder):
+    return maze(folder, wall("first", -0.6, -2.0, 1.2), wall("second", 0.6, -1.2, 2.0))
+
+
+@needs_ompl
+def test_a_path_leads_through_a_maze(tmp_path):
+    system = zigzag(tmp_path)
+    path = sample_path(system, np.array(END), seed=1)
+    np.testing.assert_array_equal(path[[0, -1]], [START, END])
+    points = fine(path)
+    # Branches are checked every 0.05 of the reach; between these a corner may be cut.
+    assert max(system.clearance.values(points, np.inf).max(), 0.0) * system.reach < 0.02
+    assert np.interp(-0.6, points[:, 0], points[:, 1]) > 1.2
+    assert np.interp(0.6, points[:, 0], points[:, 1]) < -1.2
+    assert len(path) < 20  # it was simplified
+
+
+@needs_ompl
+def test_a_path_depends_on_its_seed_alone(tmp_path):
+    system = zigzag(tmp_path)
+    paths = [sample_path(system, np.array(END), seed) for seed in (3, 3, 4, 3)]
+    np.testing.assert_array_equal(paths[0], paths[1])
+    np.testing.assert_array_equal(paths[0], paths[3])
+    assert paths[0].shape != paths[2].shape or not np.allclose(paths[0], paths[2])
+
+
+@needs_ompl
+def test_an_arm_reaches_around_a_ball(planar3r):
+    # Stretched out it would sweep across the ball: it has to fold.
+    scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
+    goal = tm.JointGoal((1.4, 0.0, 0.0))
+    system = System.of(tm.Problem(planar3r, (0.3, 0.0, 0.0), goal, scene=scene))
+    line = fine(np.stack([system.problem.q_start, goal.q]))
+    assert not all(is_free(system, q) for q in line)
+    path = sample_path(system, goal.q, seed=1)
+    assert max(system.clearance.values(fine(path), np.inf).max(), 0.0) < 0.02
+    limits = planar3r.limits
+    assert np.all((path >= limits.position_lower) & (path <= limits.position_upper))
+
+
+@needs_ompl
+def test_no_path_through_a_closed_wall(tmp_path):
+    system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
+    assert sample_path(system, np.array(END), 1, checks=2000) is None
+    rng = np.random.default_rng(0)
+    assert list(sample_paths(system, [np.array(END)], rng, checks=500)) == []
+
+
+@needs_ompl
+def test_no_path_once_the_time_is_up(tmp_path):
+    past = time.perf_counter() - 1.0
+    system = zigzag(tmp_path)
+    assert sample_path(system, np.array(END), 1, deadline=past) is None
+    rng = np.random.default_rng(0)
+    assert list(sample_paths(system, [np.array(END)], rng, deadline=past)) == []
+
+
+@needs_ompl
+def test_no_path_to_an_end_in_collision(tmp_path):
+    system = zigzag(tmp_path)
+    inside = np.array([0.6, 0.0])
+    assert sample_path(system, inside, 1, checks=500) is None
+    ends = [inside, np.array(END)]
+    path = next(sample_paths(system, ends, np.random.default_rng(0)))
+    np.testing.assert_array_equal(path[-1], END)
+
+
+@needs_ompl
+def test_paths_around_a_block_pass_on_both_sides(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    rng = np.random.default_rng(0)
+    paths = list(sample_paths(system, [np.array(END)], rng))
+    heights = [np.interp(0.0, fine(p)[:, 0], fine(p)[:, 1]) for p in paths]
+    assert min(heights) < -0.8 and max(heights) > 0.8
+    for one, other in itertools.combinations(paths, 2):
+        assert not alike(system, one, other)
+
+
+@needs_ompl
+def test_ends_take_turns_and_the_order_is_reproducible(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    ends = [np.array(END), np.array((1.5, -1.5))]
+
+    def two():
+        paths = sample_paths(system, ends, np.random.default_rng(7))
+        return list(itertools.islice(paths, 2))
+
+    one, other = two(), two()
+    for path, again, end in zip(one, other, ends, strict=True):
+        np.testing.assert_array_equal(path[-1], end)
+        np.testing.assert_array_equal(path, again)
+
+
+@needs_ompl
+def test_known_paths_are_not_found_again(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    over = np.array([START, (0.0, 1.4), END])
+    rng = np.random.default_rng(0)
+    paths = list(sample_paths(system, [np.array(END)], rng, known=[over]))
+    assert paths and all(not alike(system, over, path) for path in paths)
+
+
+def test_lines_are_checked_along_their_length(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
+    assert not is_free_line(system, np.array(START), np.array(END))
+    assert is_free_line(system, np.array((-1.5, 1.2)), np.array((1.5, 1.2)))
+
+
+def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
+    system = maze(tmp_path, wall("block", 0.0, -0.5, 0.5))
+    over = np.array([START, (0.0, 0.8), END])
+    high = np.array([START, (-1.0, 1.6), (1.0, 1.6), END])
+    under = over * (1, -1)
+    assert alike(system, over, high)
+    assert not alike(system, over, under)
+    elsewhere = np.array([START, (0.0, 0.8), (1.5, 1.5)])
+    assert not alike(system, over, elsewhere)
+
+
+@needs_ompl
+def test_messages_of_ompl_are_restored(tmp_path, capfd):
+    from ompl import util
+
+    level = util.getLogLevel()
+    try:
+        util.setLogLevel(util.LogLevel.LOG_WARN)
+        sample_path(zigzag(tmp_path), np.array(END), 1)
+        assert util.getLogLevel() == util.LogLevel.LOG_WARN
+    finally:
+        util.setLogLevel(level)
+    out, err = capfd.readouterr()
+    assert "RRTConnect" not in out + err and "Error" not in out + err
+
+
+def test_without_ompl_a_path_raises(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    with pytest.raises(MissingDependency, match=r"tominpmp\[sampling\]"):
+        sample_path(zigzag(tmp_path), np.array(END), 1)
