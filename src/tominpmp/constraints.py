@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
+from typing import Any, Protocol
+
+import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision import CollisionChecker, DistanceCache
+
+# Numbers of instants for which distances are remembered: a transcription looks at the
+# instants of its rows, and at those between them.
+CACHES = 3
 
 
 class PathConstraint(Protocol):
@@ -15,36 +22,100 @@ class PathConstraint(Protocol):
     def count(self) -> int:
         """Number of inequalities at an instant."""
 
-    def values(self, q: Array) -> Array:
-        """Values b(q), <= 0 where satisfied, shapes (m, n) to (m, count)."""
+    def values(self, q: Array, attention: float | None = None) -> Array:
+        """Values b(q), <= 0 where satisfied, shapes (m, n) to (m, count).
+
+        Values below -attention may be upper bounds that are below it too.
+        """
+
+    def is_kept(self, q: Array) -> bool:
+        """Whether all inequalities hold at one q of shape (n,)."""
 
     def gradients(self, q: Array, which: IntArray) -> Array:
         """Gradients of some inequalities at one q of shape (n,), shape (k, n)."""
 
+    def gradients_at(self, q: Array, instants: IntArray, which: IntArray) -> Array:
+        """Gradients of inequalities ``which`` at q[instants], shape (k, n)."""
+
 
 class ClearanceConstraint:
-    """Keep every link farther than a margin from every obstacle: margin - distance.
+    """Keep every link farther than a margin from all that it is watched against.
 
     Attributes:
         checker: Distances of the pairs.
         margin: Distance to keep [m], one for all pairs or by pair.
         length: Length that the values are divided by [m].
+        attention: Values below minus this need not be exact: there is more room than
+            anyone asks for, and a bound on it is enough, which is faster. In units of
+            the length; infinite for exact values throughout.
     """
 
     def __init__(
-        self, checker: CollisionChecker, margin: float | Array, length: float
+        self,
+        checker: CollisionChecker,
+        margin: float | Array,
+        length: float,
+        attention: float = math.inf,
     ) -> None:
         self.checker, self.margin, self.length = checker, margin, length
+        self.attention = attention
+        self._caches: dict[int, DistanceCache] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle without what is remembered."""
+        return {**self.__dict__, "_caches": {}}
 
     @property
     def count(self) -> int:
         """Number of pairs."""
         return len(self.checker.pairs)
 
-    def values(self, q: Array) -> Array:
-        """Missing clearance in units of the length, shape (m, count)."""
-        return (self.margin - self.checker.distances(q)) / self.length
+    def values(self, q: Array, attention: float | None = None) -> Array:
+        """Missing clearance in units of the length.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m]. Calls with as many of them are
+                taken for the same instants of a motion that changes a little.
+            attention: Instead of the attribute.
+
+        Returns:
+            Shape (m, count). Values above minus the attention are exact; the others
+            may be upper bounds, which are not above it either.
+        """
+        attention = self.attention if attention is None else attention
+        if math.isinf(attention):
+            return (self.margin - self.checker.distances(q)) / self.length
+        cutoff = self.margin + attention * self.length
+        return (self.margin - self._cache(len(q)).distances(q, cutoff)) / self.length
+
+    def is_kept(self, q: Array) -> bool:
+        """Whether the margin is kept at one configuration; faster than the values."""
+        return self.checker.is_free(q, self.margin)
+
+    def _cache(self, instants: int) -> DistanceCache:
+        # The one that was not used for longest is the first.
+        found = self._caches.pop(instants, None)
+        if found is None:
+            found = self.checker.cache(instants)
+            if len(self._caches) >= CACHES:
+                del self._caches[next(iter(self._caches))]
+        self._caches[instants] = found
+        return found
 
     def gradients(self, q: Array, which: IntArray) -> Array:
-        """Gradients of some values, shape (k, n)."""
+        """Gradients of some values at one configuration, shape (k, n)."""
         return -self.checker.gradients(q, which) / self.length
+
+    def gradients_at(self, q: Array, instants: IntArray, which: IntArray) -> Array:
+        """Gradients of some values at several configurations.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each gradient, shape (k,).
+            which: Index of its pair, shape (k,).
+
+        Returns:
+            Shape (k, n).
+        """
+        found = self.checker.gradients_at(q, instants, np.asarray(which))
+        return -found / self.length

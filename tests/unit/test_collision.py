@@ -23,8 +23,7 @@ from robot_samples import (
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from tominpmp import collision
-from tominpmp.collision import CollisionChecker, Contact, obstacle_shape
+from tominpmp.collision import CollisionChecker, Contact, narrow, obstacle_shape, shapes
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot, load_robot
@@ -263,7 +262,7 @@ def test_mesh_that_is_flat(
         ]
     )
     found = CollisionChecker(arm, scene).distances(np.zeros((1, 1)))[0]
-    np.testing.assert_allclose(found, [0.3, -0.05], atol=collision.THINNEST)
+    np.testing.assert_allclose(found, [0.3, -0.05], atol=shapes.THINNEST)
 
 
 def test_hulls_are_built_once() -> None:
@@ -272,8 +271,8 @@ def test_hulls_are_built_once() -> None:
     CollisionChecker(arm, scene)
     mesh = fixed_link(arm, "forearm_link_0").geometry
     before = mesh.convex.points().tobytes()
-    first = collision._convex(mesh)
-    assert collision._convex(mesh).id() == first.id()
+    first = shapes.convex_hull(mesh)
+    assert shapes.convex_hull(mesh).id() == first.id()
     assert mesh.convex.points().tobytes() == before
 
 
@@ -362,12 +361,12 @@ def test_failed_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = checker.distances(q[None])
     assert expected.min() < -0.1
     assert expected.max() > 0.01
-    monkeypatch.setattr(collision, "FAILED", -1.0)
+    monkeypatch.setattr(narrow, "FAILED", -1.0)
     found = checker.distances(q[None])
     assert not np.array_equal(found, expected)  # the tolerance was another
     np.testing.assert_allclose(found, expected, atol=1e-5)
     assert np.all(np.isfinite(checker.gradients(q, np.arange(7))))
-    monkeypatch.setattr(collision, "FAILED", 1e100)
+    monkeypatch.setattr(narrow, "FAILED", 1e100)
     np.testing.assert_allclose(checker.distances(q[None]), expected, atol=2e-6)
 
 
@@ -376,7 +375,7 @@ def test_no_failure_gets_through(
     tolerance: float, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
     """Tolerances at which Coal does fail now and then."""
-    monkeypatch.setattr(collision, "EPA_TOLERANCE", tolerance)
+    monkeypatch.setattr(narrow, "EPA_TOLERANCE", tolerance)
     arm = load_robot("ur5")
     q = np.array([0.1, -1.2, 1.1, 0.3, 0.2, 0.1])
     item = fixed_link(arm, "forearm_link_0")

@@ -1,0 +1,15 @@
+"""Distances between a robot, its surroundings and itself.
+
+Distances are signed: negative in penetration, where the value is the depth. Links are
+taken as convex pieces, which makes a query about a hundred times faster than with the
+triangles of their meshes. Pairs that are surely far apart are told from bounds, without
+a query.
+"""
+
+from __future__ import annotations
+
+from tominpmp.collision.cache import DistanceCache
+from tominpmp.collision.checker import CollisionChecker, Contact
+from tominpmp.collision.shapes import obstacle_shape
+
+__all__ = ["CollisionChecker", "Contact", "DistanceCache", "obstacle_shape"]

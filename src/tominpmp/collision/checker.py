@@ -1,0 +1,239 @@
+"""Distances of the links of a robot to obstacles and to each other."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.collision.bodies import Geometry, robot_bodies, scene_bodies
+from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.cache import DistanceCache
+from tominpmp.collision.narrow import Guard, NarrowPhase
+from tominpmp.collision.placements import Placements
+from tominpmp.collision.query import Count, DistanceQuery
+from tominpmp.collision.selection import scene_pairs, self_pairs
+from tominpmp.collision.shapes import is_convex
+from tominpmp.exceptions import SceneError
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene
+
+
+class Contact(NamedTuple):
+    """The pair that comes closest in a configuration.
+
+    Attributes:
+        link: Name of the link.
+        obstacle: Name of what it comes close to.
+        distance: Signed distance [m].
+        own: Whether that is another link of the robot.
+    """
+
+    link: str
+    obstacle: str
+    distance: float
+    own: bool = False
+
+
+class CollisionChecker:
+    """Distances of the links of a robot to the obstacles of a scene and to each other.
+
+    A query begins where the one before it ended, which is faster along a motion; the
+    answers depend on former queries within the tolerances of Coal.
+
+    Attributes:
+        robot: The robot.
+        scene: The obstacles.
+        self_collision: Whether links are watched against each other and against what
+            is fixed to the base.
+        geometry: What meshes of the links are taken as.
+        pairs: Names (link, other) of the pairs that are watched, first those with
+            obstacles; a link has a pair for each of its convex pieces.
+        obstacle_pairs: How many of them are with obstacles.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        *,
+        self_collision: bool = False,
+        geometry: Geometry = "convex",
+    ) -> None:
+        """Find the pairs.
+
+        Args:
+            robot: The robot.
+            scene: The obstacles.
+            self_collision: Whether to watch links against each other, and against what
+                is fixed to the base.
+            geometry: "convex" takes meshes of links as convex pieces; "mesh" takes
+                their triangles, which is slow and does not know how deep an overlap is.
+
+        Raises:
+            SceneError: If there are obstacles, but no geometry on moving links.
+        """
+        self.robot, self.scene, self.geometry = robot, scene, geometry
+        self.self_collision = self_collision
+        watching = self.self_collision or len(scene)
+        links = robot_bodies(robot, geometry) if watching else []
+        if len(scene) and not any(body.joint for body in links):
+            raise SceneError(
+                f"the robot {robot.name!r} has no collision geometry on its moving "
+                "links, so that its clearance from the scene cannot be told"
+            )
+        bodies = [*links, *scene_bodies(scene)]
+        first, second = scene_pairs(bodies, len(links))
+        self.obstacle_pairs = int(first.size)
+        if self.self_collision:
+            own = self_pairs(robot, links)
+            first = np.concatenate([first, own[0]])
+            second = np.concatenate([second, own[1]])
+        self.pairs: tuple[tuple[str, str], ...] = tuple(
+            (bodies[i].name, bodies[k].name)
+            for i, k in zip(first.tolist(), second.tolist(), strict=True)
+        )
+        self._joint = np.array([body.joint for body in bodies], dtype=np.int64)
+        self._first, self._second = first, second
+        self._placements = Placements(robot.model)
+        self._narrow = NarrowPhase(robot.model, bodies, first, second)
+        self._guard: tuple[float | Array, Guard] | None = None
+        self._query = DistanceQuery(
+            robot,
+            self._placements,
+            BroadPhase(bodies, first, second),
+            self._narrow,
+            np.array([is_convex(body.shape) for body in bodies], dtype=bool),
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the geometry, which is built again."""
+        return _rebuilt, (self.robot, self.scene, self.self_collision, self.geometry)
+
+    @property
+    def count(self) -> Count:
+        """How many pairs were asked for with a cutoff, and how many were measured."""
+        return self._query.count
+
+    def distances(self, q: Array, cutoff: float | Array | None = None) -> Array:
+        """Signed distances at configurations.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
+                or by pair, shape (pairs,); None for exact distances throughout.
+
+        Returns:
+            Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
+            the others may be lower bounds, which are not below the cutoff either.
+        """
+        if cutoff is not None:
+            return DistanceCache(self._query, len(q)).distances(q, cutoff)
+        out = np.empty((q.shape[0], len(self.pairs)))
+        if not self.pairs:
+            return out
+        for i, row in enumerate(self.robot.expand(q)):
+            out[i] = self._narrow.all(row)
+        return out
+
+    def is_free(self, q: Array, margin: float | Array = 0.0) -> bool:
+        """Whether all pairs are farther apart than a margin at one configuration.
+
+        This does not ask by how much, and is ten times faster than the distances.
+
+        Args:
+            q: Configuration, shape (n,) [rad or m].
+            margin: Distance to keep [m], one for all pairs or by pair.
+        """
+        if not self.pairs:
+            return True
+        # A sampler asks ten thousands of times with the very same margin.
+        if self._guard is None or self._guard[0] is not margin:
+            limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
+            self._guard = margin, self._narrow.guard(limit)
+        return self._guard[1].is_free(self.robot.expand(q))
+
+    def cache(self, instants: int) -> DistanceCache:
+        """A memory for distances at so many configurations that change little."""
+        return DistanceCache(self._query, instants)
+
+    def gradients(self, q: Array, pairs: IntArray) -> Array:
+        """Gradients of some distances at one configuration.
+
+        Args:
+            q: Configuration, shape (n,) [rad or m].
+            pairs: Indices of the pairs, shape (k,).
+
+        Returns:
+            Gradients, shape (k, n) [m/rad or m/m].
+        """
+        pairs = np.asarray(pairs, dtype=np.int64)
+        return self.gradients_at(q[None], np.zeros(pairs.size, dtype=np.int64), pairs)
+
+    def gradients_at(self, q: Array, instants: IntArray, pairs: IntArray) -> Array:
+        r"""Gradients of some distances at several configurations.
+
+        With the witness points p1, p2 and the unit normal n from the first body to the
+        second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. In penetration and at contact
+        the normal stays defined, so that the gradient is finite there too. It is zero
+        where no joint changes the distance: a planar arm over a box that is flatter
+        than the arm is thick can only leave it across its plane, which it cannot do.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each gradient, shape (k,).
+            pairs: Index of its pair, shape (k,).
+
+        Returns:
+            Gradients, shape (k, n) [m/rad or m/m].
+        """
+        k, rows = len(pairs), self.robot.expand(q)
+        normal, points = np.empty((k, 3)), np.empty((2, k, 3))
+        order = np.argsort(instants, kind="stable")
+        starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
+        for chosen in np.split(order, starts[1:]) if k else []:
+            self._narrow.place(rows[instants[chosen[0]]])
+            found = self._narrow.witnesses(pairs[chosen].tolist())
+            normal[chosen] = found.normal
+            points[0, chosen], points[1, chosen] = found.first, found.second
+        R, t = self._placements.joints(rows)
+        placed = R[instants], t[instants]
+        out = np.zeros((k, self.robot.model.nv))
+        for bodies, point, sign in (
+            (self._first, points[0], -1.0),
+            (self._second, points[1], 1.0),
+        ):
+            joint = self._joint[bodies[pairs]]
+            out += sign * self._placements.jacobian_rows(placed, joint, point, normal)
+        return self.robot.reduce_tangent(out)
+
+    def margins(self, margin: float) -> Array:
+        """A margin from obstacles by pair, shape (pairs,) [m]; links need none."""
+        out = np.zeros(len(self.pairs))
+        out[: self.obstacle_pairs] = margin
+        return out
+
+    def closest(self, q: Array, margin: float | Array = 0.0) -> Contact | None:
+        """The pair with the least room at one configuration; None without pairs.
+
+        Args:
+            q: Configuration, shape (n,) [rad or m].
+            margin: Distance that does not count as room [m], one for all pairs or by
+                pair.
+        """
+        if not self.pairs:
+            return None
+        row = self.distances(q[None])[0]
+        index = int(np.argmin(row - margin))
+        return Contact(
+            *self.pairs[index], float(row[index]), own=index >= self.obstacle_pairs
+        )
+
+
+def _rebuilt(
+    robot: Robot, scene: Scene, self_collision: bool, geometry: Geometry
+) -> CollisionChecker:
+    return CollisionChecker(
+        robot, scene, self_collision=self_collision, geometry=geometry
+    )

@@ -1,0 +1,211 @@
+"""Distances at many configurations: bounds where they will do, else exact queries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.narrow import NarrowPhase
+from tominpmp.collision.placements import Placements
+from tominpmp.robot import Robot
+
+# Taken off the bounds, for the tolerances of distances and normals [m].
+SLACK = 2e-6
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """What exact queries have found: distances, and planes that part the bodies.
+
+    All is in the axes of the second body of a pair, so that it does not matter which
+    of the two moves. For P pairs at m instants:
+
+    Attributes:
+        distance: Signed distances [m], shape (m, P); -inf where there is none.
+        normal: Normals of the planes, shape (m, P, 3); zero where there is none.
+        centre: Centres of the first bodies [m], shape (m, P, 3).
+        R: Rotations first_to_second, shape (m, P, 3, 3).
+    """
+
+    distance: Array
+    normal: Array
+    centre: Array
+    R: Array
+
+    @classmethod
+    def none(cls, instants: int, pairs: int) -> References:
+        """Nothing is known yet."""
+        shape = (instants, pairs)
+        return cls(
+            np.full(shape, -np.inf),
+            np.empty((*shape, 3)),
+            np.empty((*shape, 3)),
+            np.empty((*shape, 3, 3)),
+        )
+
+
+@dataclass
+class Count:
+    """How pairs were settled.
+
+    Attributes:
+        pairs: Pairs asked for.
+        queries: Pairs that needed an exact query.
+    """
+
+    pairs: int = 0
+    queries: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceQuery:
+    """The steps from coarse bounds to exact distances.
+
+    Attributes:
+        robot: The robot.
+        placements: Its forward kinematics.
+        broad: Bounds from balls and boxes.
+        narrow: Exact distances.
+        convex: Which bodies are convex, shape (bodies,).
+        count: How many queries there were.
+    """
+
+    robot: Robot
+    placements: Placements
+    broad: BroadPhase
+    narrow: NarrowPhase
+    convex: BoolArray
+    count: Count = field(default_factory=Count)
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs."""
+        return int(self.broad.first.size)
+
+    def place(self, q_model: Array) -> tuple[Array, Array]:
+        """Placements body_to_world at configurations of the model."""
+        return self.broad.place(self.placements.joints(q_model))
+
+    def distances(
+        self,
+        q_model: Array,
+        placed: tuple[Array, Array],
+        cutoff: Array,
+        known: References,
+        rows: IntArray,
+        sources: IntArray,
+    ) -> Array:
+        """Distances where they are below the cutoff, else lower bounds at least.
+
+        Args:
+            q_model: Configurations of the model, shape (m, nv).
+            placed: Placements body_to_world there.
+            cutoff: Distances beyond which a bound is enough [m], shape (pairs,).
+            known: What former queries found; new findings are added.
+            rows: Rows of ``known`` that belong to the configurations, shape (m,).
+            sources: Rows of ``known`` to look at where there is nothing, shape (m,).
+
+        Returns:
+            Shape (m, pairs) [m].
+        """
+        cutoff = np.maximum(cutoff, 0.0)  # bounds say nothing about depths
+        lower = self.broad.by_balls(placed)
+        self.count.pairs += lower.size
+        instant, pair = np.nonzero(lower < cutoff)
+        if not instant.size:
+            return lower
+        R, t, centre = self._relative(placed, instant, pair)
+        row = rows[instant]
+        row = np.where(np.isfinite(known.distance[row, pair]), row, sources[instant])
+        bound = np.maximum(
+            self.broad.by_covers(R, t, pair),
+            self._by_planes(known, row, pair, R, centre),
+        )
+        lower[instant, pair] = np.maximum(lower[instant, pair], bound)
+        near = np.flatnonzero(bound < cutoff[pair])
+        if not near.size:
+            return lower
+        instant, pair = instant[near], pair[near]
+        self.count.queries += near.size
+        distance, normal = self._exact(q_model, instant, pair)
+        lower[instant, pair] = distance
+        self._remember(
+            known,
+            (rows[instant], pair),
+            distance,
+            np.einsum(
+                "kij,ki->kj", placed[0][instant, self.broad.second[pair]], normal
+            ),
+            centre[near],
+            R[near],
+        )
+        return lower
+
+    def _relative(
+        self, placed: tuple[Array, Array], instant: IntArray, pair: IntArray
+    ) -> tuple[Array, Array, Array]:
+        """First bodies in the axes of the second: rotation, position, centre."""
+        a, b = self.broad.first[pair], self.broad.second[pair]
+        R, t = placed
+        second = R[instant, b]
+        turned = np.swapaxes(second, 1, 2) @ R[instant, a]
+        offset = np.einsum("kij,ki->kj", second, t[instant, a] - t[instant, b])
+        middle = self.broad.centre[a]
+        return turned, offset, offset + np.einsum("kij,kj->ki", turned, middle)
+
+    def _by_planes(
+        self, known: References, row: IntArray, pair: IntArray, R: Array, centre: Array
+    ) -> Array:
+        """Bounds from former distances and how far the first bodies have moved since.
+
+        A plane that parted two convex bodies still parts them by as much as the first
+        has not moved towards it; no point of it moves farther than its centre and the
+        turning of a ball around it allow. Without a plane, any motion counts.
+        """
+        out = np.full(row.size, -np.inf)
+        old = np.flatnonzero(np.isfinite(known.distance[row, pair]))
+        row, pair, R, centre = row[old], pair[old], R[old], centre[old]
+        normal, turn = known.normal[row, pair], R - known.R[row, pair]
+        shift = centre - known.centre[row, pair]
+        radius = self.broad.radius[self.broad.first[pair]]
+        turned = np.einsum("kij,ki->kj", turn, normal)
+        along = np.einsum("ki,ki->k", normal, shift)
+        along += radius * np.sqrt(np.einsum("ki,ki->k", turned, turned))
+        other = np.flatnonzero(np.einsum("ki,ki->k", normal, normal) < 0.5)
+        chord = np.sqrt(0.5 * np.sum(turn[other] ** 2, axis=(1, 2)))
+        along[other] = np.linalg.norm(shift[other], axis=1) + radius[other] * chord
+        out[old] = known.distance[row, pair] - along - SLACK
+        return out
+
+    def _exact(
+        self, q_model: Array, instant: IntArray, pair: IntArray
+    ) -> tuple[Array, Array]:
+        distances: list[float] = []
+        normals: list[Array] = []
+        starts = np.flatnonzero(np.diff(instant, prepend=-1))
+        for group, chosen in zip(
+            instant[starts].tolist(), np.split(pair, starts[1:]), strict=True
+        ):
+            self.narrow.place(q_model[group])
+            found = self.narrow.planes(chosen.tolist())
+            distances += found[0]
+            normals += found[1]
+        normal = np.array(normals).reshape(-1, 3)
+        convex = self.convex[self.broad.first] & self.convex[self.broad.second]
+        normal[~convex[pair]] = 0.0
+        return np.array(distances), normal
+
+    @staticmethod
+    def _remember(
+        known: References,
+        at: tuple[IntArray, IntArray],
+        distance: Array,
+        normal: Array,
+        centre: Array,
+        R: Array,
+    ) -> None:
+        known.distance[at], known.normal[at] = distance, normal
+        known.centre[at], known.R[at] = centre, R

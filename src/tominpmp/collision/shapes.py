@@ -1,0 +1,124 @@
+"""Shapes for Coal: those of obstacles, convex hulls of meshes, and their outlines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import SceneError
+from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Sphere
+
+# Flat meshes get this thickness [m]; Coal crashes on hulls without volume.
+THINNEST = 1e-4
+# A round edge is enclosed by a polygon of this many corners.
+CORNERS = 16
+
+
+def obstacle_shape(obstacle: Obstacle) -> Any:
+    """Shape of an obstacle for Coal.
+
+    Raises:
+        SceneError: If there is no shape for its type.
+    """
+    if isinstance(obstacle, Sphere):
+        return coal.Sphere(obstacle.radius)
+    if isinstance(obstacle, Box):
+        return coal.Box(*obstacle.size)
+    if isinstance(obstacle, Cylinder):
+        return coal.Cylinder(obstacle.radius, obstacle.length)
+    if isinstance(obstacle, Capsule):
+        return coal.Capsule(obstacle.radius, obstacle.length)
+    raise SceneError(
+        f"obstacle {obstacle.name!r}: there is no collision shape for a "
+        f"{type(obstacle).__name__}",
+        obstacle.name,
+    )
+
+
+def is_mesh(shape: Any) -> bool:
+    """Whether a shape is a soup of triangles."""
+    return isinstance(shape, coal.BVHModelBase)
+
+
+def is_convex(shape: Any) -> bool:
+    """Whether a shape is convex, so that a plane parts it from others."""
+    return isinstance(shape, coal.ShapeBase)
+
+
+def convex_hull(mesh: Any) -> Any:
+    """Convex hull of a mesh; it is kept with the mesh."""
+    if mesh.convex is None:  # else it was made for an earlier checker
+        vertices = np.array(mesh.vertices(), dtype=np.float64)
+        points = _thickened(vertices)
+        if len(points) > len(vertices):
+            return hull_of(points)
+        # Not buildConvexRepresentation: it takes a mesh with dents for convex as it
+        # is, and the distances come out too large.
+        mesh.buildConvexHull(True, "Qt")
+    return mesh.convex
+
+
+def hull_of(points: Array) -> Any:
+    """Convex hull of points, shape (k, 3)."""
+    vector = coal.StdVec_Vec3s()
+    for point in points:
+        vector.append(point)
+    return coal.Convex.convexHull(vector, True, "Qt")
+
+
+def _thickened(points: Array) -> Array:
+    """Points of a mesh, with copies to both sides of it if it is flat."""
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1].T
+    extents = np.ptp(points @ axes.T, axis=0)
+    for axis in axes[extents < THINNEST]:
+        shift = 0.5 * THINNEST * axis
+        points = np.concatenate([points - shift, points + shift])
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What encloses a shape: a convex hull of points, swollen by a radius.
+
+    Attributes:
+        points: Shape (k, 3) [m].
+        radius: Radius [m].
+    """
+
+    points: Array
+    radius: float = 0.0
+
+
+def outline(shape: Any) -> Outline:
+    """Enclose a shape; tightly but for the round edges of cylinders."""
+    if isinstance(shape, coal.Sphere):
+        return Outline(np.zeros((1, 3)), float(shape.radius))
+    if isinstance(shape, coal.Capsule):
+        half = float(shape.halfLength)
+        return Outline(np.array([[0, 0, -half], [0, 0, half]]), float(shape.radius))
+    if isinstance(shape, coal.Cylinder):
+        return Outline(_drum(float(shape.radius), float(shape.halfLength)))
+    if isinstance(shape, coal.ConvexBase):
+        return Outline(np.array(shape.points(), dtype=np.float64))
+    if isinstance(shape, coal.BVHModelBase):
+        return Outline(np.array(shape.vertices(), dtype=np.float64))
+    shape.computeLocalAABB()
+    box = shape.aabb_local
+    return Outline(_corners(np.array(box.min_), np.array(box.max_)))
+
+
+def _drum(radius: float, half: float) -> Array:
+    angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+    ring = radius / np.cos(np.pi / CORNERS) * np.array([np.cos(angle), np.sin(angle)])
+    ends = [np.column_stack([ring.T, np.full(CORNERS, z)]) for z in (-half, half)]
+    return np.concatenate(ends)
+
+
+def _corners(low: Array, high: Array) -> Array:
+    picks = np.indices((2, 2, 2)).reshape(3, 8).T
+    return np.asarray(np.where(picks == 0, low, high))

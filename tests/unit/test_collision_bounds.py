@@ -1,0 +1,283 @@
+"""Tests of lower bounds of distances, and of what is remembered of exact ones."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from tominpmp.collision import CollisionChecker
+from tominpmp.collision.bounds import BALLS, Enclosure
+from tominpmp.collision.placements import Placements
+from tominpmp.collision.shapes import Outline
+from tominpmp.constraints import CACHES, ClearanceConstraint
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+
+# Exact queries begin where the last one ended, and end within Coal's tolerances [m];
+# depths are found less precisely.
+EXACT = 1e-8
+DEPTHS = 5e-6
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+
+
+def clutter(rng: np.random.Generator, number: int = 8) -> Scene:
+    """A table, a pole and things around the arm in any pose."""
+    obstacles: list[Obstacle] = [
+        Box("table", size=(1.2, 1.6, 0.05), position=(0.6, 0.0, -0.1)),
+        Cylinder("pole", radius=0.03, length=1.5, position=(0.45, 0.3, 0.5)),
+    ]
+    for i in range(number):
+        name, size = f"o{i}", rng.uniform(0.05, 0.4, size=3)
+        position = rng.normal(size=3) * 0.5 + [0, 0, 0.4]
+        place = {"position": position, "rotation": rng.normal(size=4)}
+        thin = 0.3 * float(size[0])
+        obstacles.append(
+            (
+                Box(name, size=size, **place),
+                Cylinder(name, radius=thin, length=size[1], **place),
+                Capsule(name, radius=thin, length=size[1], **place),
+                Sphere(name, radius=thin, position=position),
+            )[i % 4]
+        )
+    return Scene(obstacles)
+
+
+def configurations(arm: Robot, count: int, rng: np.random.Generator) -> np.ndarray:
+    low, high = arm.limits.position_lower, arm.limits.position_upper
+    return rng.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (count, arm.n))
+
+
+def motion(arm: Robot, count: int, rng: np.random.Generator) -> np.ndarray:
+    ends = configurations(arm, 2, rng)
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    bend = np.sin(np.pi * share) * 0.3 * rng.normal(size=arm.n)
+    return np.asarray(ends[0] + share * (ends[1] - ends[0]) + bend)
+
+
+def check(
+    found: np.ndarray, exact: np.ndarray, cutoff: float | np.ndarray
+) -> np.ndarray:
+    """Exact below the cutoff, else a lower bound above it; which are mere bounds."""
+    cutoff = np.broadcast_to(cutoff, exact.shape)
+    near = exact < cutoff - DEPTHS
+    error = np.abs(found - exact)
+    assert np.all(error[near & (exact > 0.0)] < EXACT)
+    assert np.all(error[near] < DEPTHS)
+    assert np.all(found <= exact + DEPTHS)
+    assert np.all(found[~near] >= cutoff[~near] - DEPTHS)
+    return np.asarray(error > EXACT)
+
+
+# Balls and boxes
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 8, 40])
+def test_enclosures_contain_what_they_enclose(
+    count: int, rng: np.random.Generator
+) -> None:
+    for _ in range(20):
+        points = rng.normal(size=(count, 3)) * rng.uniform(0.0, 1.0, size=3)
+        points += rng.normal(size=3)
+        found = Enclosure.of(Outline(points, 0.1))
+        assert np.linalg.det(found.R) == pytest.approx(1.0)
+        weights = rng.dirichlet(np.full(count, 0.3), size=200)
+        inside = (weights @ points - found.t) @ found.R
+        assert np.all(np.abs(inside) <= found.half + 1e-9)
+        ball = np.linalg.norm(inside - found.centre, axis=1)
+        assert ball.max() <= found.radius - 0.1 + 1e-9
+        to_balls = np.linalg.norm(inside[:, None] - found.cover, axis=2)
+        assert np.all(np.min(to_balls - found.cover_radius, axis=1) <= -0.1 + 1e-9)
+        assert found.swell == 0.1
+
+
+def test_balls_along_a_stick_are_small() -> None:
+    stick = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    found = Enclosure.of(Outline(stick, 0.05))
+    assert found.radius == pytest.approx(0.55)
+    np.testing.assert_allclose(found.cover_radius, 0.5 / BALLS + 0.05)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "planar3r", "tiago"])
+def test_placements_are_those_of_pinocchio(name: str, rng: np.random.Generator) -> None:
+    arm = load_robot(name)
+    q = arm.expand(configurations(arm, 4, rng))
+    model, data = arm.model, arm.model.createData()
+    placements = Placements(model)
+    R, t = placements.joints(q)
+    for i, row in enumerate(q):
+        pin.computeJointJacobians(model, data, row)
+        for joint in range(model.njoints):
+            place = data.oMi[joint]
+            np.testing.assert_allclose(R[i, joint], place.rotation, atol=1e-12)
+            np.testing.assert_allclose(t[i, joint], place.translation, atol=1e-12)
+    joint = np.array([model.njoints - 1, model.njoints // 2, 0])
+    point, normal = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    pin.computeJointJacobians(model, data, q[0])
+    placed = np.repeat(R[:1], 3, axis=0), np.repeat(t[:1], 3, axis=0)
+    found = placements.jacobian_rows(placed, joint, point, normal)
+    for k in range(2):
+        jacobian = pin.getJointJacobian(
+            model, data, int(joint[k]), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        lever = np.cross(point[k] - t[0, joint[k]], normal[k])
+        expected = normal[k] @ jacobian[:3] + lever @ jacobian[3:]
+        np.testing.assert_allclose(found[k], expected, atol=1e-12)
+    assert not np.any(found[2])  # the world does not move
+
+
+# Cutoffs
+
+
+@pytest.mark.parametrize("cutoff", [-0.05, 0.0, 0.02, 0.1, 0.5])
+def test_bounds_are_bounds(
+    panda: Robot, cutoff: float, rng: np.random.Generator
+) -> None:
+    checker = CollisionChecker(panda, clutter(rng), self_collision=True)
+    q = configurations(panda, 60, rng)
+    exact = checker.distances(q)
+    bounds = check(checker.distances(q, cutoff), exact, cutoff)
+    if cutoff < 0.05:
+        assert np.mean(bounds) > 0.8
+    assert np.any(exact < -0.02)
+
+
+def test_cutoff_by_pair(panda: Robot, rng: np.random.Generator) -> None:
+    checker = CollisionChecker(panda, clutter(rng), self_collision=True)
+    q = configurations(panda, 20, rng)
+    cutoff = rng.uniform(0.0, 0.5, size=len(checker.pairs))
+    bounds = check(checker.distances(q, cutoff), checker.distances(q), cutoff)
+    assert 0.1 < np.mean(bounds) < 0.9
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "planar3r"])
+def test_cache_along_a_changing_motion(name: str, rng: np.random.Generator) -> None:
+    arm = load_robot(name)
+    checker = CollisionChecker(arm, clutter(rng), self_collision=True)
+    cache, q = checker.cache(30), motion(arm, 30, rng)
+    for step in (0.0, 0.3, 0.1, 0.01, 1e-3, 2.0):
+        q = q + step * rng.normal(size=q.shape)
+        for cutoff in (0.05, 0.2, 0.0):
+            check(cache.distances(q, cutoff), checker.distances(q), cutoff)
+
+
+def test_cache_asks_only_for_what_is_near(
+    panda: Robot, rng: np.random.Generator
+) -> None:
+    checker = CollisionChecker(panda, clutter(rng), self_collision=True)
+    q, cutoff = motion(panda, 40, rng), 0.05
+    cache, count = checker.cache(40), checker.count
+    cache.distances(q, cutoff)
+    cache.distances(q, cutoff)  # after it, each instant has measurements of its own
+    near = int(np.sum(checker.distances(q) < cutoff))
+    assert near > 20
+    asked = count.queries
+    found = cache.distances(q, cutoff)
+    assert count.queries - asked <= near + 2
+    np.testing.assert_array_equal(found >= cutoff, checker.distances(q) >= cutoff)
+    # What moves away from a plane need not be asked for again.
+    asked = count.queries
+    moved = q + 1e-4 * rng.normal(size=q.shape)
+    cache.distances(moved, cutoff)
+    assert count.queries - asked <= 1.1 * near + 5
+
+
+def test_without_pairs_or_configurations(planar3r: Robot) -> None:
+    empty = CollisionChecker(planar3r, Scene())
+    assert empty.distances(np.zeros((4, 3)), 0.1).shape == (4, 0)
+    assert empty.is_free(np.zeros(3))
+    checker = CollisionChecker(planar3r, Scene([Sphere("o", radius=1)]))
+    assert checker.distances(np.zeros((0, 3)), 0.1).shape == (0, 3)
+    none = np.zeros(0, dtype=np.int64)
+    assert checker.gradients_at(np.zeros((2, 3)), none, none).shape == (0, 3)
+
+
+# Whether a margin is kept
+
+
+def test_is_free_agrees_with_distances(panda: Robot, rng: np.random.Generator) -> None:
+    checker = CollisionChecker(panda, clutter(rng, 4), self_collision=True)
+    q = configurations(panda, 150, rng)
+    distances = checker.distances(q)
+    by_pair = rng.uniform(0.0, 0.05, size=len(checker.pairs))
+    for margin in (0.0, 0.03, by_pair, 0.0):
+        room = np.min(distances - margin, axis=1)
+        found = np.array([checker.is_free(row, margin) for row in q])
+        clear = np.abs(room) > 1e-5
+        np.testing.assert_array_equal(found[clear], room[clear] > 0.0)
+        assert 0.1 < np.mean(found) < 0.95
+
+
+# Gradients
+
+
+def test_gradients_at_several_instants(panda: Robot, rng: np.random.Generator) -> None:
+    checker = CollisionChecker(panda, clutter(rng), self_collision=True)
+    q = motion(panda, 12, rng)
+    instants = rng.integers(12, size=40)
+    pairs = rng.integers(len(checker.pairs), size=40)
+    found = checker.gradients_at(q, instants, pairs)
+    for k in range(40):
+        alone = checker.gradients(q[instants[k]], pairs[k : k + 1])[0]
+        np.testing.assert_allclose(found[k], alone, atol=1e-4)
+
+
+def test_gradients_between_links(rng: np.random.Generator) -> None:
+    arm, step = load_robot("ur5"), 1e-6
+    checker = CollisionChecker(arm, Scene(), self_collision=True)
+    pairs = np.arange(len(checker.pairs))
+    errors = []
+    for q in configurations(arm, 6, rng):
+        steps = step * np.eye(arm.n)
+        values = checker.distances(np.vstack([q + steps, q - steps]))
+        numeric = (values[: arm.n] - values[arm.n :]).T / (2.0 * step)
+        apart = checker.distances(q[None])[0] > 1e-3
+        error = np.abs(checker.gradients(q, pairs) - numeric).max(axis=1)
+        errors += error[apart].tolist()
+    assert len(errors) > 60
+    assert np.quantile(errors, 0.95) < 1e-4  # the rest is at edges
+
+
+# The constraint
+
+
+def test_attention(panda: Robot, rng: np.random.Generator) -> None:
+    checker = CollisionChecker(panda, clutter(rng))
+    margin = rng.uniform(0.0, 0.02, size=len(checker.pairs))
+    constraint = ClearanceConstraint(checker, margin, length=2.0, attention=0.05)
+    q = motion(panda, 25, rng)
+    exact = (margin - checker.distances(q)) / 2.0
+    for attention in (None, 0.0, 0.1):
+        found = constraint.values(q, attention)
+        limit = 0.05 if attention is None else attention
+        near = exact > -limit + DEPTHS
+        np.testing.assert_allclose(found[near], exact[near], atol=DEPTHS)
+        assert np.all(found >= exact - DEPTHS)
+        assert np.all(found[~near] <= -limit + DEPTHS)
+    np.testing.assert_allclose(constraint.values(q, np.inf), exact, atol=DEPTHS)
+    kept = np.array([constraint.is_kept(row) for row in q])
+    np.testing.assert_array_equal(kept, np.all(exact < 0.0, axis=1))
+    which = np.array([3, 0])
+    instants = np.array([24, 1])
+    np.testing.assert_allclose(
+        constraint.gradients_at(q, instants, which),
+        -checker.gradients_at(q, instants, which) / 2.0,
+        atol=1e-4,
+    )
+
+
+def test_few_caches_are_kept(planar3r: Robot) -> None:
+    checker = CollisionChecker(planar3r, Scene([Sphere("o", radius=1)]))
+    constraint = ClearanceConstraint(checker, 0.0, 6.0, attention=0.05)
+    for count in range(1, 10):
+        constraint.values(np.zeros((count, 3)))
+    assert list(constraint._caches) == list(range(10 - CACHES, 10))
+    back = pickle.loads(pickle.dumps(constraint))
+    assert back._caches == {}
+    assert back.attention == 0.05

@@ -1,0 +1,150 @@
+"""Tests of which links are watched against each other."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot_samples import INERTIAL, joint, link, load, robot
+
+from tominpmp.collision import CollisionChecker
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals import JointGoal
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scene import Scene, Sphere
+
+FAR = Scene([Sphere("far", radius=0.1, position=(9, 9, 9))])
+
+
+def own_pairs(arm: Robot) -> set[frozenset[str]]:
+    checker = CollisionChecker(arm, Scene(), self_collision=True)
+    assert checker.obstacle_pairs == 0
+    return {frozenset(pair) for pair in checker.pairs}
+
+
+def test_pairs_of_a_panda() -> None:
+    """All that its SRDF leaves, but for links that never part."""
+    arm = load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+    names = [f"panda_link{i}" for i in range(8)]
+    names += ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
+    assert arm.srdf is not None
+    disabled = {frozenset(pair) for pair in arm.srdf.disabled_pairs}
+    expected = {frozenset(pair) for pair in itertools.combinations(names, 2)} - disabled
+    # These are of one piece when the fingers do not move.
+    ends = frozenset(("panda_leftfinger", "panda_rightfinger"))
+    found = own_pairs(arm)
+    assert found == expected - {ends}
+    assert frozenset(("panda_link0", "panda_hand")) in found
+    assert frozenset(("panda_link1", "panda_link2")) not in found
+
+
+def test_pairs_of_a_ur5() -> None:
+    arm = load_robot("ur5")
+    assert arm.srdf is not None
+    disabled = {frozenset(pair) for pair in arm.srdf.disabled_pairs}
+    found = own_pairs(arm)
+    assert not found & disabled
+    assert frozenset(("wrist_1_link", "base_link")) in found
+    assert frozenset(("upper_arm_link", "ee_link")) in found
+    assert len(found) == 17
+
+
+def test_pairs_without_an_srdf() -> None:
+    """Neighbours are left out, and what always touches; the fixed base counts."""
+    arm = load_robot("ur10")
+    assert arm.srdf is None
+    found = own_pairs(arm)
+    chain = ["base_link", "shoulder_link", "upper_arm_link", "forearm_link"]
+    chain += ["wrist_1_link", "wrist_2_link", "wrist_3_link"]
+    for pair in itertools.pairwise(chain):
+        assert frozenset(pair) not in found
+    assert frozenset(("base_link", "forearm_link")) in found
+    assert frozenset(("upper_arm_link", "wrist_2_link")) in found
+
+
+def test_planar_arm_has_none(planar3r: Robot) -> None:
+    """The paper's arm may cross itself; its SRDF says so."""
+    assert own_pairs(planar3r) == set()
+
+
+SHAPE = '{}<collision><geometry><sphere radius="{}"/></geometry></collision>'
+
+
+def beads(folder: Path, radii: tuple[float, ...]) -> Robot:
+    """Balls in a row, 1 m apart, with a joint about z between each two."""
+    shapes = [SHAPE.format(INERTIAL, radius) for radius in radii]
+    links = [link(f"l{i}", shape) for i, shape in enumerate(shapes)]
+    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}") for i in range(1, len(radii))]
+    return load(folder, robot(*links, *joints))
+
+
+def test_neighbours_of_a_chain(tmp_path: Path) -> None:
+    arm = beads(tmp_path, (0.1, 0.1, 0.1, 0.1))
+    assert own_pairs(arm) == {
+        frozenset(pair) for pair in (("l0", "l2"), ("l0", "l3"), ("l1", "l3"))
+    }
+    checker = CollisionChecker(arm, Scene(), self_collision=True)
+    straight = checker.distances(np.zeros((1, 3)))[0]
+    assert sorted(straight) == pytest.approx([1.8, 1.8, 2.8], abs=1e-8)
+    # Folded in the middle: l3 on l1.
+    folded = checker.distances(np.array([[0.0, np.pi, 0.0]]))[0]
+    index = [set(pair) for pair in checker.pairs].index({"l1", "l3"})
+    assert folded[index] == pytest.approx(-0.2, abs=1e-6)
+    assert checker.closest(np.array([0.0, np.pi, 0.0])).own  # type: ignore[union-attr]
+
+
+def test_links_that_always_touch_are_left_out(tmp_path: Path) -> None:
+    """Big balls touch their second neighbours wherever they are."""
+    arm = beads(tmp_path, (0.1, 1.2, 0.1, 1.2))
+    found = own_pairs(arm)
+    assert frozenset(("l1", "l3")) not in found
+    assert frozenset(("l0", "l2")) in found
+
+
+def test_obstacles_go_first() -> None:
+    arm = load_robot("ur5")
+    both = CollisionChecker(arm, FAR, self_collision=True)
+    alone = CollisionChecker(arm, FAR)
+    own = CollisionChecker(arm, Scene(), self_collision=True)
+    assert both.pairs == alone.pairs + own.pairs
+    assert both.obstacle_pairs == len(alone.pairs)
+    margins = both.margins(0.1)
+    assert np.all(margins[: both.obstacle_pairs] == 0.1)
+    assert np.all(margins[both.obstacle_pairs :] == 0.0)
+    back = pickle.loads(pickle.dumps(both))
+    assert back.pairs == both.pairs
+    assert back.self_collision
+
+
+def folded_ur5() -> tuple[Robot, np.ndarray]:
+    """An arm whose forearm lies on its shoulder."""
+    arm = load_robot("ur5")
+    return arm, np.array([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
+
+
+def test_start_that_hits_itself() -> None:
+    arm, q = folded_ur5()
+    goal = JointGoal(np.array([0.0, -1.0, 1.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(ProblemError, match=r"^start in collision: links '.*overlap by"):
+        Problem(arm, q, goal, scene=FAR)
+    with pytest.raises(ProblemError, match=r"^goal in collision: links '"):
+        Problem(arm, goal.q, JointGoal(q), scene=FAR)
+    with pytest.raises(ProblemError, match="in collision"):
+        Problem(arm, q, goal, self_collision=True)
+    # Where there are no obstacles, nobody looks unless asked to.
+    assert Problem(arm, q, goal).checker.pairs == ()
+    assert Problem(arm, q, goal, scene=FAR, self_collision=False).margins.size
+
+
+def test_links_keep_no_margin_from_each_other() -> None:
+    """Some links are always nearer to each other than an obstacle may be."""
+    arm = load_robot("ur5")
+    q = np.array([0.3, -1.2, 1.0, 0.3, 0.4, 0.0])
+    problem = Problem(arm, q, JointGoal(q + 0.1), scene=FAR, margin=0.15)
+    own = problem.checker.distances(q[None])[0, problem.checker.obstacle_pairs :]
+    assert 0.0 < own.min() < 0.15
+    assert problem.margins.max() == 0.15
