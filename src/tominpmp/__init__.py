@@ -30,10 +30,15 @@ if TYPE_CHECKING:
         TominpmpWarning,
     )
     from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+    from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options
+    from tominpmp.output.export import load_motion
     from tominpmp.planner import plan
     from tominpmp.problem import Problem
     from tominpmp.robot import JointLimits, Robot, load_robot
+    from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
+    from tominpmp.scenario.moveit import load_moveit, load_moveit_scene
+    from tominpmp.scenario.scenario import Scenario, load_scenario, save_scenario
     from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
     from tominpmp.solution import IterationRecord, Solution, Status
     from tominpmp.trajectory import Samples, State, Trajectory
@@ -61,13 +66,31 @@ _HOMES = {
         "PoseGoal",
         "PositionGoal",
     ),
+    "motion_limits": (
+        "EffortCurve",
+        "MotionLimits",
+    ),
     "options": ("Options",),
+    "output.export": ("load_motion",),
     "planner": ("plan",),
     "problem": ("Problem",),
     "robot": (
         "JointLimits",
         "Robot",
         "load_robot",
+    ),
+    "scenario.joint_limits": (
+        "MoveItLimits",
+        "load_joint_limits",
+    ),
+    "scenario.moveit": (
+        "load_moveit",
+        "load_moveit_scene",
+    ),
+    "scenario.scenario": (
+        "Scenario",
+        "load_scenario",
+        "save_scenario",
     ),
     "scene": (
         "Box",
@@ -94,6 +117,7 @@ __all__ = [
     "Box",
     "Capsule",
     "Cylinder",
+    "EffortCurve",
     "FrameNotFound",
     "Goal",
     "IterationRecord",
@@ -101,6 +125,8 @@ __all__ = [
     "JointLimits",
     "JointNotFound",
     "MissingDependency",
+    "MotionLimits",
+    "MoveItLimits",
     "Obstacle",
     "Options",
     "OptionsError",
@@ -112,6 +138,7 @@ __all__ = [
     "Robot",
     "RobotLoadError",
     "Samples",
+    "Scenario",
     "ScenarioError",
     "Scene",
     "SceneError",
@@ -123,8 +150,14 @@ __all__ = [
     "TominpmpError",
     "TominpmpWarning",
     "Trajectory",
+    "load_joint_limits",
+    "load_motion",
+    "load_moveit",
+    "load_moveit_scene",
     "load_robot",
+    "load_scenario",
     "plan",
+    "save_scenario",
 ]
 
 # A library leaves it to the application whether its log is shown.

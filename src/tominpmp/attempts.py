@@ -19,6 +19,7 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.adjoint import AdjointTranscription, Instants
 from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
@@ -47,6 +48,8 @@ STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 # A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
 # admissible.
 GUESS_STRETCH = 1.02
+# The same for motions whose accelerations must not jump.
+SMOOTH_STRETCH = 1.3
 
 
 class Watch:
@@ -66,6 +69,11 @@ class Watch:
     def seconds(self) -> float:
         """Time since planning began [s]."""
         return time.perf_counter() - self._begin
+
+    @property
+    def deadline(self) -> float | None:
+        """When the planning time is used up, on the clock of perf_counter [s]."""
+        return None if self._limit is None else self._begin + self._limit
 
     @property
     def over(self) -> bool:
@@ -154,11 +162,35 @@ def solve_from_guess(
         )
         solver = SlpSolver(lifted, options, smoothing, lp, watch)
         return Attempt.of(guess.name, lifted, start, solver.run(start))
+    if options.control != "constant":
+        return solve_smooth(system, options, guess, smoothing, watch)
     transcription = InverseTranscription(system, shares, guess.duration)
     start = transcription.start(guess.position, duration)
     transcription, result = exchange(
         transcription, start, options, smoothing, lp, watch
     )
+    return Attempt.of(guess.name, transcription, start, result)
+
+
+def solve_smooth(
+    system: System, options: Options, guess: Guess, smoothing: float, watch: Watch
+) -> Attempt:
+    """Improve a guess with a B-spline of the degree that the control asks for."""
+    shares = interval_shares(options.grid, options.intervals)
+    degree = DEGREES[options.control]
+    transcription = BSplineTranscription(system, shares, degree)
+    start = z = transcription.start(
+        guess.position, guess.duration, SMOOTH_STRETCH * guess.duration
+    )
+    lp = make_solver(options.lp_solver)
+    result = SlpSolver(transcription, options, smoothing, lp, watch).run(z)
+    for _ in range(EXCHANGES):
+        extra = transcription.inspect(result.iterate.z, OVERLOAD)
+        if not (extra[0].size or extra[1].size) or result.status in STOPPED:
+            break
+        transcription = transcription.with_rows(extra)
+        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+        result = solver.run(result.iterate.z, after=result)
     return Attempt.of(guess.name, transcription, start, result)
 
 

@@ -15,13 +15,32 @@ if TYPE_CHECKING:
     from tominpmp.solution import IterationRecord
 
 Method = Literal["auto", "inverse", "collocation", "adjoint", "penalty"]
+Control = Literal["auto", "constant", "linear", "spline"]
 METHODS = ("auto", "inverse", "collocation", "adjoint", "penalty")
 STEP_RULES = ("adaptive", "paper")
 GRIDS = ("cosine", "uniform")
-CONTROLS = ("constant",)
+CONTROLS = ("auto", "constant", "linear", "spline")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
 OPTIONAL = ("max_planning_time", "initial_duration", "starts")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerances:
+    """What the replay of a motion may be off by to be believed.
+
+    Attributes:
+        goal: Distance from the goal at the end [rad or m].
+        speed: Difference to the velocity at the end [rad/s or m/s].
+        limits: Excess over position, velocity and effort limits: relative to the limit,
+            for positions and efforts to the range.
+        contact: Clearance that may be missing to the margin [m].
+    """
+
+    goal: float = 1e-3
+    speed: float = 1e-2
+    limits: float = 5e-3
+    contact: float = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +56,9 @@ class Options(Record):
         grid: "cosine" (short intervals at both ends, see
             :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
-            runs over an interval.
+            runs over an interval: "constant", or for "inverse" also "linear"
+            (continuous accelerations) and "spline" (smooth ones); "auto" takes
+            "linear" where the problem has motion limits that need it, else "constant".
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
             free. None takes 1e-4 T for "inverse" and "collocation", 0 for "adjoint".
@@ -49,6 +70,11 @@ class Options(Record):
             three iterations together brought less than this share of T.
         feasibility: Largest violation that counts as none: relative for torques and
             velocities, in m and rad for goals and clearances.
+        goal_tolerance: Distance from the goal [rad or m] that the independent replay of
+            a motion may end at, see :class:`Tolerances`.
+        speed_tolerance: The same for the velocity at the end [rad/s or m/s].
+        limit_tolerance: Relative excess over limits that the replay may have.
+        contact_tolerance: Clearance that it may lack to the margin [m].
         trust_region: Initial radius of the trust region [rad].
         step_rule: For "adjoint": "adaptive", or "paper" (fixed steps, every step
             taken).
@@ -71,7 +97,7 @@ class Options(Record):
     method: Method = "auto"
     intervals: int = 40
     grid: Literal["cosine", "uniform"] = "cosine"
-    control: Literal["constant"] = "constant"
+    control: Control = "auto"
     smoothing: float | None = None
     starts: int | None = None
     seed: int = 0
@@ -79,6 +105,10 @@ class Options(Record):
     max_iterations: int = 100
     tolerance: float = 2e-4
     feasibility: float = 1e-6
+    goal_tolerance: float = 1e-3
+    speed_tolerance: float = 1e-2
+    limit_tolerance: float = 5e-3
+    contact_tolerance: float = 1e-4
     trust_region: float = 0.3
     step_rule: Literal["adaptive", "paper"] = "adaptive"
     control_step: float = 0.05
@@ -107,6 +137,10 @@ class Options(Record):
             "max_planning_time",
             "tolerance",
             "feasibility",
+            "goal_tolerance",
+            "speed_tolerance",
+            "limit_tolerance",
+            "contact_tolerance",
             "trust_region",
             "control_step",
             "time_step",
@@ -166,6 +200,16 @@ class Options(Record):
         if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
             self._fail(name, expected)
         object.__setattr__(self, name, number)
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """What the replay of a motion may be off by."""
+        return Tolerances(
+            goal=self.goal_tolerance,
+            speed=self.speed_tolerance,
+            limits=self.limit_tolerance,
+            contact=self.contact_tolerance,
+        )
 
     @classmethod
     def names(cls) -> tuple[str, ...]:

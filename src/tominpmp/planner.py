@@ -17,7 +17,7 @@ from tominpmp.attempts import (
 )
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import FrameGoal
-from tominpmp.options import Options
+from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.seeding.guess import KINEMATIC_STARTS, initial_guesses
 from tominpmp.seeding.inverse_kinematics import goal_configurations
@@ -36,6 +36,8 @@ LP_SOLVERS = {
 }
 # Guesses for a goal on a frame, whose final configuration is free.
 FRAME_STARTS = 4
+# A timed guess this much slower than a motion that was found is not worth its time.
+HOPELESS = 1.6
 # More guesses are made, up to this number, while none has led to a motion.
 RESCUE_STARTS = 8
 
@@ -95,21 +97,47 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             "several processes: expected 1",
             "processes",
         )
+    control = resolve_control(problem, options.control, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
         lp_solver = LP_SOLVERS[method]
     make_solver(lp_solver)
-    control = options.initial_control
-    if control is not None and control.shape not in (
+    torque = options.initial_control
+    if torque is not None and torque.shape not in (
         (robot.n,),
         (options.intervals, robot.n),
     ):
         raise OptionsError(
-            f"initial_control has shape {control.shape}, expected ({robot.n},) or "
+            f"initial_control has shape {torque.shape}, expected ({robot.n},) or "
             f"({options.intervals}, {robot.n}) for {options.intervals} intervals",
             "initial_control",
         )
-    return replace(options, method=method, lp_solver=lp_solver)
+    return replace(options, method=method, lp_solver=lp_solver, control=control)
+
+
+def resolve_control(problem: Problem, control: Control, method: str) -> Control:
+    """Control parameterisation that fits the problem and the method.
+
+    Raises:
+        OptionsError: If there is none.
+    """
+    limits = problem.motion_limits
+    smooth = limits is not None and limits.need_smooth
+    if method != "inverse" and (smooth or control not in ("auto", "constant")):
+        raise OptionsError(
+            f"method {method!r} knows piecewise constant torques only: motion limits "
+            "and controls 'linear' and 'spline' need method 'inverse'",
+            "control",
+        )
+    if control == "constant" and smooth:
+        raise OptionsError(
+            "control is 'constant', and the motion limits of the problem need "
+            "continuous accelerations: expected 'linear', 'spline' or 'auto'",
+            "control",
+        )
+    if control == "auto":
+        return "linear" if smooth else "constant"
+    return control
 
 
 def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
@@ -122,15 +150,22 @@ def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[At
     if wanted is None:
         wanted = 1 if system.joint_goal is not None else FRAME_STARTS
     count = max(wanted, RESCUE_STARTS)
-    guesses = initial_guesses(system, count, rng, options.initial_duration)
-    found = tried = False
-    for number, guess in enumerate(guesses):
-        if number >= wanted and (found or options.starts is not None):
-            return
-        tried = True
-        watch.start = number
+    guesses = initial_guesses(
+        system, count, rng, options.initial_duration, watch.deadline
+    )
+    best, tried = np.inf, 0
+    # No guess is made, which may take a search, before it is known to be wanted.
+    while tried < wanted or (options.starts is None and best == np.inf):
+        guess = next(guesses, None)
+        if guess is None:
+            break
+        if tried >= 1 and guess.timed and guess.duration > HOPELESS * best:
+            wanted -= 1
+            continue
+        watch.start = tried
+        tried += 1
         attempt = solve_from_guess(system, options, guess, watch)
-        found = found or attempt.feasible
+        best = min(best, attempt.duration)
         yield attempt
     if not tried:
         raise unreachable(system, rng)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.goals import FrameGoal, Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
@@ -34,6 +36,9 @@ class Problem(Record):
         scene: The obstacles.
         margin: Distance that the links keep from them [m].
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
+        motion_limits: Limits beyond those of the robot's description, if any.
+        self_collision: Whether the links keep clear of each other, and of what is fixed
+            to the base, too, without a margin; None where there are obstacles.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
@@ -47,6 +52,8 @@ class Problem(Record):
     scene: Scene = field(default_factory=Scene)
     margin: float = 0.0
     v_start: Array | None = None
+    motion_limits: MotionLimits | None = None
+    self_collision: bool | None = None
 
     def __post_init__(self) -> None:
         """Check everything that can be told without planning."""
@@ -69,18 +76,37 @@ class Problem(Record):
             )
         object.__setattr__(self, "scene", scene)
         object.__setattr__(self, "margin", self._checked_margin())
+        if self.motion_limits is not None:
+            if not isinstance(self.motion_limits, MotionLimits):
+                raise ProblemError(
+                    f"motion_limits is a {type(self.motion_limits).__name__}, expected "
+                    "MotionLimits",
+                    "motion_limits",
+                )
+            self.motion_limits.check(self.robot.joint_names)
         self.goal.validate(self.robot)
         snapped = [*self._snap_start(), *self._snap_goal()]
-        checker = CollisionChecker(self.robot, scene)
-        self._check_clear(checker, self.q_start, "start")
+        self._check_clear(self.q_start, "start")
         if isinstance(self.goal, JointGoal):
-            self._check_clear(checker, self.goal.q, "goal")
+            self._check_clear(self.goal.q, "goal")
             self._check_hold(self.goal)
         elif isinstance(self.goal, FrameGoal):
             self._check_reach(self.goal)
         for message in snapped:
             # Past this method and the generated __init__, to whoever makes the problem.
             warnings.warn(message, TominpmpWarning, stacklevel=3)
+
+    @cached_property
+    def checker(self) -> CollisionChecker:
+        """Distances of the links to the obstacles and to each other."""
+        own = self.self_collision
+        own = bool(len(self.scene)) if own is None else own
+        return CollisionChecker(self.robot, self.scene, self_collision=own)
+
+    @cached_property
+    def margins(self) -> Array:
+        """Distance to keep by pair of the checker: none from other links [m]."""
+        return self.checker.margins(self.margin)
 
     def _checked_margin(self) -> float:
         try:
@@ -169,19 +195,24 @@ class Problem(Record):
             )
         return np.asarray(clipped), snapped
 
-    def _check_clear(self, checker: CollisionChecker, q: Array, which: str) -> None:
-        contact = checker.closest(q)
-        if contact is None or contact.distance >= self.margin - SNAP:
+    def _check_clear(self, q: Array, which: str) -> None:
+        contact = self.checker.closest(q, self.margins)
+        if contact is None:
+            return
+        margin = 0.0 if contact.own else self.margin
+        if contact.distance >= margin - SNAP:
             return
         depth = (
             f"overlap by {-contact.distance:.4g} m"
             if contact.distance < 0.0
             else f"are {contact.distance:.4g} m apart, less than the margin "
-            f"{self.margin:.4g} m"
+            f"{margin:.4g} m"
         )
+        pair = f"link {contact.link!r} and obstacle {contact.obstacle!r}"
+        if contact.own:
+            pair = f"links {contact.link!r} and {contact.obstacle!r}"
         raise ProblemError(
-            f"{which} in collision: link {contact.link!r} and obstacle "
-            f"{contact.obstacle!r} {depth} at q = {np.round(q, 4).tolist()}",
+            f"{which} in collision: {pair} {depth} at q = {np.round(q, 4).tolist()}",
             "q_start" if which == "start" else "goal",
         )
 

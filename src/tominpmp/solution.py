@@ -17,6 +17,9 @@ from tominpmp.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tominpmp.verification.lower_bound import LowerBound
+    from tominpmp.verification.verdict import Verification
+
 
 class Status(Enum):
     """How planning ended; the value is a sentence."""
@@ -81,6 +84,7 @@ class Solution:
         planning_time: Time taken [s].
         violations: Largest violation by kind of constraint, scaled as in the rows.
         verification: Independent replay of the torques, if it was done.
+        lower_bound: Time that no motion can beat, if it was computed.
         certificate: Optimality certificate, if it was made.
     """
 
@@ -94,7 +98,8 @@ class Solution:
     history: tuple[IterationRecord, ...] = ()
     planning_time: float = 0.0
     violations: dict[str, float] = field(default_factory=dict)
-    verification: Any = None
+    verification: Verification | None = None
+    lower_bound: LowerBound | None = None
     certificate: Any = None
 
     @property
@@ -106,6 +111,14 @@ class Solution:
     def T(self) -> float:
         """Duration of the motion [s]; infinite if there is none."""
         return np.inf if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def gap(self) -> float | None:
+        """T over the lower bound, less one; None without motion or bound."""
+        bound = self.lower_bound
+        if self.trajectory is None or bound is None or not bound.T > 0.0:
+            return None
+        return self.T / bound.T - 1.0
 
     @property
     def iterations(self) -> int:
@@ -160,7 +173,7 @@ class Solution:
         return plot_trajectory(self.problem, self._motion(), path=path)
 
     def export(self, path: str | Path, *, dt: float | None = None) -> Path:
-        """Write the motion as CSV or NPZ, by the ending of the path.
+        """Write the motion as CSV, NPZ or ROS message, by the ending of the path.
 
         Args:
             path: File to write.

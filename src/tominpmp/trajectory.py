@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, real_array, real_number
+from tominpmp.arrays import Array, IntArray, Record, real_array, real_number
 from tominpmp.exceptions import ProblemError
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
@@ -82,7 +82,8 @@ class Trajectory(Record):
             a node, the row holds the value just after it; the last row holds the value
             at the end.
         a: Acceleration of each interval, shape (N, n), for motions with constant
-            acceleration on each interval; None for motions with constant torque.
+            acceleration on each interval; at the nodes, shape (N + 1, n), for motions
+            of degree 5 between them; None for motions of degree 3.
         inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes
             of a motion with constant acceleration; without it the torque is constant.
     """
@@ -111,8 +112,8 @@ class Trajectory(Record):
             raise ProblemError(
                 "trajectory times must be finite and increase from 0 [s]", field="t"
             )
-        if self.a is not None:
-            layout = "one row an interval, one column a joint"
+        if self.a is not None and self.a.shape != (nodes, n):
+            layout = "one row an interval or node, one column a joint"
             self._check_shape("a", (nodes - 1, n), layout)
 
     def _freeze(self, name: str) -> None:
@@ -181,7 +182,9 @@ class Trajectory(Record):
         s = (times - self.t[k])[:, None]
         h = (self.t[k + 1] - self.t[k])[:, None]
         q0, v0 = self.q[k], self.v[k]
-        if self.a is not None:
+        if self.a is not None and self.a.shape[0] == self.t.size:
+            q, v, a = self._quintic(k, s, h)
+        elif self.a is not None:
             a = self.a[k]
             q, v = q0 + s * v0 + 0.5 * s**2 * a, v0 + s * a
         else:
@@ -194,6 +197,22 @@ class Trajectory(Record):
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
         return State(q, v, a, self.inverse_dynamics(q, v, a))
+
+    def _quintic(self, k: IntArray, s: Array, h: Array) -> tuple[Array, Array, Array]:
+        """Polynomials of degree 5 through position, velocity, acceleration at nodes."""
+        assert self.a is not None  # noqa: S101
+        q0, v0, a0 = self.q[k], self.v[k] * h, self.a[k] * h**2
+        q1, v1, a1 = self.q[k + 1], self.v[k + 1] * h, self.a[k + 1] * h**2
+        # What is left for the powers 3 to 5 after those at the left end.
+        dq, dv, da = q1 - q0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+        c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
+        c4 = -15.0 * dq + 7.0 * dv - da
+        c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
+        x = s / h
+        q = q0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+        v = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        a = a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))
+        return q, v / h, a / h**2
 
     def sample(self, dt: float) -> Samples:
         """Sample the motion at a fixed rate; the end is always the last sample.

@@ -10,6 +10,7 @@ everything else is a bound on a variable.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -213,7 +214,7 @@ class AdjointTranscription:
         finite = np.isfinite(limits.position_lower) | np.isfinite(limits.position_upper)
         self._placed = np.flatnonzero(finite)
         self._limited = np.flatnonzero(np.isfinite(limits.velocity))
-        goal = np.zeros(self._goal(self._start)[0].size)
+        lower, upper = (bound / self._goal_scale for bound in system.goal_bounds)
         scale = system.step_scale[self._placed]
         low = np.tile(limits.position_lower[self._placed] / scale, N)
         high = np.tile(limits.position_upper[self._placed] / scale, N)
@@ -224,7 +225,7 @@ class AdjointTranscription:
         # form a group; so do the goal residuals, which vanish in proportion.
         return Rows.stack(
             [
-                ("goal", goal, goal, goal.astype(np.int64)),
+                ("goal", lower, upper, np.zeros(lower.size, dtype=np.int64)),
                 ("position", low, high, np.tile(np.arange(scale.size), N)),
                 ("velocity", -speed, speed, np.tile(np.arange(self._limited.size), N)),
                 ("clearance", none, np.zeros(N * count), np.tile(np.arange(count), N)),
@@ -235,13 +236,18 @@ class AdjointTranscription:
         """Goal residual, scaled, and its gradients with respect to the final state."""
         goal, n = self.system.problem.goal, self._n
         value, by_q, by_v = goal.residual(self.system.kinematics, x[:n], x[n:])
-        # The residual ends with the velocities, of the joints or of a frame.
-        scale = np.ones(value.size)
-        if goal.fixes_velocity:
-            scale[-n:] = self._speed * self.system.step_scale
+        scale = self._goal_scale
+        return value / scale, np.hstack([by_q, by_v]) / scale[:, None]
+
+    @cached_property
+    def _goal_scale(self) -> Array:
+        """What goal rows are divided by; velocities, of joints or a frame, are last."""
+        scale = np.ones(self.system.goal_bounds[0].size)
+        if self.system.problem.goal.fixes_velocity:
+            scale[-self._n :] = self._speed * self.system.step_scale
         else:
             scale[-3:] = self._speed
-        return value / scale, np.hstack([by_q, by_v]) / scale[:, None]
+        return scale
 
     def evaluate(self, z: Array) -> Array:
         """Row values."""

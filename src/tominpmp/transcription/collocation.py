@@ -204,10 +204,8 @@ class CollocationTranscription:
                 )
             )
         if system.joint_goal is None:
-            k = self._goal(np.zeros(2 * n))[0].size
-            parts.append(
-                ("goal", np.zeros(k), np.zeros(k), np.zeros(k, dtype=np.int64))
-            )
+            lower, upper = system.goal_bounds
+            parts.append(("goal", lower, upper, np.zeros(lower.size, dtype=np.int64)))
         return Rows.stack(parts)
 
     def _goal(self, x: Array) -> tuple[Array, Array, Array]:

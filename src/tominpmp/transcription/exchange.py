@@ -99,7 +99,8 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
         return no_instants()
     at = _samples(spline.h)
     # The rows keep links a little farther away than need be: some of it may be used.
-    missing = system.clearance.values(at.states(spline)[0]) - GRAZE * system.padding
+    values = system.clearance.values(at.states(spline)[0], attention=0.0)
+    missing = values - GRAZE * system.padding
     worst = np.max(missing, axis=1)
     tolerance = LEAST_GRAZE
     found: list[tuple[int, float]] = []

@@ -45,6 +45,8 @@ CLEARANCE_SHARES = (0.5, 1.0)
 # of the linear program: a step that uses them up all the same is cut short by the
 # merit.
 ATTENTION = 0.07
+# However far the trust region reaches; beyond this clearances are not exact.
+MAX_ATTENTION = 0.05
 
 
 class InverseTranscription:
@@ -222,10 +224,8 @@ class InverseTranscription:
                 )
             )
         if system.joint_goal is None:
-            k = self._goal(np.zeros(n), np.zeros(n))[0].size
-            parts.append(
-                ("goal", np.zeros(k), np.zeros(k), np.zeros(k, dtype=np.int64))
-            )
+            lower, upper = system.goal_bounds
+            parts.append(("goal", lower, upper, np.zeros(lower.size, dtype=np.int64)))
         return Rows.stack(parts)
 
     def _goal(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -247,7 +247,8 @@ class InverseTranscription:
         if self._end_points:
             parts.append(spline.points[[0, -1]].ravel())
         if system.clearance is not None:
-            parts.append(system.clearance.values(self._clear.states(spline)[0]).ravel())
+            q_clear = self._clear.states(spline)[0]
+            parts.append(system.clearance.values(q_clear, MAX_ATTENTION).ravel())
         if system.joint_goal is None:
             parts.append(self._goal(q[-1], v[-1])[0])
         return np.concatenate(parts)
@@ -287,7 +288,7 @@ class InverseTranscription:
         if self.system.clearance is not None:
             rows = np.flatnonzero(count.kind == count.kinds.index("clearance"))
             radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
-            near = rows[values[rows] > -ATTENTION * radius]
+            near = rows[values[rows] > -min(ATTENTION * radius, MAX_ATTENTION)]
             by = StateDerivatives.of(self._clear, coefficients)
             blocks.append(
                 clearance_jacobian(

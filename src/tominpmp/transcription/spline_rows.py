@@ -283,9 +283,10 @@ def clearance_jacobian(
     instants, which = np.divmod(chosen, max(clearance.count, 1))
     configurations = at.states(spline)[0]
     places, valid = columns.around(at.interval)
+    gradients = clearance.gradients_at(configurations, instants, which)
     for instant in np.unique(instants):
         rows = np.flatnonzero(instants == instant)
-        gradient = clearance.gradients(configurations[instant], which[rows])
+        gradient = gradients[rows]
         by_point = by.q_points[instant][None, :, None] * gradient[:, None, :]
         by_length = gradient @ by.q_lengths[instant].T
         data = np.concatenate([by_point.reshape(rows.size, -1), by_length], axis=1)

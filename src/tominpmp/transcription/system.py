@@ -26,7 +26,7 @@ def _padding(problem: Problem, checker: CollisionChecker) -> Array:
     ends = [problem.q_start]
     if isinstance(problem.goal, JointGoal):
         ends.append(problem.goal.q)
-    room = np.min(checker.distances(np.stack(ends)), axis=0) - problem.margin
+    room = np.min(checker.distances(np.stack(ends)), axis=0) - problem.margins
     return np.asarray(np.clip(PADDING_SHARE * room, 0.0, PADDING))
 
 
@@ -56,10 +56,10 @@ class System:
         """Build the functions of a problem."""
         kinematics = RobotKinematics(problem.robot)
         reach = max(kinematics.reach(), 1e-3)
-        checker = CollisionChecker(problem.robot, problem.scene)
+        checker = problem.checker
         padding = _padding(problem, checker)
         clearance = (
-            ClearanceConstraint(checker, problem.margin + padding, reach)
+            ClearanceConstraint(checker, problem.margins + padding, reach)
             if checker.pairs
             else None
         )
@@ -76,6 +76,11 @@ class System:
         """The goal, if it is a configuration."""
         goal = self.problem.goal
         return goal if isinstance(goal, JointGoal) else None
+
+    @cached_property
+    def goal_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of the goal residual, shape (k,) each."""
+        return self.problem.goal.bounds(self.kinematics)
 
     @cached_property
     def v_start(self) -> Array:
@@ -100,6 +105,8 @@ class System:
         """Half the torque range, shape (n,); 1 where it is empty."""
         limits = self.problem.robot.limits
         half = 0.5 * (limits.effort_upper - limits.effort_lower)
+        if self.problem.motion_limits is not None:
+            half = self.problem.motion_limits.effort_scale * half
         return np.where(half > 0.0, half, 1.0)
 
     @cached_property

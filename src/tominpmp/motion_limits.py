@@ -1,0 +1,227 @@
+"""Limits beyond those of a description file, as controllers and motors have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tominpmp.arrays import Array, Record, real_array, real_number
+from tominpmp.exceptions import JointNotFound, ProblemError
+
+PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
+
+UNITS = {
+    "acceleration": "rad/s^2 or m/s^2",
+    "jerk": "rad/s^3 or m/s^3",
+    "effort_rate": "N m/s or N/s",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class EffortCurve(Record):
+    """Largest torque of a motor over its speed, joined by straight lines.
+
+    Attributes:
+        speed: Absolute speeds, from 0, increasing, shape (k,) [rad/s or m/s].
+        effort: Largest torque there, shape (k,) [N m or N]. Beyond the last speed it
+            stays as it is there.
+    """
+
+    speed: Array
+    effort: Array
+
+    def __post_init__(self) -> None:
+        """Check the curve."""
+        for name in ("speed", "effort"):
+            try:
+                array = real_array(getattr(self, name))
+            except ValueError as error:
+                raise ProblemError(
+                    f"effort curve: {name} is {getattr(self, name)!r}, expected a row "
+                    "of numbers",
+                    name,
+                ) from error
+            if array.ndim != 1 or not np.all(np.isfinite(array)):
+                raise ProblemError(
+                    f"effort curve: {name} is {array.tolist()}, expected a row of "
+                    "finite numbers",
+                    name,
+                )
+            object.__setattr__(self, name, array)
+        if self.speed.size != self.effort.size or self.speed.size < 2:
+            raise ProblemError(
+                f"effort curve: {self.speed.size} speeds and {self.effort.size} "
+                "torques, expected as many of each, two at least",
+                "effort",
+            )
+        if self.speed[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
+            raise ProblemError(
+                f"effort curve: speeds are {self.speed.tolist()}, expected to increase "
+                "from 0",
+                "speed",
+            )
+        if np.any(self.effort < 0.0):
+            raise ProblemError(
+                f"effort curve: torques are {self.effort.tolist()}, expected none "
+                "below 0",
+                "effort",
+            )
+
+    @classmethod
+    def droop(cls, stall: float, no_load_speed: float) -> EffortCurve:
+        """Linear droop of a direct-current motor: no torque at the no-load speed."""
+        return cls(np.array([0.0, no_load_speed]), np.array([stall, 0.0]))
+
+    @classmethod
+    def power(
+        cls, effort: float, power: float, top_speed: float, points: int = 12
+    ) -> EffortCurve:
+        """Constant torque up to a power limit [W], chords of the hyperbola beyond."""
+        knee = power / effort
+        speed = np.concatenate(
+            [[0.0], np.geomspace(knee, max(top_speed, knee), points)]
+        )
+        if top_speed <= knee:
+            return cls(np.array([0.0, knee]), np.array([effort, effort]))
+        # Tangents would be on the safe side everywhere; chords pass it by < 1 %.
+        return cls(speed, np.minimum(effort, power / np.maximum(speed, knee)))
+
+    def __call__(self, speed: Array) -> tuple[Array, Array]:
+        """Largest torque and its slope over |speed|, of any shape."""
+        magnitude = np.abs(speed)
+        value = np.interp(magnitude, self.speed, self.effort)
+        slopes = np.append(np.diff(self.effort) / np.diff(self.speed), 0.0)
+        piece = np.searchsorted(self.speed, magnitude, side="right") - 1
+        return value, slopes[np.minimum(piece, slopes.size - 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits(Record):
+    """Limits beyond those of a description file.
+
+    Values per joint are one number for all, an array in joint order, or a mapping of
+    joint names for some; None or infinity is no limit.
+
+    Attributes:
+        acceleration: Largest acceleration [rad/s^2 or m/s^2].
+        jerk: Largest jerk [rad/s^3 or m/s^3].
+        effort_rate: Largest torque rate [N m/s or N/s] (paper, section 4).
+        effort_scale: Share of the torque limits that the motion may use; the rest is
+            left for the feedback controller.
+        effort_curves: Torque over speed by joint name.
+    """
+
+    acceleration: PerJoint = None
+    jerk: PerJoint = None
+    effort_rate: PerJoint = None
+    effort_scale: float = 1.0
+    effort_curves: Mapping[str, EffortCurve] | None = None
+
+    def __post_init__(self) -> None:
+        """Check what can be told without a robot."""
+        try:
+            scale = real_number(self.effort_scale)
+        except ValueError:
+            scale = np.nan
+        if not 0.0 < scale <= 1.0:
+            raise ProblemError(
+                f"effort_scale is {self.effort_scale!r}, expected a share in (0, 1]",
+                "effort_scale",
+            )
+        object.__setattr__(self, "effort_scale", scale)
+        curves = dict(self.effort_curves or {})
+        for joint, curve in curves.items():
+            if not isinstance(curve, EffortCurve):
+                raise ProblemError(
+                    f"effort_curves: joint {joint!r} has a {type(curve).__name__}, "
+                    "expected an EffortCurve",
+                    "effort_curves",
+                )
+        object.__setattr__(self, "effort_curves", curves)
+        for name in UNITS:
+            value = getattr(self, name)
+            if value is None or isinstance(value, Mapping):
+                continue
+            object.__setattr__(self, name, self._numbers(name, value))
+
+    def _numbers(self, name: str, value: object) -> Array:
+        try:
+            array = real_array(value)
+        except ValueError:
+            array = np.full(1, np.nan)
+        if array.ndim > 1 or np.any(np.isnan(array)) or np.any(array <= 0.0):
+            raise ProblemError(
+                f"{name} is {value!r}, expected positive numbers [{UNITS[name]}]", name
+            )
+        return array
+
+    def _values(self) -> tuple[object, ...]:
+        def plain(value: object) -> object:
+            if isinstance(value, Mapping):
+                return tuple(sorted(value.items(), key=lambda item: str(item[0])))
+            return tuple(np.ravel(value)) if isinstance(value, np.ndarray) else value
+
+        curves = tuple(
+            (joint, tuple(curve.speed), tuple(curve.effort))
+            for joint, curve in sorted((self.effort_curves or {}).items())
+        )
+        rest = tuple(plain(getattr(self, name)) for name in UNITS)
+        return (*rest, self.effort_scale, curves)
+
+    def by_joint(self, name: str, joint_names: Sequence[str]) -> Array:
+        """Values of a limit for the joints of a robot, infinite for none, shape (n,).
+
+        Args:
+            name: "acceleration", "jerk" or "effort_rate".
+            joint_names: Names of the joints.
+
+        Raises:
+            ProblemError: If there are too many or too few values.
+            JointNotFound: If a joint is unknown.
+        """
+        value, n = getattr(self, name), len(joint_names)
+        if value is None:
+            return np.full(n, np.inf)
+        if isinstance(value, Mapping):
+            out = np.full(n, np.inf)
+            for joint, number in value.items():
+                if joint not in joint_names:
+                    raise JointNotFound(joint, joint_names)
+                out[list(joint_names).index(joint)] = self._numbers(name, number).item()
+            return out
+        if value.ndim == 1 and value.size != n:
+            raise ProblemError(
+                f"{name} has {value.size} numbers, expected {n}, one for each of: "
+                f"{', '.join(joint_names)}",
+                name,
+            )
+        return np.asarray(np.broadcast_to(value, (n,)).copy())
+
+    def check(self, joint_names: Sequence[str]) -> None:
+        """Check the limits against the joints of a robot.
+
+        Raises:
+            ProblemError: If there are too many or too few values.
+            JointNotFound: If a joint is unknown.
+        """
+        for name in UNITS:
+            self.by_joint(name, joint_names)
+        for joint in self.effort_curves or {}:
+            if joint not in joint_names:
+                raise JointNotFound(joint, joint_names)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether accelerations must not jump."""
+        return self.jerk is not None or self.effort_rate is not None
+
+    @property
+    def need_smooth(self) -> bool:
+        """Whether there is more than a share of the torque limits."""
+        return (
+            self.continuous or self.acceleration is not None or bool(self.effort_curves)
+        )

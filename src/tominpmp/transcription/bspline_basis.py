@@ -1,0 +1,122 @@
+"""Bases of B-splines on a fixed grid, and what their end states fix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import BSpline
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.transcription.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Matrices of a clamped B-spline and its derivatives with respect to t / T.
+
+    Attributes:
+        degree: p.
+        knots: With multiplicity at the ends, in [0, 1], shape (N + 2p + 1,).
+    """
+
+    degree: int
+    knots: Array
+
+    @classmethod
+    def on(cls, nodes: Array, degree: int) -> Basis:
+        """Basis on nodes from 0 to 1, shape (N + 1,)."""
+        ends = np.zeros(degree), np.ones(degree)
+        return cls(degree, np.concatenate([ends[0], nodes, ends[1]]))
+
+    @property
+    def count(self) -> int:
+        """Number of control points."""
+        return int(self.knots.size) - self.degree - 1
+
+    def derivative(self, order: int) -> sp.csr_matrix:
+        """Control points of a derivative from those of the curve."""
+        matrix = sp.identity(self.count, format="csr")
+        for k in range(order):
+            p, t = self.degree - k, self.knots[k : self.knots.size - k]
+            m = t.size - p - 1  # control points before this differentiation
+            span = t[p + 1 : p + m] - t[1:m]
+            difference = sp.diags([-1.0, 1.0], [0, 1], shape=(m - 1, m))
+            matrix = sp.diags(p / span) @ difference @ matrix
+        return matrix.tocsr()
+
+    def at(self, times: Array, order: int) -> sp.csr_matrix:
+        """Values of a derivative at shares of T, from the control points."""
+        p, t = self.degree - order, self.knots[order : self.knots.size - order]
+        inside = np.clip(times, t[0], t[-1])
+        design = BSpline.design_matrix(inside, t, p)
+        return sp.csr_matrix(design @ self.derivative(order))
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """Control points as A z + c, with z = (free points, T).
+
+    At a known velocity v the second point from an end is C_0 + v T dt / p; the third
+    follows where the acceleration has to begin at zero, as it must not jump.
+
+    Attributes:
+        matrix: A, shape (M n, free n + 1).
+        offset: c, shape (M n,).
+        free: Number of free points.
+        fixed_end: Whether the final velocity is built in.
+    """
+
+    matrix: sp.csr_matrix
+    offset: Array
+    free: int
+    fixed_end: bool
+
+    @classmethod
+    def of(cls, system: System, basis: Basis) -> Elimination:
+        """Elimination for the end states of a problem."""
+        n, M, t, p = system.n, basis.count, basis.knots, basis.degree
+        limits, goal = system.problem.motion_limits, system.joint_goal
+        known = 3 if limits is not None and limits.continuous else 2
+        v_end = system.final_velocity
+        last = known if v_end is not None else int(goal is not None)
+        inner = M - known - last
+        # A free final configuration moves the points that hang on it together.
+        free = inner + int(last > 0 and goal is None)
+        size = free * n + 1
+        base = np.zeros((M, n))
+        slope = np.zeros((M, n))
+        column: IntArray = np.full(M, -1)
+        base[:known] = system.problem.q_start
+        slope[:known] = np.outer(_reach(t, p, known), system.v_start)
+        column[known : known + inner] = np.arange(inner)
+        if last:
+            column[M - last :] = -1 if goal is not None else free - 1
+            if goal is not None:
+                base[M - last :] = goal.q
+            if v_end is not None:
+                back = _reach((t[-1] - t)[::-1], p, last)
+                slope[M - last :] = -np.outer(back, v_end)[::-1]
+        moved = np.flatnonzero(column >= 0)
+        joints = np.arange(n)
+        rows = (moved[:, None] * n + joints).ravel()
+        columns = (column[moved][:, None] * n + joints).ravel()
+        every = np.arange(M * n)
+        matrix = sp.csr_matrix(
+            (
+                np.concatenate([np.ones(rows.size), slope.ravel()]),
+                (
+                    np.concatenate([rows, every]),
+                    np.concatenate([columns, np.full(M * n, size - 1)]),
+                ),
+            ),
+            shape=(M * n, size),
+        )
+        return cls(matrix, base.ravel(), free, v_end is not None)
+
+
+def _reach(knots: Array, degree: int, count: int) -> Array:
+    """How far the first control points lie from the end, per unit of velocity."""
+    spans = [(knots[i + 1 + degree] - knots[i + 1]) / degree for i in range(count - 1)]
+    return np.concatenate([[0.0], np.cumsum(spans)])

@@ -1,0 +1,209 @@
+"""Smooth motions: derivatives, exactness of the curve, limits of controllers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError
+from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.system import System
+
+START = (0.5, 1.7, -1.7)
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+ALL = MotionLimits(
+    acceleration=50.0,
+    jerk=500.0,
+    effort_rate=200.0,
+    effort_scale=0.9,
+    effort_curves={"joint1": EffortCurve.droop(20.0, 10.0)},
+)
+GOALS = {
+    "joint": tm.JointGoal((0.5, 1, 1)),
+    "moving": tm.JointGoal((0.5, 1, 1), v=(0.1, 0.2, 0.3)),
+    "position": tm.PositionGoal("tip", (4, 1, 0)),
+    "tip velocity": tm.PositionGoal("tip", (4, 1, 0), v=(1, 0, 0)),
+}
+
+
+@pytest.fixture(scope="module")
+def rail():
+    """A mass of 1 kg on a rail, pushed by 10 N."""
+    return make_arm(slide(1.0), effort=10.0)
+
+
+def planar(goal=GOALS["joint"], **kwargs):
+    return tm.Problem(tm.load_robot("planar3r"), START, goal, **kwargs)
+
+
+def build(problem, degree, seed=0):
+    nlp = BSplineTranscription(System.of(problem), interval_shares("cosine", 7), degree)
+    rng = np.random.default_rng(seed)
+    return nlp, np.append(0.5 + 0.5 * rng.normal(size=nlp.size - 1), 1.2)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+@pytest.mark.parametrize("goal", GOALS)
+def test_jacobian_against_differences(goal, degree):
+    problem = planar(
+        GOALS[goal], v_start=(0.1, -0.2, 0.3), scene=OBSTACLE, motion_limits=ALL
+    )
+    nlp, z = build(problem, degree)
+    linearization = nlp.linearize(z, nlp.evaluate(z), nlp.step_bounds(z, 1.0))
+    analytic = linearization.matrix.toarray()
+    # Links that cross have a distance that cannot be differentiated, and clearances
+    # far from contact are bounds only.
+    clearance = nlp.rows.kind == nlp.rows.kinds.index("clearance")
+    values = nlp.evaluate(z)
+    smooth = ~clearance | ((values > -0.045) & (values < -0.005))
+    assert np.any(smooth & clearance)
+    smooth = smooth[linearization.rows]
+    step = 1e-6
+    for i in range(nlp.size):
+        shift = np.zeros(nlp.size)
+        shift[i] = step
+        change = nlp.evaluate(z + shift) - nlp.evaluate(z - shift)
+        expected = change[linearization.rows] / (2 * step)
+        scale = max(1.0, float(np.abs(expected).max()))
+        error = (analytic[:, i] - expected)[smooth]
+        np.testing.assert_allclose(error, 0.0, atol=2e-6 * scale)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_trajectory_is_the_spline_and_begins_as_asked(degree):
+    problem = planar(v_start=(0.1, -0.2, 0.3), motion_limits=ALL)
+    nlp, z = build(problem, degree)
+    motion = nlp.trajectory(z)
+    times = np.linspace(0.0, z[-1], 57)
+    q = nlp._basis.at(times / z[-1], 0) @ nlp.points(z)
+    np.testing.assert_allclose(motion(times).q, q, atol=1e-12)
+    step = 1e-5
+    middle = motion(times[1:-1])
+    ahead, behind = motion(times[1:-1] + step), motion(times[1:-1] - step)
+    np.testing.assert_allclose(middle.v, (ahead.q - behind.q) / (2 * step), atol=1e-4)
+    start, end = motion(0.0), motion(z[-1])
+    np.testing.assert_allclose(start.v, (0.1, -0.2, 0.3), atol=1e-12)
+    np.testing.assert_allclose(start.a, 0.0, atol=1e-9)  # jerk is limited
+    np.testing.assert_allclose(end.q, (0.5, 1, 1), atol=1e-12)
+    np.testing.assert_allclose(end.a, 0.0, atol=1e-9)
+
+
+def jerk_limited_time(distance, velocity, acceleration, jerk):
+    """Minimum time from rest to rest that never reaches the velocity limit."""
+    ramp = acceleration / jerk
+    if distance < 2 * acceleration * ramp**2:  # full acceleration is not reached
+        return 4 * (distance / (2 * jerk)) ** (1 / 3)
+    plateau = (-3 * ramp + np.sqrt(ramp**2 + 4 * distance / acceleration)) / 2
+    assert acceleration * (ramp + plateau) < velocity
+    return 4 * ramp + 2 * plateau
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "jerk"), [(4.0, 20.0), (np.inf, 20.0), (2.0, 40.0)]
+)
+def test_jerk_limited_rail_against_the_closed_form(acceleration, jerk, rail):
+    limits = MotionLimits(acceleration=acceleration, jerk=jerk)
+    problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), motion_limits=limits)
+    solution = tm.plan(problem, tm.Options(intervals=60, grid="uniform", smoothing=0.0))
+    best = jerk_limited_time(1.0, np.inf, min(acceleration, 1e3), jerk)
+    assert solution.success
+    assert best * (1 - 1e-6) < solution.T < best * 1.004
+    dense = solution.trajectory.sample(1e-3)
+    assert np.max(np.abs(np.diff(dense.a[:-1], axis=0))) < jerk * 1e-3 * (1 + 1e-5)
+    assert np.max(np.abs(dense.a)) < acceleration * (1 + 1e-5)
+
+
+def test_torque_rate_is_kept_and_costs_time(rail):
+    times = []
+    for rate in (np.inf, 400.0, 40.0):
+        limits = MotionLimits(effort_rate=rate)
+        problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), motion_limits=limits)
+        solution = tm.plan(problem)
+        assert solution.success
+        u = solution.trajectory.sample(1e-3).u[:-1]
+        assert np.max(np.abs(np.diff(u, axis=0))) < rate * 1e-3 * 1.01
+        times.append(solution.T)
+    assert times[0] < times[1] < times[2]
+    free = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([1.0]))).T
+    assert times[0] > free * (1 - 1e-4)  # a relaxed problem is no slower
+
+
+def test_torque_over_speed_is_kept(rail):
+    curve = EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([10.0, 6.0, 0.0]))
+    limits = MotionLimits(effort_curves={rail.joint_names[0]: curve})
+    problem = tm.Problem(rail, [0.0], tm.JointGoal([2.0]), motion_limits=limits)
+    solution = tm.plan(problem)
+    dense = solution.trajectory.sample(1e-3)
+    assert solution.success
+    assert np.all(np.abs(dense.u) <= curve(dense.v)[0] + 0.02)
+    assert solution.T > tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([2.0]))).T
+
+
+def test_effort_scale_leaves_a_reserve(rail):
+    full = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([0.2])))
+    limits = MotionLimits(effort_scale=0.81)
+    part = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([0.2]), motion_limits=limits))
+    top = rail.limits.effort_upper[0]
+    assert np.max(np.abs(part.trajectory.u)) <= 0.81 * top * (1 + 1e-5)
+    assert part.T / full.T == pytest.approx(1 / 0.9, rel=1e-3)
+
+
+@pytest.mark.parametrize("control", ["linear", "spline"])
+def test_smooth_controls_converge_faster_with_the_grid(control):
+    # The same problem in each control: constant accelerations are of first order only.
+    fine = tm.plan(planar(), tm.Options(method="collocation", intervals=80)).T
+    constant = tm.plan(planar(), tm.Options(control="constant"))
+    smooth = tm.plan(planar(), tm.Options(control=control))
+    assert smooth.success
+    assert fine * (1 - 5e-3) < smooth.T < fine * 1.01
+    assert smooth.T < constant.T
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"acceleration": -1.0}, "acceleration"),
+        ({"jerk": [1.0, np.nan]}, "jerk"),
+        ({"effort_scale": 1.5}, "effort_scale"),
+        ({"effort_rate": "fast"}, "effort_rate"),
+        ({"effort_curves": {"joint1": 3.0}}, "joint1"),
+    ],
+)
+def test_wrong_limits_are_refused(arguments, word):
+    with pytest.raises(ProblemError, match=word):
+        MotionLimits(**arguments)
+
+
+def test_limits_that_do_not_fit_the_robot_are_refused():
+    with pytest.raises(ProblemError, match="jerk has 2 numbers, expected 3"):
+        planar(motion_limits=MotionLimits(jerk=[1.0, 2.0]))
+    with pytest.raises(JointNotFound, match="elbow"):
+        planar(motion_limits=MotionLimits(jerk={"elbow": 2.0}))
+    with pytest.raises(JointNotFound, match="elbow"):
+        curve = EffortCurve.droop(1.0, 2.0)
+        planar(motion_limits=MotionLimits(effort_curves={"elbow": curve}))
+
+
+def test_curves_are_checked():
+    with pytest.raises(ProblemError, match="3 speeds and 2 torques"):
+        EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0]))
+    with pytest.raises(ProblemError, match="increase"):
+        EffortCurve(np.array([0.0, 2.0, 1.0]), np.array([1.0, 0.5, 0.0]))
+    with pytest.raises(ProblemError, match="below 0"):
+        EffortCurve(np.array([0.0, 2.0]), np.array([1.0, -0.5]))
+    curve = EffortCurve.power(effort=10.0, power=20.0, top_speed=8.0, points=30)
+    speed = np.linspace(0.0, 8.0, 200)
+    limit = np.minimum(10.0, 20.0 / np.maximum(speed, 1e-9))
+    np.testing.assert_allclose(curve(speed)[0], limit, rtol=5e-3)
+
+
+def test_methods_that_cannot_keep_the_limits_say_so():
+    problem = planar(motion_limits=MotionLimits(jerk=100.0))
+    with pytest.raises(OptionsError, match="inverse"):
+        tm.plan(problem, tm.Options(method="collocation"))
+    with pytest.raises(OptionsError, match="continuous"):
+        tm.plan(problem, tm.Options(control="constant"))
