@@ -1,0 +1,272 @@
+"""Goals on a frame: its position, pose, direction, or a region for it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, Record, comparable, frozen_array
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals.base import Place, PlaceGoal, goal_tolerance, goal_vector
+from tominpmp.goals.direction import deviation
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.robot import Robot
+from tominpmp.scene import is_rotation
+
+COORDINATES = "three coordinates [m]"
+
+
+class FrameGoal(PlaceGoal):
+    """Goal on a frame; what its placement has to be is left to the subclasses.
+
+    Attributes:
+        frame: Name of the frame.
+        v: Final linear velocity of its origin in the world, shape (3,) [m/s]; None for
+            an arm at rest.
+    """
+
+    frame: str
+    v: Array | None
+
+    def _check_frame(self) -> None:
+        if not isinstance(self.frame, str) or not self.frame:
+            raise ProblemError(
+                f"goal.frame is {self.frame!r}, expected the name of a frame",
+                "goal.frame",
+            )
+
+    def _check_velocity(self) -> None:
+        if self.v is not None:
+            v = goal_vector(self.v, "goal.v", "three components [m/s]", 3)
+            object.__setattr__(self, "v", v)
+
+    def _check_tolerances(self) -> None:
+        for name, unit, most in (
+            ("tolerance", "m", np.inf),
+            ("angle_tolerance", "rad", np.pi),
+        ):
+            if hasattr(self, name):
+                given = getattr(self, name)
+                number = goal_tolerance(given, f"goal.{name}", unit, most)
+                object.__setattr__(self, name, number)
+
+    def validate(self, robot: Robot) -> None:
+        """Check that the frame exists."""
+        robot.frame_id(self.frame)
+
+    @abstractmethod
+    def nearest_point(self) -> Array | None:
+        """The nearest to the origin of all points allowed; None if all points are."""
+
+    def motion_residual(
+        self, kinematics: RobotKinematics, q: Array, v: Array
+    ) -> tuple[Array, Array, Array]:
+        """Residual of the velocity, of the joints or of the frame's origin."""
+        if self.v is None:
+            return super().motion_residual(kinematics, q, v)
+        motion = kinematics.motion(q, v, self.frame)
+        return motion.velocity - self.v, motion.by_q, motion.by_v
+
+    @property
+    def fixes_velocity(self) -> bool:
+        """The final joint velocity is known if the arm ends at rest."""
+        return self.v is None
+
+
+@dataclass(frozen=True, eq=False)
+class PositionGoal(Record, FrameGoal):
+    """Bring the origin of a frame to a point, in any orientation.
+
+    Attributes:
+        frame: Name of the frame.
+        position: Point in the world, shape (3,) [m].
+        v: Final linear velocity there, shape (3,) [m/s]; None for an arm at rest.
+        tolerance: Largest distance from the point [m].
+    """
+
+    frame: str
+    position: Array
+    v: Array | None = None
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        self._check_frame()
+        position = goal_vector(self.position, "goal.position", COORDINATES, 3)
+        object.__setattr__(self, "position", position)
+        self._check_velocity()
+        self._check_tolerances()
+
+    def nearest_point(self) -> Array:
+        """The point, or a nearer one within the tolerance."""
+        return shortened(self.position, self.tolerance)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Difference of the positions [m]."""
+        offset = kinematics.placement(q, self.frame).translation - self.position
+        jacobian = kinematics.jacobian(q, self.frame)[:3]
+        return Place.within(offset, jacobian, self.tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGoal(Record, FrameGoal):
+    """Bring a frame to a pose.
+
+    Attributes:
+        frame: Name of the frame.
+        pose: Placement frame_to_world.
+        v: Final linear velocity of its origin, shape (3,) [m/s]; None for rest.
+        tolerance: Largest distance of the origin from its place [m].
+        angle_tolerance: Largest angle between the orientations, about any axis [rad].
+    """
+
+    frame: str
+    pose: pin.SE3
+    v: Array | None = None
+    tolerance: float = 0.0
+    angle_tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        self._check_frame()
+        object.__setattr__(self, "pose", checked_pose(self.pose))
+        self._check_velocity()
+        self._check_tolerances()
+
+    def _values(self) -> tuple[Any, ...]:
+        return pose_values(self)
+
+    def nearest_point(self) -> Array:
+        """Where the pose is, or a nearer point within the tolerance."""
+        return shortened(np.array(self.pose.translation), self.tolerance)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Twist from the goal to the frame, in the frame; parted if it has a range."""
+        place = kinematics.placement(q, self.frame)
+        jacobian = kinematics.jacobian(q, self.frame, local=True)
+        if self.tolerance == self.angle_tolerance == 0.0:
+            error = self.pose.actInv(place)
+            twist = np.asarray(pin.log6(error).vector)
+            return Place.exact(twist, pin.Jlog6(error) @ jacobian)
+        offset = place.translation - self.pose.translation
+        turn, by_turn = rotation_vector(self.pose.rotation.T @ place.rotation)
+        position = Place.within(offset, place.rotation @ jacobian[:3], self.tolerance)
+        return position.joined(
+            Place.within(turn, by_turn @ jacobian[3:], self.angle_tolerance)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AxisGoal(Record, FrameGoal):
+    """Point an axis of a frame into a direction, turned about it in any way.
+
+    Attributes:
+        frame: Name of the frame.
+        axis: Axis in the frame, shape (3,); of any length.
+        direction: Direction in the world, shape (3,); of any length.
+        position: Where to bring the frame's origin, in the world, shape (3,) [m]; None
+            for anywhere.
+        v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
+        tolerance: Largest distance of the origin from the position [m].
+        angle_tolerance: Largest angle between axis and direction [rad].
+    """
+
+    frame: str
+    axis: Array
+    direction: Array
+    position: Array | None = None
+    v: Array | None = None
+    tolerance: float = 0.0
+    angle_tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        self._check_frame()
+        for name in ("axis", "direction"):
+            value = goal_vector(
+                getattr(self, name), f"goal.{name}", "three numbers, not all zero", 3
+            )
+            largest = float(np.max(np.abs(value)))
+            if largest == 0.0:
+                raise ProblemError(
+                    f"goal.{name} is {value.tolist()}, expected three numbers, not all "
+                    "zero",
+                    f"goal.{name}",
+                )
+            value = value / largest  # so that no square overflows
+            object.__setattr__(self, name, frozen_array(value / np.linalg.norm(value)))
+        if self.position is not None:
+            position = goal_vector(self.position, "goal.position", COORDINATES, 3)
+            object.__setattr__(self, "position", position)
+        self._check_velocity()
+        self._check_tolerances()
+
+    def nearest_point(self) -> Array | None:
+        """The position, or a nearer point within the tolerance."""
+        if self.position is None:
+            return None
+        return shortened(self.position, self.tolerance)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Deviation of the axis [rad], two numbers, then that of the origin [m]."""
+        place = kinematics.placement(q, self.frame)
+        jacobian = kinematics.jacobian(q, self.frame)
+        turned = np.asarray(place.rotation @ self.axis)
+        value, by_axis = deviation(turned, self.direction)
+        # The axis turns with w x axis.
+        by_turn = np.cross(turned, by_axis)
+        found = Place.within(value, by_turn @ jacobian[3:], self.angle_tolerance)
+        if self.position is None:
+            return found
+        offset = place.translation - self.position
+        return found.joined(Place.within(offset, jacobian[:3], self.tolerance))
+
+
+def shortened(point: Array, length: float) -> Array:
+    """A point moved towards the origin by a length, at most to it."""
+    distance = float(np.linalg.norm(point))
+    if distance <= length:
+        return np.zeros(3)
+    return np.asarray(point * (1.0 - length / distance))
+
+
+def rotation_vector(rotation: Array) -> tuple[Array, Array]:
+    """Rotation vector [rad] and its derivative by a turn in the axes turned to."""
+    return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
+
+
+def checked_pose(pose: object) -> pin.SE3:
+    """Copy a caller's pose.
+
+    Raises:
+        ProblemError: If it is none.
+    """
+    if not isinstance(pose, pin.SE3):
+        raise ProblemError(
+            f"goal.pose is a {type(pose).__name__}, expected a pinocchio.SE3",
+            field="goal.pose",
+        )
+    if not np.all(np.isfinite(pose.homogeneous)):
+        raise ProblemError("goal.pose is not finite", field="goal.pose")
+    if not is_rotation(pose.rotation):
+        raise ProblemError(
+            "the rotation of goal.pose is not a rotation matrix (orthonormal "
+            "columns, determinant 1)",
+            field="goal.pose",
+        )
+    return pose.copy()
+
+
+def pose_values(goal: Any) -> tuple[Any, ...]:
+    """The fields of a goal, with poses as numbers, to compare it by."""
+    found = (getattr(goal, f.name) for f in fields(goal))
+    return tuple(
+        tuple(value.homogeneous.ravel().tolist())
+        if isinstance(value, pin.SE3)
+        else comparable(value)
+        for value in found
+    )

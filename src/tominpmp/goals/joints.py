@@ -1,0 +1,163 @@
+"""Goals on joint positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record
+from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.goals.base import (
+    Goal,
+    GoalResidual,
+    Place,
+    PlaceGoal,
+    goal_tolerance,
+    goal_vector,
+)
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal(Record, Goal):
+    """Reach a configuration.
+
+    Attributes:
+        q: Joint positions, shape (n,) [rad or m].
+        v: Final joint velocities, shape (n,) [rad/s or m/s]; None for rest.
+    """
+
+    q: Array
+    v: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Copy the arrays; their lengths are checked against the robot."""
+        expected = "one number for each joint [rad or m]"
+        object.__setattr__(self, "q", goal_vector(self.q, "goal.q", expected))
+        if self.v is not None:
+            expected = "one number for each joint [rad/s or m/s]"
+            object.__setattr__(self, "v", goal_vector(self.v, "goal.v", expected))
+
+    def validate(self, robot: Robot) -> None:
+        """Check lengths against the number of joints."""
+        for name, value in (("goal.q", self.q), ("goal.v", self.v)):
+            if value is not None:
+                _check_length(name, value, robot.joint_names)
+
+    def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
+        """Difference of positions and velocities to the goal, shape (2n,)."""
+        n = q.size
+        eye, zero = np.eye(n), np.zeros((n, n))
+        return GoalResidual(
+            np.concatenate([q - self.q, v - self.final_velocity(n)]),
+            np.vstack([eye, zero]),
+            np.vstack([zero, eye]),
+        )
+
+    @property
+    def fixes_velocity(self) -> bool:
+        """The final joint velocity is given."""
+        return True
+
+    def final_velocity(self, n: int) -> Array:
+        """Final joint velocity, shape (n,)."""
+        return np.zeros(n) if self.v is None else self.v
+
+
+@dataclass(frozen=True, eq=False)
+class JointRegionGoal(Record, PlaceGoal):
+    """Bring some joints, or all, into ranges; the others end wherever is fastest.
+
+    MoveIt's joint constraints say this: a position and a tolerance for each of some
+    joints. The arm ends at rest.
+
+    Attributes:
+        q: Positions, shape (k,) [rad or m].
+        tolerance: Largest distance from them, one for all or by joint [rad or m].
+        joints: Names of the k joints; None for all, in the order of the robot.
+    """
+
+    q: Array
+    tolerance: float | Array = 0.0
+    joints: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        expected = "one number for each joint [rad or m]"
+        object.__setattr__(self, "q", goal_vector(self.q, "goal.q", expected))
+        object.__setattr__(self, "tolerance", self._checked_tolerance())
+        if self.joints is not None:
+            object.__setattr__(self, "joints", self._checked_joints(self.joints))
+
+    def _checked_tolerance(self) -> float | Array:
+        if np.ndim(self.tolerance) == 0:
+            return goal_tolerance(self.tolerance, "goal.tolerance", "rad or m")
+        expected = "numbers >= 0, one for each joint of the goal [rad or m]"
+        given = goal_vector(self.tolerance, "goal.tolerance", expected, self.q.size)
+        if np.any(given < 0.0):
+            raise ProblemError(
+                f"goal.tolerance is {given.tolist()}, expected {expected}",
+                "goal.tolerance",
+            )
+        return given
+
+    def _checked_joints(self, joints: Sequence[str]) -> tuple[str, ...]:
+        names = tuple(joints) if not isinstance(joints, str) else ()
+        if not names or not all(isinstance(name, str) for name in names):
+            raise ProblemError(
+                f"goal.joints is {joints!r}, expected names of joints", "goal.joints"
+            )
+        if len(set(names)) < len(names):
+            raise ProblemError(
+                f"goal.joints names a joint twice: {', '.join(names)}", "goal.joints"
+            )
+        _check_length("goal.q", self.q, names)
+        return names
+
+    def validate(self, robot: Robot) -> None:
+        """Check names, lengths and that the ranges are within reach of the joints."""
+        names = robot.joint_names if self.joints is None else tuple(self.joints)
+        for name in names:
+            if name not in robot.joint_names:
+                raise JointNotFound(name, robot.joint_names)
+        _check_length("goal.q", self.q, names)
+        indices = [robot.joint_names.index(name) for name in names]
+        low = robot.limits.position_lower[indices]
+        high = robot.limits.position_upper[indices]
+        away = np.maximum(low - self.q, self.q - high)
+        # Rounded as files do, a position may be this far outside.
+        missing = away - np.broadcast_to(self.tolerance, away.shape)
+        for i in np.flatnonzero(missing > 1e-6).tolist():
+            raise ProblemError(
+                f"goal.q: joint {names[i]!r} is to be at {self.q[i]:.6g}, outside its "
+                f"position limits [{low[i]:.6g}, {high[i]:.6g}] by more than the "
+                "tolerance",
+                "goal.q",
+            )
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Difference to the positions asked for [rad or m]."""
+        robot = kinematics.robot
+        rows = np.arange(q.size)
+        if self.joints is not None:
+            rows = np.array([robot.joint_names.index(name) for name in self.joints])
+        limits = robot.limits
+        target = np.clip(
+            self.q, limits.position_lower[rows], limits.position_upper[rows]
+        )
+        room = np.broadcast_to(self.tolerance, rows.shape)
+        # What is asked for beyond a limit is asked for at the limit.
+        room = np.maximum(room - np.abs(target - self.q), 0.0)
+        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room)
+
+
+def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:
+    if value.size != len(joints):
+        raise ProblemError(
+            f"{name} has {value.size} numbers, expected {len(joints)}, one for "
+            f"each of: {', '.join(joints)}",
+            field=name,
+        )

@@ -1,0 +1,129 @@
+"""Goal region: a box for the origin of a frame, and a range of orientations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, Record, frozen_array
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals.base import Place, goal_vector
+from tominpmp.goals.frames import (
+    FrameGoal,
+    checked_pose,
+    pose_values,
+    rotation_vector,
+)
+from tominpmp.kinematics import RobotKinematics
+
+EDGES = "three coordinates [m]"
+ANGLES = "an angle >= 0 or three of them [rad]"
+
+
+@dataclass(frozen=True, eq=False)
+class RegionGoal(Record, FrameGoal):
+    """Bring the origin of a frame into a box, in any orientation or in some.
+
+    MoveIt's position constraint with a box, and its orientation constraint with
+    tolerances about three axes, together.
+
+    Attributes:
+        frame: Name of the frame.
+        lower: Lower corner of the box, along the axes of the pose, shape (3,) [m];
+            minus infinity for none.
+        upper: Upper corner, shape (3,) [m]; infinity for none.
+        pose: Placement box_to_world; None for the world itself.
+        angle_tolerance: Largest component of the rotation vector from the axes of the
+            pose to those of the frame, one for all axes or three [rad]; pi for any.
+        v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
+    """
+
+    frame: str
+    lower: Array
+    upper: Array
+    pose: pin.SE3 | None = None
+    angle_tolerance: float | Array = np.pi
+    v: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        self._check_frame()
+        for name in ("lower", "upper"):
+            value = goal_vector(
+                getattr(self, name), f"goal.{name}", EDGES, 3, infinite=True
+            )
+            object.__setattr__(self, name, value)
+        for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
+            if low > high or low == np.inf or high == -np.inf:
+                raise ProblemError(
+                    f"goal.lower is {low:g} and goal.upper {high:g} along {axis}, "
+                    "expected the lower corner below the upper one",
+                    "goal.lower",
+                )
+        if self.pose is not None:
+            object.__setattr__(self, "pose", checked_pose(self.pose))
+        object.__setattr__(self, "angle_tolerance", self._checked_angles())
+        if not (np.any(np.isfinite([self.lower, self.upper])) or self._turns.size):
+            raise ProblemError(
+                "goal: the box is infinite and any orientation will do: nothing is "
+                "asked for",
+                "goal",
+            )
+        self._check_velocity()
+
+    def _checked_angles(self) -> float | Array:
+        given = self.angle_tolerance
+        one = np.ndim(given) == 0
+        angles = goal_vector(
+            [given] if one else given,
+            "goal.angle_tolerance",
+            ANGLES,
+            1 if one else 3,
+            infinite=True,
+        )
+        if np.any(angles < 0.0):
+            raise ProblemError(
+                f"goal.angle_tolerance is {given!r}, expected {ANGLES}",
+                "goal.angle_tolerance",
+            )
+        angles = np.minimum(angles, np.pi)
+        return float(angles[0]) if one else frozen_array(angles)
+
+    def _values(self) -> tuple[Any, ...]:
+        return pose_values(self)
+
+    @property
+    def _turns(self) -> Array:
+        """Tolerances of the axes about which not any angle will do."""
+        angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
+        return angles[angles < np.pi]
+
+    def nearest_point(self) -> Array:
+        """Point of the box that is nearest to the origin of the world."""
+        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        origin = np.asarray(pose.actInv(np.zeros(3)))
+        return np.asarray(pose.act(np.clip(origin, self.lower, self.upper)))
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Position in the axes of the box [m], and rotation vector [rad]."""
+        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        place = pose.actInv(kinematics.placement(q, self.frame))
+        jacobian = kinematics.jacobian(q, self.frame, local=True)
+        position = Place(
+            np.asarray(place.translation),
+            place.rotation @ jacobian[:3],
+            self.lower,
+            self.upper,
+        )
+        kept = np.isfinite(self.lower) | np.isfinite(self.upper)
+        position = Place(*(part[kept] for part in position))
+        if not self._turns.size:
+            return position
+        turn, by_turn = rotation_vector(np.asarray(place.rotation))
+        angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
+        rotation = Place(turn, by_turn @ jacobian[3:], -angles, angles)
+        kept = angles < np.pi
+        return position.joined(Place(*(part[kept] for part in rotation)))

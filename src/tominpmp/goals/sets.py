@@ -1,0 +1,146 @@
+"""Sets of goals: any of them, or all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals.base import Goal, GoalResidual, Place, PlaceGoal
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.robot import Robot
+
+
+def _members(goals: object) -> tuple[Goal, ...]:
+    """Check a caller's goals."""
+    expected = "a list of goals"
+    if isinstance(goals, Goal) or not isinstance(goals, Sequence):
+        raise ProblemError(
+            f"goal.goals is a {type(goals).__name__}, expected {expected}",
+            "goal.goals",
+        )
+    for item in goals:
+        if not isinstance(item, Goal):
+            raise ProblemError(
+                f"goal.goals holds a {type(item).__name__}, expected {expected}",
+                "goal.goals",
+            )
+    if not goals:
+        raise ProblemError(f"goal.goals is empty, expected {expected}", "goal.goals")
+    return tuple(goals)
+
+
+@dataclass(frozen=True, eq=False)
+class AnyGoal(Record, Goal):
+    """Goals of which any will do; each is planned for, and the fastest one kept.
+
+    Attributes:
+        goals: The goals; a set among them counts as its members.
+    """
+
+    goals: Sequence[Goal]
+
+    def __post_init__(self) -> None:
+        """Check the goals."""
+        members = _members(self.goals)
+        found = tuple(one for item in members for one in item.alternatives)
+        if len({item.fixes_velocity for item in found}) > 1:
+            raise ProblemError(
+                "goal.goals: with some of them the arm ends at a given joint velocity, "
+                "with others it does not; expected one or the other",
+                "goal.goals",
+            )
+        object.__setattr__(self, "goals", found)
+
+    def validate(self, robot: Robot) -> None:
+        """Check each goal."""
+        for goal in self.goals:
+            goal.validate(robot)
+
+    @property
+    def alternatives(self) -> tuple[Goal, ...]:
+        """The goals."""
+        return tuple(self.goals)
+
+    def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
+        """The goal that a final state misses by least, in the worst of its numbers."""
+        missed = [
+            float(np.max(np.abs(goal.excess(kinematics, q, v)), initial=0.0))
+            for goal in self.goals
+        ]
+        return self.goals[int(np.argmin(missed))]
+
+    def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
+        """Excess over the bounds of the nearest goal; its length depends on which."""
+        goal = self.nearest(kinematics, q, v)
+        value, by_q, by_v = goal.residual(kinematics, q, v)
+        lower, upper = goal.bounds(kinematics)
+        excess = value - np.clip(value, lower, upper)
+        outside = ((excess != 0.0) | (lower == upper))[:, None]
+        return GoalResidual(
+            excess, np.where(outside, by_q, 0.0), np.where(outside, by_v, 0.0)
+        )
+
+    def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
+        """By how much the nearest goal is missed."""
+        return self.nearest(kinematics, q, v).excess(kinematics, q, v)
+
+    @property
+    def fixes_velocity(self) -> bool:
+        """Whether the final joint velocity is known beforehand, for each of them."""
+        return self.goals[0].fixes_velocity
+
+    def final_velocity(self, n: int) -> Array:
+        """Final joint velocity of the first goal, shape (n,)."""
+        return self.goals[0].final_velocity(n)
+
+
+@dataclass(frozen=True, eq=False)
+class AllGoals(Record, PlaceGoal):
+    """Goals that are all to be met, at rest: one for each of several arms, say.
+
+    Attributes:
+        goals: Goals on frames or on some joints; a set of this kind among them counts
+            as its members.
+    """
+
+    goals: Sequence[Goal]
+
+    def __post_init__(self) -> None:
+        """Check the goals."""
+        found: list[Goal] = []
+        for item in _members(self.goals):
+            found += item.goals if isinstance(item, AllGoals) else [item]
+        for item in found:
+            if not isinstance(item, PlaceGoal):
+                raise ProblemError(
+                    f"goal.goals holds a {type(item).__name__}, expected goals on "
+                    "frames or on some joints (JointRegionGoal)",
+                    "goal.goals",
+                )
+            if not item.fixes_velocity:
+                raise ProblemError(
+                    "goal.goals holds a goal with a velocity v, expected goals at rest",
+                    "goal.goals",
+                )
+        object.__setattr__(self, "goals", tuple(found))
+
+    @property
+    def members(self) -> tuple[PlaceGoal, ...]:
+        """The goals."""
+        return tuple(item for item in self.goals if isinstance(item, PlaceGoal))
+
+    def validate(self, robot: Robot) -> None:
+        """Check each goal."""
+        for goal in self.goals:
+            goal.validate(robot)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """What all goals ask of a configuration."""
+        first, *others = (goal.place(kinematics, q) for goal in self.members)
+        for other in others:
+            first = first.joined(other)
+        return first
