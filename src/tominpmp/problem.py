@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import warnings
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,7 @@ from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.collision import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
-from tominpmp.goals import FrameGoal, Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals import AllGoals, AnyGoal, FrameGoal, Goal, JointGoal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
@@ -66,7 +67,7 @@ class Problem(Record):
         if not isinstance(self.goal, Goal):
             raise ProblemError(
                 f"goal is a {type(self.goal).__name__}, expected a JointGoal, "
-                "PositionGoal or PoseGoal",
+                "PositionGoal, PoseGoal or another goal",
                 "goal",
             )
         scene = Scene() if self.scene is None else self.scene
@@ -85,14 +86,11 @@ class Problem(Record):
                 )
             self.motion_limits.check(self.robot.joint_names)
         self.goal.validate(self.robot)
-        snapped = [*self._snap_start(), *self._snap_goal()]
+        snapped = self._snap_start()
         self._check_clear(self.q_start, "start")
-        if isinstance(self.goal, JointGoal):
-            self._check_clear(self.goal.q, "goal")
-            self._check_hold(self.goal)
-        elif isinstance(self.goal, FrameGoal):
-            self._check_reach(self.goal)
-        for message in snapped:
+        goal, of_goal = self._checked_goal(self.goal)
+        object.__setattr__(self, "goal", goal)
+        for message in (*snapped, *of_goal):
             # Past this method and the generated __init__, to whoever makes the problem.
             warnings.warn(message, TominpmpWarning, stacklevel=3)
 
@@ -130,10 +128,51 @@ class Problem(Record):
         object.__setattr__(self, "v_start", frozen_array(v))
         return of_q + of_v
 
-    def _snap_goal(self) -> list[str]:
-        goal = self.goal
-        if not isinstance(goal, JointGoal):
-            return []
+    @property
+    def alternatives(self) -> tuple[Problem, ...]:
+        """Problems of which any will do: one for each alternative of the goal."""
+        return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
+
+    def _with_goal(self, goal: Goal) -> Problem:
+        """The same problem with another goal, which was checked before."""
+        if goal is self.goal:
+            return self
+        _ = self.checker  # the copy shares it
+        other = copy.copy(self)
+        object.__setattr__(other, "goal", goal)
+        return other
+
+    def _checked_goal(self, goal: Goal) -> tuple[Goal, list[str]]:
+        """Check a goal that belongs to the robot; what to warn of is returned too."""
+        if isinstance(goal, AnyGoal):
+            return self._checked_set(goal)
+        if isinstance(goal, JointGoal):
+            goal, snapped = self._snap_goal(goal)
+            self._check_clear(goal.q, "goal")
+            self._check_hold(goal)
+            return goal, snapped
+        for item in goal.members if isinstance(goal, AllGoals) else (goal,):
+            if isinstance(item, FrameGoal):
+                self._check_reach(item)
+        return goal, []
+
+    def _checked_set(self, goals: AnyGoal) -> tuple[Goal, list[str]]:
+        """Leave out the goals that cannot be reached, as long as there are others."""
+        kept, messages, wrong = [], [], []
+        for number, goal in enumerate(goals.goals, 1):
+            try:
+                checked, snapped = self._checked_goal(goal)
+            except ProblemError as error:
+                wrong.append(f"goal {number} of {len(goals.goals)}: {error}")
+            else:
+                kept.append(checked)
+                messages += snapped
+        if not kept:
+            raise ProblemError("; ".join(wrong), "goal")
+        messages += [f"{text}; it is left out" for text in wrong]
+        return AnyGoal(tuple(kept)), messages
+
+    def _snap_goal(self, goal: JointGoal) -> tuple[JointGoal, list[str]]:
         q, of_q = self._snap("position", goal.q, "goal.q")
         v = goal.final_velocity(self.robot.n)
         v, of_v = self._snap("velocity", v, "goal.v")
@@ -141,8 +180,7 @@ class Problem(Record):
             goal = replace(goal, q=q)
         if of_v:
             goal = replace(goal, v=v)
-        object.__setattr__(self, "goal", goal)
-        return of_q + of_v
+        return goal, of_q + of_v
 
     def _unit(self, quantity: str, joint: int) -> str:
         return UNITS[quantity][int(prismatic_joints(self.robot)[joint])]
@@ -235,11 +273,8 @@ class Problem(Record):
                 )
 
     def _check_reach(self, goal: FrameGoal) -> None:
-        if isinstance(goal, PositionGoal):
-            target = goal.position
-        elif isinstance(goal, PoseGoal):
-            target = goal.pose.translation
-        else:
+        target = goal.nearest_point()
+        if target is None:
             return
         reach = RobotKinematics(self.robot).reach(goal.frame)
         distance = math.hypot(*target)  # does not overflow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any
@@ -228,7 +229,7 @@ class AxisGoal(Record, FrameGoal):
 
 def shortened(point: Array, length: float) -> Array:
     """A point moved towards the origin by a length, at most to it."""
-    distance = float(np.linalg.norm(point))
+    distance = math.hypot(*point)  # does not overflow
     if distance <= length:
         return np.zeros(3)
     return np.asarray(point * (1.0 - length / distance))

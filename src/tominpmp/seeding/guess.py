@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.goals import FrameGoal, JointGoal
+from tominpmp.goals import JointGoal, PlaceGoal
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.seeding.path import RoundedPath
 from tominpmp.seeding.sampling import (
@@ -208,7 +208,7 @@ def _guesses(
     problem = system.problem
     if isinstance(problem.goal, JointGoal):
         ends = [problem.goal.q]
-    elif isinstance(problem.goal, FrameGoal):
+    elif isinstance(problem.goal, PlaceGoal):
         ends, _ = goal_configurations(system, problem.goal, KINEMATIC_STARTS, rng)
     else:
         ends = []
@@ -220,7 +220,7 @@ def _guesses(
     straight = [straight[i] for i in order]
     ends = [ends[i] for i in order]
     rest = resting_guess(system, duration or straight[0].duration)
-    on_frame = isinstance(problem.goal, FrameGoal)
+    on_frame = isinstance(problem.goal, PlaceGoal)
     if system.clearance is None:
         # The paper's kind of start, which satisfies nothing: the linear programs choose
         # the final configuration themselves. It is mostly the best one to begin with.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.goals import FrameGoal
+from tominpmp.goals import PlaceGoal
 from tominpmp.seeding.path import speed_weights
 from tominpmp.seeding.sampling import is_free
 from tominpmp.transcription.system import System
@@ -40,7 +40,7 @@ class GoalSearch(NamedTuple):
 
 
 def solve_inverse_kinematics(
-    system: System, goal: FrameGoal, q: Array
+    system: System, goal: PlaceGoal, q: Array
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
 
@@ -91,7 +91,7 @@ def solve_inverse_kinematics(
 
 
 def find_configurations(
-    system: System, goal: FrameGoal, count: int, rng: np.random.Generator
+    system: System, goal: PlaceGoal, count: int, rng: np.random.Generator
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from many starts.
 
@@ -130,7 +130,7 @@ def find_configurations(
 
 
 def goal_configurations(
-    system: System, goal: FrameGoal, count: int, rng: np.random.Generator
+    system: System, goal: PlaceGoal, count: int, rng: np.random.Generator
 ) -> tuple[list[Array], float]:
     """As :func:`find_configurations`, those in collision only if there are no others.
 

@@ -27,20 +27,23 @@ from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.transcription.adjoint import AdjointTranscription
 
-# The first weight K, in shares of T, and its growth from round to round.
-FIRST_WEIGHT = 10.0
+# The first weight K, in shares of T, and its growth from round to round. From a smaller
+# one the motions end faster, up to 7 % on the paper's example, and take twice as long.
+FIRST_WEIGHT = 30.0
 WEIGHT_GROWTH = 10.0
 ROUNDS = 11
 # Violations fall like 1 / K; where two rounds leave more than this share of them, no
 # weight will remove the rest.
 STUCK = 0.5
 # Quasi-Newton iterations a round, and in all for each of ``options.max_iterations``:
-# one of them costs about a tenth of an iteration with a linear program.
-ROUND_ITERATIONS = 300
+# one of them costs about a tenth of an iteration with a linear program. What a round
+# leaves undone the next one does, with smaller violations.
+ROUND_ITERATIONS = 100
 ITERATION_FACTOR = 20
 MEMORY = 30
-# Bounds of the duration in shares of the initial one.
-DURATIONS = (0.05, 20.0)
+# Bounds of the duration in shares of the initial one; without the first, the round with
+# the smallest weight begins with a motion that hardly lasts.
+DURATIONS = (0.3, 20.0)
 
 Monitor = Callable[[IterationRecord], Status | None]
 
@@ -115,12 +118,18 @@ class _Run:
         counts = np.bincount(self.rows.group)
         goal = self.rows.kind == self.rows.kinds.index("goal")
         self.share = np.where(goal, 1.0, 1.0 / counts[self.rows.group])
-        torques = z.size - nlp.shares.shape[1]
-        self.scale = np.concatenate([np.ones(torques), z[torques:]])
-        ones = np.ones(torques)
-        rest = np.ones(z.size - torques)
-        self.lower = np.concatenate([-ones, DURATIONS[0] * rest])
-        self.upper = np.concatenate([ones, DURATIONS[1] * rest])
+        intervals, columns = nlp.shares.shape
+        torques = z.size - columns
+        # The torques as functions of time: one of an interval counts by its length.
+        # With these units the iterations end 6 % to 10 % lower than with each torque
+        # in its range, in the same time.
+        lengths = nlp.shares @ z[torques:]
+        unit = np.sqrt(lengths.sum() / lengths)
+        units = np.repeat(unit, torques // intervals)
+        rest = np.ones(columns)
+        self.scale = np.concatenate([units, z[torques:]])
+        self.lower = np.concatenate([-1.0 / units, DURATIONS[0] * rest])
+        self.upper = np.concatenate([1.0 / units, DURATIONS[1] * rest])
         self.iterate = self.make(z, nlp.evaluate(z))
         # What the quasi-Newton method evaluated last: unknowns, rows and objective.
         self.trial = z, self.iterate.values, np.inf

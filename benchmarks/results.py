@@ -1,0 +1,132 @@
+"""Results of the MotionBenchMaker benchmark: the CSV file and the tables made of it."""
+
+from __future__ import annotations
+
+import csv
+import os
+import statistics
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+KEY = ("scene", "problem")
+Row = dict[str, str]
+
+
+class Table:
+    """The CSV file: rows of earlier runs, and rows added one by one.
+
+    Args:
+        path: The file.
+        columns: Names of the columns.
+
+    Raises:
+        SystemExit: If the file is there and has other columns.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self._path, self._columns = path, list(columns)
+        self.rows: dict[tuple[str, ...], Row] = {}
+        if not path.exists() or not path.stat().st_size:
+            return
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            if reader.fieldnames != self._columns:
+                raise SystemExit(f"{path} has other columns; choose another --out")
+            for row in reader:
+                # An interruption may leave half a row; that problem is run again.
+                if None not in row.values():
+                    self.rows[tuple(row[name] for name in KEY)] = row
+
+    def add(self, row: Row) -> None:
+        """Add a row and write all to the disk at once."""
+        self.rows[tuple(row[name] for name in KEY)] = row
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        draft = self._path.with_name(self._path.name + ".part")
+        with draft.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, self._columns, restval="")
+            writer.writeheader()
+            writer.writerows(self.rows.values())
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(self._path)
+
+
+def _numbers(rows: Sequence[Row], column: str) -> list[float]:
+    return [float(row[column]) for row in rows if row.get(column)]
+
+
+def _cell(
+    rows: Sequence[Row], column: str, pick: Callable[[Sequence[float]], float]
+) -> str:
+    values = _numbers(rows, column)
+    return f"{pick(values):.3f}" if values else "-"
+
+
+def percentile_95(values: Sequence[float]) -> float:
+    """The value that 95 % do not pass."""
+    return float(np.percentile(values, 95))
+
+
+def compare(rows: Sequence[Row], others: Sequence[Row]) -> tuple[float, int]:
+    """Mean T of some rows over that of others, where both succeeded; how many.
+
+    Returns:
+        The ratio, nan if there is nothing to compare, and the number of problems.
+    """
+    known = {
+        tuple(row[k] for k in KEY): row for row in others if row["success"] == "True"
+    }
+    pairs = [
+        (float(row["T"]), float(known[key]["T"]))
+        for row in rows
+        if row["success"] == "True" and (key := tuple(row[k] for k in KEY)) in known
+    ]
+    if not pairs:
+        return float("nan"), 0
+    ours, theirs = np.array(pairs).sum(axis=0)
+    return float(ours / theirs), len(pairs)
+
+
+def markdown_table(rows: Sequence[Row], others: Sequence[Row] = ()) -> str:
+    """Table per scene and overall.
+
+    Args:
+        rows: Rows of this run.
+        others: Rows of the rival, if there are any.
+    """
+    header = ["scene", "solved", "mean T [s]", "median s", "95 % s", "max s"]
+    header += ["least clearance [mm]", "largest excess [%]"]
+    if others:
+        header += ["mean T / rival's", "both solved"]
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    for scene in [*dict.fromkeys(row["scene"] for row in rows), "all"]:
+        group = [row for row in rows if scene in ("all", row["scene"])]
+        solved = [row for row in group if row["success"] == "True"]
+        share = f" ({len(solved) / len(group):.1%})" if scene == "all" else ""
+        cells = [
+            scene,
+            f"{len(solved)} / {len(group)}{share}",
+            _cell(solved, "T", statistics.fmean),
+            _cell(group, "process_seconds", statistics.median),
+            _cell(group, "process_seconds", percentile_95),
+            _cell(group, "process_seconds", max),
+            _cell(solved, "clearance", lambda values: 1e3 * min(values)),
+            _cell(solved, "limit_excess", lambda values: 100 * max(values)),
+        ]
+        if others:
+            ratio, count = compare(group, others)
+            cells += [f"{ratio:.3f}", str(count)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def failures(rows: Sequence[Row]) -> list[str]:
+    """One line for each problem that was not solved."""
+    return [
+        f"{row['scene']} {row['problem']}: {row['status']}"
+        + (f" ({row['faults']})" if row.get("faults") else "")
+        for row in rows
+        if row["success"] != "True"
+    ]

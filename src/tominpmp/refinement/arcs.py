@@ -1,0 +1,234 @@
+"""Arcs: stretches of time on which each joint has one torque, or one speed.
+
+A time-optimal motion mostly has every torque at a limit, or the joint at its speed
+limit. Between the instants at which that changes lies an arc; its length is exact where
+an interval of a grid is a compromise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+
+# Torque shares this near a limit are at it.
+SATURATED = 0.98
+# Speeds this near the limit, relatively, are at it.
+AT_SPEED = 3e-3
+# Stretches of this many intervals with torques between their limits stand for switches.
+UNSHARP = 3
+# Longer ones are cut into this many arcs at most.
+PIECES = 6
+# Arcs shorter than this share of the duration are joined to their neighbours.
+SHORTEST = 1e-7
+# Switches of different joints closer than this share of the duration are one at first.
+TOGETHER = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Arcs:
+    """What the joints do, arc by arc.
+
+    Attributes:
+        lengths: Lengths [s], shape (K,).
+        levels: Torques as shares of their limits, in [-1, 1], shape (K, n).
+        free: Whether a torque lies between its limits, to be found, shape (K, n).
+        held: 1 or -1 where a joint runs at its speed limit forwards or backwards, else
+            0, shape (K, n).
+    """
+
+    lengths: Array
+    levels: Array
+    free: BoolArray
+    held: IntArray
+
+    @property
+    def count(self) -> int:
+        """Number of arcs."""
+        return self.lengths.size
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self.lengths.sum())
+
+    @property
+    def entries(self) -> BoolArray:
+        """Where a joint begins to be held after the start, shape (K, n)."""
+        before = np.vstack([self.held[:1], self.held[:-1]])
+        return np.asarray((self.held != 0) & (self.held != before))
+
+    def pick(self, index: IntArray, lengths: Array) -> Arcs:
+        """Arcs of chosen kinds with given lengths."""
+        return Arcs(lengths, self.levels[index], self.free[index], self.held[index])
+
+    def insert(
+        self, arc: int, share: float, joint: int, level: float, held: int = 0
+    ) -> Arcs:
+        """Cut an arc and put in one without length, with another torque of a joint.
+
+        Args:
+            arc: The arc to be cut.
+            share: Where, in [0, 1].
+            joint: The joint.
+            level: Its torque on the new arc, as a share of the limits.
+            held: 1 or -1 if it runs at its speed limit there.
+        """
+        index = np.insert(np.arange(self.count), arc, [arc, arc])
+        lengths = self.lengths[index]
+        lengths[arc : arc + 3] = self.lengths[arc] * np.array([share, 0.0, 1.0 - share])
+        cut = self.pick(index, lengths)
+        levels, free, kept = cut.levels.copy(), cut.free.copy(), cut.held.copy()
+        levels[arc + 1, joint] = level
+        free[arc + 1, joint], kept[arc + 1, joint] = False, held
+        return Arcs(lengths, levels, free, kept)
+
+    def cleaned(self) -> Arcs:
+        """Without arcs of hardly any length, and equal neighbours joined."""
+        keep = np.flatnonzero(self.lengths > SHORTEST * self.duration)
+        arcs = self.pick(keep, self.lengths[keep])
+        same = np.all(
+            (arcs.held[1:] == arcs.held[:-1])
+            & (
+                (arcs.held[1:] != 0)
+                | (
+                    ~arcs.free[1:]
+                    & ~arcs.free[:-1]
+                    & (arcs.levels[1:] == arcs.levels[:-1])
+                )
+            ),
+            axis=1,
+        )
+        group = np.concatenate([[0], np.cumsum(~same)])
+        lengths = np.zeros(int(group[-1]) + 1)
+        np.add.at(lengths, group, arcs.lengths)
+        first = np.searchsorted(group, np.arange(lengths.size))
+        return arcs.pick(first, lengths)
+
+    def loosened(self) -> Arcs:
+        """With all torques to be found that can be."""
+        driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
+        return replace(self, free=(self.held == 0) & driven)
+
+    def settled(self) -> Arcs:
+        """With torques that have come to a limit no longer to be found."""
+        bound = self.free & (np.abs(self.levels) >= 1.0 - 1e-9)
+        levels = np.where(bound, np.sign(self.levels), self.levels)
+        return replace(self, levels=levels, free=self.free & ~bound)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """What one joint does for some time.
+
+    Attributes:
+        end: When it ends [s].
+        level: Torque as a share of its limits.
+        free: Whether it is to be found.
+        held: 1, -1 or 0, see :class:`Arcs`.
+    """
+
+    end: float
+    level: float
+    free: bool
+    held: int
+
+
+def read_arcs(
+    lengths: Array, shares: Array, speeds: Array, driven: BoolArray
+) -> Arcs:
+    """Read arcs off a motion whose torques are constant on intervals.
+
+    Args:
+        lengths: Lengths of the intervals [s], shape (N,).
+        shares: Torques as shares of their limits, shape (N, n).
+        speeds: Velocities at the nodes as shares of their limits, shape (N + 1, n).
+        driven: Which joints have motors, shape (n,).
+
+    Returns:
+        The arcs, with rough lengths.
+    """
+    t = np.concatenate([[0.0], np.cumsum(lengths)])
+    T, n = float(t[-1]), shares.shape[1]
+    tracks = []
+    for j in range(n):
+        if driven[j]:
+            track = _read_joint(t, shares[:, j], speeds[:, j])
+        else:
+            track = [Stretch(T, float(shares[0, j]), False, 0)]
+        tracks.append(track)
+    ends = np.sort([item.end for track in tracks for item in track])
+    apart = np.diff(np.concatenate([[0.0], ends])) > TOGETHER * T
+    ends = ends[apart]
+    ends[-1] = T
+    middles = ends - 0.5 * np.diff(np.concatenate([[0.0], ends]))
+    count = ends.size
+    levels, free = np.zeros((count, n)), np.zeros((count, n), dtype=bool)
+    held = np.zeros((count, n), dtype=np.int64)
+    for j, track in enumerate(tracks):
+        of = np.searchsorted([item.end for item in track], middles)
+        for k, index in enumerate(np.minimum(of, len(track) - 1).tolist()):
+            item = track[index]
+            levels[k, j], free[k, j], held[k, j] = item.level, item.free, item.held
+    return Arcs(np.diff(np.concatenate([[0.0], ends])), levels, free, held).cleaned()
+
+
+def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
+    """What one joint does."""
+    fast = 1.0 - AT_SPEED
+    forwards = (speeds[:-1] > fast) & (speeds[1:] > fast)
+    backwards = (speeds[:-1] < -fast) & (speeds[1:] < -fast)
+    inside = np.abs(shares) < SATURATED
+    code = np.where(shares > 0.0, 1, -1)
+    code = np.where(inside, 0, code)
+    code = np.where(forwards, 2, np.where(backwards, -2, code))
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [code.size]])
+    runs = [(int(a), int(b), int(code[a])) for a, b in zip(starts, starts[1:])]
+    out: list[Stretch] = []
+    for index, (a, b, kind) in enumerate(runs):
+        end = float(t[b])
+        if abs(kind) == 2:
+            out.append(Stretch(end, 0.0, False, kind // 2))
+        elif kind != 0:
+            out.append(Stretch(end, float(kind), False, 0))
+        elif b - a <= UNSHARP:
+            before = out[-1] if out else None
+            after = runs[index + 1][2] if index + 1 < len(runs) else 0
+            out += _unsharp(t[a : b + 1], shares[a:b], before, after)
+        else:
+            pieces = min(PIECES, (b - a) // 2)
+            cuts = np.unique(np.linspace(a, b, pieces + 1).round().astype(int))
+            for first, last in zip(cuts[:-1], cuts[1:]):
+                h = np.diff(t[first : last + 1])
+                level = float(h @ shares[first:last] / h.sum())
+                out.append(Stretch(float(t[last]), level, True, 0))
+    return out
+
+
+def _unsharp(
+    t: Array, shares: Array, before: Stretch | None, after: int
+) -> list[Stretch]:
+    """Switches that have about the same mean torque as a few intervals."""
+    h = np.diff(t)
+    mean = float(h @ shares / h.sum())
+    begin, end = float(t[0]), float(t[-1])
+    high = 0.5 * (1.0 + mean) * (end - begin)  # how long the torque is high
+    left = before.level if before is not None and before.held == 0 else 0.0
+    right = float(after) if abs(after) == 1 else 0.0
+    if abs(left) != 1.0 and abs(right) != 1.0:
+        return [Stretch(end, float(np.sign(mean) or 1.0), False, 0)]
+    if abs(left) != 1.0 or abs(right) != 1.0 or left != right:
+        # From one limit to the other.
+        first = left if abs(left) == 1.0 else -right
+        cut = begin + (high if first > 0.0 else end - begin - high)
+        return [Stretch(cut, first, False, 0), Stretch(end, -first, False, 0)]
+    # Away from a limit and back to it.
+    short = end - begin - high if left > 0.0 else high
+    middle = 0.5 * (begin + end)
+    return [
+        Stretch(middle - 0.5 * short, left, False, 0),
+        Stretch(middle + 0.5 * short, -left, False, 0),
+        Stretch(end, left, False, 0),
+    ]

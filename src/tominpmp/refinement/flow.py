@@ -1,0 +1,165 @@
+r"""Three-stage Radau IIA: accurate motions under torques that are constant on arcs.
+
+The scheme has order 5 and is L-stable (Hairer and Wanner, 1996, section IV.5). Its
+nodes are the zeros of a polynomial that has one at the end of the step, so that the
+last stage is the end state:
+
+.. math::
+    X_i = x + h \sum_j a_{ij} f(X_j, u), \qquad x_{+} = X_3.
+
+All steps are solved at once by Newton's iteration from the motion that was found last:
+it converges from guesses from which integrating step after step would run away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.dynamics import Dynamics
+from tominpmp.refinement.hybrid import Rates, differentiate_rates
+
+_R = math.sqrt(6.0)
+NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
+WEIGHTS = np.array(
+    [
+        [(88.0 - 7.0 * _R) / 360.0, (296.0 - 169.0 * _R) / 1800.0, (3.0 * _R - 2) / 225],
+        [(296.0 + 169.0 * _R) / 1800.0, (88.0 + 7.0 * _R) / 360.0, -(3 * _R + 2) / 225],
+        [(16.0 - _R) / 36.0, (16.0 + _R) / 36.0, 1.0 / 9.0],
+    ]
+)
+STAGES = 3
+NEWTON_STEPS = 25
+# Relative size of a Newton step after which rounding is reached.
+ROUNDING = 1e-12
+# Steps are halved as long as this many times when they make the residual grow.
+HALVINGS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """A motion integrated over steps, of which the torque is constant on each.
+
+    Attributes:
+        x_start: State at the start, shape (2n,).
+        stages: Inner stages and ends of the steps, shape (M, 3, 2n).
+        h: Lengths of the steps [s], shape (M,).
+        rates: State derivatives at the stages, rows of shape (3 M, ...).
+    """
+
+    x_start: Array
+    stages: Array
+    h: Array
+    rates: Rates
+
+    @property
+    def x(self) -> Array:
+        """States at the ends of the steps, from the start on, shape (M + 1, 2n)."""
+        return np.concatenate([self.x_start[None], self.stages[:, -1]])
+
+    def sensitivities(self) -> tuple[Array, Array, Array]:
+        """How the end of each step depends on its start, torque and length.
+
+        Returns:
+            Shapes (M, 2n, 2n), (M, 2n, n) and (M, 2n).
+        """
+        count, _, size = self.stages.shape
+        n = size // 2
+        f = self.rates.f.reshape(count, STAGES, size)
+        f_u = self.rates.f_u.reshape(count, STAGES, size, n)
+        by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u) * self.h[:, None, None, None]
+        by_h = np.einsum("ij,mja->mia", WEIGHTS, f)
+        both = np.broadcast_to(np.tile(np.eye(size), (STAGES, 1)), (count, 3 * size, size))
+        right = np.concatenate(
+            [
+                both,
+                by_u.reshape(count, STAGES * size, n),
+                by_h.reshape(count, STAGES * size, 1),
+            ],
+            axis=2,
+        )
+        matrix = _stage_matrix(self.h, self.rates.f_x, count, size)
+        ends = np.linalg.solve(matrix, right)[:, -size:]
+        return ends[..., :size], ends[..., size:-1], ends[..., -1]
+
+
+def integrate(
+    dynamics: Dynamics,
+    x_start: Array,
+    u: Array,
+    held: BoolArray,
+    h: Array,
+    guess: Array,
+) -> Flow | None:
+    """Integrate forward, all steps at once from a guess.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State at the start, shape (2n,).
+        u: Torques of the steps, shape (M, n) [N m or N].
+        held: Which joints keep their velocity, shape (M, n).
+        h: Lengths of the steps [s], shape (M,).
+        guess: Stages of a motion near by, shape (M, 3, 2n).
+
+    Returns:
+        The motion; None if Newton's iteration fails.
+    """
+    count, _, size = guess.shape
+    torque = np.repeat(u, STAGES, axis=0)
+    kept = np.repeat(held, STAGES, axis=0)
+    both = np.broadcast_to(np.tile(np.eye(size), (STAGES, 1)), (count, 3 * size, size))
+
+    def residual_at(stages: Array) -> tuple[Rates, Array]:
+        rates = differentiate_rates(dynamics, stages.reshape(-1, size), torque, kept)
+        starts = np.concatenate([x_start[None], stages[:-1, -1]])
+        slope = np.einsum("ij,mja->mia", WEIGHTS, rates.f.reshape(stages.shape))
+        return rates, stages - starts[:, None] - h[:, None, None] * slope
+
+    stages = guess
+    with np.errstate(all="ignore"):
+        rates, residual = residual_at(stages)
+        for _ in range(NEWTON_STEPS):
+            if not np.all(np.isfinite(residual)):
+                return None
+            matrix = _stage_matrix(h, rates.f_x, count, size)
+            right = np.concatenate([-residual.reshape(count, -1, 1), both], axis=2)
+            try:
+                change = _follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
+            except np.linalg.LinAlgError:
+                return None
+            before = float(np.max(np.abs(residual)))
+            damping = 1.0
+            for _ in range(HALVINGS):
+                trial = stages + damping * change
+                rates, residual = residual_at(trial)
+                after = float(np.max(np.abs(residual)))
+                if after <= before or after < 1e-10:
+                    break
+                damping *= 0.5
+            stages = trial
+            size_of = float(np.max(np.abs(change) / (1.0 + np.abs(stages))))
+            if not np.isfinite(size_of):
+                return None
+            if damping == 1.0 and (size_of < 1e-7 and after < 1e-10):
+                return Flow(x_start, stages, h, rates)
+    return None
+
+
+def _stage_matrix(h: Array, f_x: Array, count: int, size: int) -> Array:
+    """Derivative of the equations of a step by its stages, shape (M, 3s, 3s)."""
+    blocks = f_x.reshape(count, STAGES, size, size)
+    coupling = WEIGHTS[None, :, None, :, None] * np.moveaxis(blocks, 1, 2)[:, None]
+    coupling = coupling.reshape(count, STAGES * size, STAGES * size)
+    return np.asarray(np.eye(STAGES * size) - h[:, None, None] * coupling)
+
+
+def _follow(parts: Array) -> Array:
+    """Changes of all stages, each step starting where the one before it ends."""
+    size = parts.shape[2] - 1
+    own, by_start = parts[..., 0].copy(), parts[..., 1:]
+    for k in range(1, own.shape[0]):
+        own[k] += by_start[k] @ own[k - 1, -size:]
+    return own

@@ -1,0 +1,307 @@
+"""Shooting over arcs: lengths and torques such that the motion ends at the goal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.refinement.arcs import Arcs
+from tominpmp.refinement.flow import NODES, Flow, integrate
+from tominpmp.transcription.system import System
+
+# Typical velocities are this times the scale of positions over the duration.
+SPEED_FACTOR = 5.0
+# Limits are watched where a motion comes this near to them: as a share, and clearances
+# as a share of the reach.
+NEAR = 0.1
+CLOSE = 0.05
+POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
+
+
+class Watched(NamedTuple):
+    """Limits that are looked at, at the ends of steps.
+
+    Attributes:
+        kind: Which limit, shape (r,).
+        node: At the end of which step, counted from 1, shape (r,).
+        index: Joint or pair, shape (r,).
+        sign: 1 for an upper limit, -1 for a lower one, shape (r,).
+    """
+
+    kind: IntArray
+    node: IntArray
+    index: IntArray
+    sign: IntArray
+
+    @classmethod
+    def none(cls) -> Watched:
+        """Nothing to look at."""
+        empty = np.zeros(0, dtype=np.int64)
+        return cls(empty, empty, empty, empty)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A motion of a program, and how it depends on the unknowns.
+
+    Attributes:
+        flow: The motion.
+        equal: Goal and entries of held arcs, zero where they hold, shape (e,).
+        by_equal: Shape (e, size).
+        room: What is left to the watched limits and bounds of the goal, shape (r,).
+        by_room: Shape (r, size).
+        seeds: Derivative of the goal's part of ``equal`` by the final state, (k, 2n).
+    """
+
+    flow: Flow
+    equal: Array
+    by_equal: Array
+    room: Array
+    by_room: Array
+    seeds: Array
+
+
+class ArcProgram:
+    """Minimum time over the lengths of arcs and the torques that are free.
+
+    The unknowns are y = (lengths over the first duration, free torque shares).
+
+    Attributes:
+        system: The functions of the problem.
+        arcs: What the joints do.
+        steps: Number of integration steps of each arc, shape (K,).
+        watched: Limits that are looked at.
+    """
+
+    def __init__(self, system: System, arcs: Arcs, steps: IntArray) -> None:
+        self.system, self.arcs, self.steps = system, arcs, steps
+        self.duration = arcs.duration
+        self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
+        self.watched = Watched.none()
+        self._n = system.n
+        self._start = np.concatenate([system.problem.q_start, system.v_start])
+        self._held = arcs.held[self.arc_of_step] != 0
+        self._column = np.full(arcs.free.shape, -1)
+        self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
+        self._guess = np.zeros((self.arc_of_step.size, 3, 2 * system.n))
+        self._last: tuple[Array, Shot | None] | None = None
+        self._speed = SPEED_FACTOR / self.duration * system.step_scale
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.arcs.count + int(self.arcs.free.sum())
+
+    def begin(self, stages: Array) -> None:
+        """Take the stages of a motion near by as a guess, shape (M, 3, 2n)."""
+        self._guess = stages
+
+    def watch(self, watched: Watched) -> None:
+        """Look at other limits."""
+        self.watched = watched
+        self._last = None
+
+    def pack(self) -> Array:
+        """Unknowns of the arcs."""
+        arcs = self.arcs
+        return np.concatenate([arcs.lengths / self.duration, arcs.levels[arcs.free]])
+
+    def unpack(self, y: Array) -> Arcs:
+        """Arcs of unknowns."""
+        arcs, count = self.arcs, self.arcs.count
+        levels = arcs.levels.copy()
+        levels[arcs.free] = np.clip(y[count:], -1.0, 1.0)
+        lengths = np.maximum(y[:count], 0.0) * self.duration
+        return Arcs(lengths, levels, arcs.free, arcs.held)
+
+    def shoot(self, y: Array) -> Shot | None:
+        """The motion of some unknowns; None if it cannot be integrated."""
+        if self._last is None or not np.array_equal(self._last[0], y):
+            flow = self._integrate(self.unpack(y))
+            if flow is not None:
+                self._guess = flow.stages
+            shot = None if flow is None else self._differentiate(flow)
+            self._last = y.copy(), shot
+        return self._last[1]
+
+    def _integrate(self, arcs: Arcs) -> Flow | None:
+        system, of = self.system, self.arc_of_step
+        h = (arcs.lengths / self.steps)[of]
+        u = system.effort_middle + system.effort_half * arcs.levels[of]
+        return integrate(system.dynamics, self._start, u, self._held, h, self._guess)
+
+    def propagate(self, flow: Flow) -> Array:
+        """Derivatives of the states by the unknowns, shape (M + 1, 2n, size)."""
+        A, B, c = flow.sensitivities()
+        B = B * self.system.effort_half
+        c = c * (self.duration / self.steps)[self.arc_of_step, None]
+        out = np.zeros((c.shape[0] + 1, 2 * self._n, self.size))
+        for i, k in enumerate(self.arc_of_step.tolist()):
+            out[i + 1] = A[i] @ out[i]
+            out[i + 1, :, k] += c[i]
+            for j in np.flatnonzero(self._column[k] >= 0).tolist():
+                out[i + 1, :, self._column[k, j]] += B[i, :, j]
+        return out
+
+    def _differentiate(self, flow: Flow) -> Shot:
+        system, n = self.system, self._n
+        by = self.propagate(flow)
+        x = flow.x
+        value, by_q, by_v = system.problem.goal.residual(
+            system.kinematics, x[-1, :n], x[-1, n:]
+        )
+        scale = np.ones(value.size)
+        if system.problem.goal.fixes_velocity:
+            scale[:-n] = system.step_scale if value.size == 2 * n else 1.0
+            scale[-n:] = self._speed
+        else:
+            scale[-3:] = SPEED_FACTOR / self.duration
+        low, high = system.goal_bounds
+        exact = low == high
+        seeds = np.hstack([by_q, by_v]) / scale[:, None]
+        slopes = seeds @ by[-1]
+        arc, joint = np.nonzero(self.arcs.entries)
+        node = (np.cumsum(self.steps) - self.steps)[arc]
+        limit = system.problem.robot.limits.velocity[joint]
+        entry = x[node, n + joint] / limit - self.arcs.held[arc, joint]
+        by_entry = by[node, n + joint] / limit[:, None]
+        room, by_room = self._rooms(flow, by)
+        above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
+        return Shot(
+            flow,
+            np.concatenate([((value - low) / scale)[exact], entry]),
+            np.vstack([slopes[exact], by_entry]),
+            np.concatenate(
+                [
+                    ((high - value) / scale)[above],
+                    ((value - low) / scale)[below],
+                    room,
+                ]
+            ),
+            np.vstack([-slopes[above], slopes[below], by_room]),
+            seeds[exact],
+        )
+
+    # -- limits ------------------------------------------------------------------------
+
+    def _values(self, flow: Flow, kind: int) -> tuple[Array, Array]:
+        """What is left to upper and lower limits at the ends of steps, (M, k) each."""
+        system, n = self.system, self._n
+        limits, x = system.problem.robot.limits, flow.x[1:]
+        if kind == POSITION:
+            q, scale = x[:, :n], system.step_scale
+            return (
+                (limits.position_upper - q) / scale,
+                (q - limits.position_lower) / scale,
+            )
+        if kind == VELOCITY:
+            share = x[:, n:] / limits.velocity
+            return 1.0 - share, 1.0 + share
+        if kind == TORQUE:
+            tau = flow.rates.tau.reshape(-1, 3, n)[:, -1]
+            share = (tau - system.effort_middle) / system.effort_half
+            return (
+                np.where(self._held, 1.0 - share, np.inf),
+                np.where(self._held, 1.0 + share, np.inf),
+            )
+        assert system.clearance is not None  # noqa: S101
+        room = -system.clearance.values(x[:, :n])
+        return room, np.full_like(room, np.inf)
+
+    def _kinds(self) -> list[int]:
+        kinds = [POSITION, VELOCITY]
+        if np.any(self._held):
+            kinds.append(TORQUE)
+        if self.system.clearance is not None:
+            kinds.append(CLEARANCE)
+        return kinds
+
+    def look(self, flow: Flow, near: float | None = None) -> Watched:
+        """Limits that a motion comes near to, or passes.
+
+        Args:
+            flow: The motion.
+            near: How near, in shares; None takes the usual.
+        """
+        parts = [Watched.none()]
+        for kind in self._kinds():
+            distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
+            for sign, room in zip((1, -1), self._values(flow, kind), strict=True):
+                if kind == VELOCITY:
+                    room = np.where(self._kept(), np.inf, room)
+                step, index = np.nonzero(room < distance)
+                # A joint that is given at the end has no room to keep there.
+                last = step == room.shape[0] - 1
+                if kind == POSITION and self.system.joint_goal is not None:
+                    step, index = step[~last], index[~last]
+                if kind == VELOCITY and self.system.final_velocity is not None:
+                    step, index = step[~last], index[~last]
+                full = np.full(step.size, 1)
+                parts.append(Watched(kind * full, step + 1, index, sign * full))
+        return Watched(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def _kept(self) -> BoolArray:
+        """Ends of steps at which a joint is held, or begins to be, shape (M, n)."""
+        kept = self._held.copy()
+        kept[:-1] |= self._held[1:]
+        return kept
+
+    def _rooms(self, flow: Flow, by: Array) -> tuple[Array, Array]:
+        """What is left to the watched limits, with derivatives."""
+        system, n, watched = self.system, self._n, self.watched
+        count = watched.kind.size
+        room, by_room = np.zeros(count), np.zeros((count, self.size))
+        limits = system.problem.robot.limits
+        for kind in np.unique(watched.kind).tolist():
+            rows = np.flatnonzero(watched.kind == kind)
+            node, index = watched.node[rows], watched.index[rows]
+            sign = watched.sign[rows]
+            high, low = self._values(flow, kind)
+            room[rows] = np.where(sign > 0, high[node - 1, index], low[node - 1, index])
+            if kind == POSITION:
+                slope = by[node, index] / system.step_scale[index, None]
+            elif kind == VELOCITY:
+                slope = by[node, n + index] / limits.velocity[index, None]
+            elif kind == TORQUE:
+                slope = self._torque_slopes(flow, by, node, index)
+            else:
+                assert system.clearance is not None  # noqa: S101
+                gradients = [
+                    system.clearance.gradients(flow.x[k, :n], np.array([p]))[0]
+                    for k, p in zip(node.tolist(), index.tolist(), strict=True)
+                ]
+                slope = np.einsum("rj,rjz->rz", np.array(gradients), by[node, :n])
+            by_room[rows] = -sign[:, None] * slope
+        return room, by_room
+
+    def _torque_slopes(
+        self, flow: Flow, by: Array, node: IntArray, index: IntArray
+    ) -> Array:
+        rates, last = flow.rates, 3 * node - 1
+        slope = np.einsum("rx,rxz->rz", rates.tau_x[last, index], by[node])
+        arc = self.arc_of_step[node - 1]
+        for row, (k, j, at) in enumerate(zip(arc, index, last, strict=True)):
+            free = np.flatnonzero(self._column[k] >= 0)
+            half = self.system.effort_half[free]
+            slope[row, self._column[k, free]] += rates.tau_u[at, j, free] * half
+        return np.asarray(slope / self.system.effort_half[index, None])
+
+    def excess(self, flow: Flow, slack: float) -> float:
+        """What the limits are passed by at the ends of steps, if by more than slack."""
+        passed = self.look(flow, -slack)
+        worst = 0.0
+        for kind in np.unique(passed.kind).tolist():
+            high, low = self._values(flow, kind)
+            rows = passed.kind == kind
+            at = passed.node[rows] - 1, passed.index[rows]
+            room = np.where(passed.sign[rows] > 0, high[at], low[at])
+            worst = max(worst, float(np.max(-room)))
+        return worst
+
+    def sample_times(self, arcs: Arcs) -> Array:
+        """Times of the stages, shape (M, 3) [s]."""
+        h = (arcs.lengths / self.steps)[self.arc_of_step]
+        return np.asarray((np.cumsum(h) - h)[:, None] + h[:, None] * NODES)

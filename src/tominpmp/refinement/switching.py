@@ -1,0 +1,254 @@
+"""Exact switching: arcs of exact length in place of intervals of a grid.
+
+A structure of arcs is read off a motion; the lengths are optimised (sequential quadratic
+programming; Kraft, 1988), arcs that vanish are dropped and others put in where
+Pontryagin's conditions are violated, until there is nothing left to change. Integration
+steps are halved until the duration no longer notices: lengths are never traded for
+errors of integration.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.refinement.arcs import Arcs
+from tominpmp.refinement.pontryagin import Change, find_changes
+from tominpmp.refinement.shooting import ArcProgram, Shot
+from tominpmp.transcription.system import System
+
+logger = logging.getLogger(__name__)
+
+States = Callable[[Array], Array]
+
+# Steps over the whole motion, and what the duration may change by when they are
+# doubled, relatively.
+STEPS = 60
+ACCURACY = 1e-7
+MOST_STEPS = 960
+# Steps of an arc at least.
+STEPS_OF_ARC = 2
+# What the goal may be missed by, and limits passed by, in scaled units.
+EXACT = 1e-7
+SLACK = 1e-6
+ITERATIONS = 150
+# Rounds of looking at limits that a solution has come near to.
+LOOKS = 4
+# Largest number of changes of the structure; what one must promise, as a share of the
+# duration, and bring.
+CHANGES = 25
+PROMISE = 1e-7
+PROGRESS = 1e-8
+# Changes that are tried one by one when all together fail.
+SINGLES = 3
+# Lengths are at most this much longer than the whole motion was.
+LONGEST = 3.0
+BROKEN = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Arcs whose lengths are optimal, as far as their kinds go.
+
+    Attributes:
+        program: The program.
+        y: Its unknowns.
+        shot: The motion.
+        miss: What the goal is missed by, in the scaled units of the rows.
+        excess: What limits are passed by.
+    """
+
+    program: ArcProgram
+    y: Array
+    shot: Shot
+    miss: float
+    excess: float
+
+    @property
+    def arcs(self) -> Arcs:
+        """The arcs."""
+        return self.program.unpack(self.y)
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return self.arcs.duration
+
+    @property
+    def feasible(self) -> bool:
+        """Whether goal and limits are kept."""
+        return self.miss <= EXACT and self.excess <= SLACK
+
+    def states(self, times: Array) -> Array:
+        """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
+        arcs, flow = self.arcs, self.shot.flow
+        t = np.concatenate([[0.0], self.program.sample_times(arcs).ravel()])
+        x = np.concatenate([flow.x_start[None], flow.stages.reshape(t.size - 1, -1)])
+        return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
+
+
+def steps_of(arcs: Arcs, total: int) -> IntArray:
+    """Number of steps of each arc for a number over the whole motion."""
+    share = arcs.lengths / arcs.duration
+    return np.maximum(np.ceil(total * share), STEPS_OF_ARC).astype(np.int64)
+
+
+def solve_lengths(
+    system: System, arcs: Arcs, states: States, total: int = STEPS
+) -> Settled | None:
+    """Find optimal lengths and free torques for arcs of given kinds.
+
+    Args:
+        system: The functions of the problem.
+        arcs: The arcs, with rough lengths.
+        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
+        total: Integration steps over the whole motion.
+
+    Returns:
+        What was found; None if the motion cannot be integrated.
+    """
+    program = ArcProgram(system, arcs, steps_of(arcs, total))
+    times = program.sample_times(arcs)
+    program.begin(states(times.ravel()).reshape(*times.shape, -1))
+    y = program.pack()
+    shot = program.shoot(y)
+    excess = np.inf
+    for _ in range(LOOKS):
+        if shot is None:
+            return None
+        program.watch(program.look(shot.flow))
+        y = _minimize(program, y)
+        shot = program.shoot(y)
+        excess = np.inf if shot is None else program.excess(shot.flow, 0.1 * SLACK)
+        if excess <= SLACK:
+            break
+    if shot is None:
+        return None
+    miss = max(
+        float(np.max(np.abs(shot.equal), initial=0.0)),
+        float(np.max(-shot.room, initial=0.0)) - SLACK,
+    )
+    return Settled(program, y, shot, miss, excess)
+
+
+def _minimize(program: ArcProgram, y: Array) -> Array:
+    """Least duration from some unknowns on, with the limits that are watched."""
+    count, size = program.arcs.count, program.size
+    cost = np.concatenate([np.ones(count), np.zeros(size - count)])
+    first = program.shoot(y)
+    assert first is not None  # noqa: S101
+
+    def part(name: str, missing: float) -> Callable[[Array], Array]:
+        shape = getattr(first, name).shape
+
+        def function(z: Array) -> Array:
+            shot = program.shoot(z)
+            return np.full(shape, missing) if shot is None else getattr(shot, name)
+
+        return function
+
+    constraints: list[dict[str, Any]] = [
+        {"type": "eq", "fun": part("equal", BROKEN), "jac": part("by_equal", 0.0)}
+    ]
+    if first.room.size:
+        constraints.append(
+            {"type": "ineq", "fun": part("room", -BROKEN), "jac": part("by_room", 0.0)}
+        )
+    low = np.concatenate([np.zeros(count), -np.ones(size - count)])
+    high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
+    found = minimize(
+        lambda z: float(cost @ z),
+        y,
+        jac=lambda z: cost,
+        method="SLSQP",
+        bounds=list(zip(low, high, strict=True)),
+        constraints=constraints,
+        options={"maxiter": ITERATIONS, "ftol": 1e-12},
+    )
+    logger.debug("%s after %d iterations", found.message, found.nit)
+    return np.clip(np.asarray(found.x), low, high)
+
+
+def polish(system: System, settled: Settled, total: int) -> Settled | None:
+    """Solve again without the arcs that have vanished."""
+    arcs = settled.arcs.cleaned().settled()
+    return solve_lengths(system, arcs, settled.states, total)
+
+
+def improve(system: System, settled: Settled, total: int = STEPS) -> Settled:
+    """Change the structure until nothing is left to gain.
+
+    Args:
+        system: The functions of the problem.
+        settled: Arcs of optimal lengths that keep goal and limits.
+        total: Integration steps over the whole motion.
+
+    Returns:
+        The improved arcs.
+    """
+    for _ in range(CHANGES):
+        T = settled.duration
+        changes = find_changes(settled.program, settled.y, settled.shot, PROMISE * T)
+        if not changes:
+            break
+        best = sorted(changes, key=lambda change: -change.gain)[:SINGLES]
+        for some in [changes] if len(changes) == 1 else [changes, *([c] for c in best)]:
+            better = _changed(system, settled, some, total)
+            if better is not None and better.duration < T * (1.0 - PROGRESS):
+                settled = better
+                break
+        else:
+            break
+    return settled
+
+
+def _changed(
+    system: System, settled: Settled, changes: Sequence[Change], total: int
+) -> Settled | None:
+    """Arcs with changes of the structure, solved again; None if that fails."""
+    arcs = settled.arcs
+    for change in sorted(changes, key=lambda change: -change.arc):
+        arcs = change.apply(arcs)
+    found = solve_lengths(system, arcs, settled.states, total)
+    if found is not None:
+        found = polish(system, found, total)
+    return found if found is not None and found.feasible else None
+
+
+def refine_arcs(system: System, arcs: Arcs, states: States) -> Settled | None:
+    """Find the arcs of a locally time-optimal motion, and their lengths.
+
+    Args:
+        system: The functions of the problem.
+        arcs: Rough arcs.
+        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
+
+    Returns:
+        What was found; None if no motion was that keeps goal and limits.
+    """
+    settled = solve_lengths(system, arcs, states)
+    if settled is None or not settled.feasible:
+        settled = solve_lengths(system, arcs.loosened(), states)
+    if settled is None:
+        return None
+    settled = polish(system, settled, STEPS)
+    if settled is None or not settled.feasible:
+        return None
+    settled = improve(system, settled)
+    total = STEPS
+    while total < MOST_STEPS:
+        total *= 2
+        finer = polish(system, settled, total)
+        if finer is None or not finer.feasible:
+            return settled
+        change = abs(finer.duration / settled.duration - 1.0)
+        settled = finer
+        if change < ACCURACY:
+            break
+    return settled

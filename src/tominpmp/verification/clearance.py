@@ -1,0 +1,206 @@
+r"""Proof that a motion keeps clear, between the samples too (conservative advancement).
+
+A stretch of time is clear if the distance of every pair in its middle is more than any
+of their points can move meanwhile. Where that is not so, the stretch is halved. A point
+that hangs on the joints i moves by at most :math:`\sum_i r_i |\Delta q_i|` while the
+joints move by :math:`|\Delta q_i|` at most, where r_i bounds its distance from the axis
+of joint i (1 for sliding joints).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.collision import CollisionChecker
+from tominpmp.collision.bodies import Body, robot_bodies
+from tominpmp.collision.shapes import outline
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification.pieces import Pieces
+from tominpmp.verification.reach import Ball, LinkReach
+
+# Stretches looked at before the proof is given up.
+MAX_STRETCHES = 20_000
+# Parts into which a stretch is cut that is not proved.
+PARTS = 3
+
+
+@dataclass(frozen=True)
+class ClearanceProof:
+    """What is proved about the clearance of a motion, at all times.
+
+    Attributes:
+        proved: Whether every pair keeps the required distance at every time.
+        bound: Distance that every pair is proved to keep [m]; minus infinity where a
+            contact was found or the proof was given up, infinite without pairs.
+        distance: Smallest distance that was measured [m], at the tightest place.
+        pair: Names of the pair there; None without pairs.
+        time: When that is [s].
+        contact: Whether a distance less than the required one was measured.
+        stretches: How many stretches of time were looked at.
+    """
+
+    proved: bool
+    bound: float
+    distance: float
+    pair: tuple[str, str] | None
+    time: float
+    contact: bool
+    stretches: int
+
+    @property
+    def message(self) -> str:
+        """The outcome in a sentence."""
+        if self.pair is None:
+            return "There is nothing to collide with."
+        place = (
+            f"the tightest place is {' and '.join(self.pair)}, {self.distance:.4g} m "
+            f"apart at {self.time:.3f} s"
+        )
+        if self.proved:
+            return f"Clear by {self.bound:.4g} m at all times; {place}."
+        if self.contact:
+            return f"Not clear: {place}."
+        return f"Neither proved nor disproved in {self.stretches} stretches; {place}."
+
+
+def prove_clearance(
+    checker: CollisionChecker,
+    trajectory: Trajectory,
+    margin: float = 0.0,
+    *,
+    slack: float = 1e-4,
+    deviation: Array | None = None,
+    max_stretches: int = MAX_STRETCHES,
+) -> ClearanceProof:
+    """Prove that all pairs keep a distance along a motion, or find where they do not.
+
+    Args:
+        checker: Distances of the pairs.
+        trajectory: The motion.
+        margin: Distance to keep [m].
+        slack: What the distance may lack to the margin [m]. Where a motion slides along
+            at the margin, the proof needs stretches in which links move no farther.
+        deviation: How far the motion that is meant may be from the trajectory, by
+            joint, shape (n,) [rad or m]: that of a replay, say.
+        max_stretches: Number of stretches after which the proof is given up.
+
+    Returns:
+        The proof, or where it failed.
+    """
+    if not checker.pairs:
+        return ClearanceProof(True, np.inf, np.inf, None, 0.0, False, 0)
+    return _Prover(checker, trajectory, deviation).run(margin - slack, max_stretches)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretches:
+    """Stretches of pieces of the motion: piece, middle and half length in its s."""
+
+    piece: IntArray
+    middle: Array
+    half: Array
+
+    @property
+    def size(self) -> int:
+        return int(self.piece.size)
+
+    def cut(self, chosen: BoolArray) -> _Stretches:
+        """Cut some into parts."""
+        places = (2.0 * np.arange(PARTS) + 1.0 - PARTS) / PARTS
+        middle = self.middle[chosen, None] + self.half[chosen, None] * places
+        return _Stretches(
+            np.repeat(self.piece[chosen], PARTS),
+            middle.ravel(),
+            np.repeat(self.half[chosen] / PARTS, PARTS),
+        )
+
+
+class _Prover:
+    def __init__(
+        self, checker: CollisionChecker, trajectory: Trajectory, deviation: Array | None
+    ) -> None:
+        self.checker, robot = checker, checker.robot
+        self.pieces = Pieces.of(lambda times: trajectory(times).q, trajectory.t)
+        self.stray = np.zeros(robot.n) if deviation is None else np.abs(deviation)
+        self.stray = self.stray + self._rounding(trajectory)
+        self.reach = LinkReach(robot, _balls(checker))
+        own = np.arange(len(checker.pairs)) >= checker.obstacle_pairs
+        self.motion = self.reach.relative(checker.pairs, own)
+
+    def _rounding(self, trajectory: Trajectory) -> Array:
+        """What the polynomials may be off by."""
+        return np.asarray(
+            self.pieces.deviation * np.max(np.abs(trajectory.q), initial=0.0)
+            + np.zeros(trajectory.n)
+        )
+
+    def run(self, least: float, max_stretches: int) -> ClearanceProof:
+        count = self.pieces.count
+        todo = _Stretches(np.arange(count), np.zeros(count), np.ones(count))
+        bound = distance = np.inf
+        contact = False
+        time, seen = 0.0, 0
+        while todo.size:
+            seen += todo.size
+            apart, moved = self._look(todo, least)
+            closest = np.argmin(apart, axis=1)
+            rows = np.arange(todo.size)
+            k = int(np.argmin(apart[rows, closest]))
+            if apart[k, closest[k]] < distance:
+                distance, time = float(apart[k, closest[k]]), self._time(todo, k)
+            sure = np.min(apart - moved, axis=1)
+            open_ = ~(sure >= least)
+            bound = min(bound, float(np.min(sure[~open_], initial=np.inf)))
+            contact = distance < least
+            if contact or (open_.any() and seen > max_stretches):
+                bound = -np.inf
+                break
+            todo = todo.cut(open_)
+        # What was measured there may have been a bound that was good enough.
+        at = np.clip(time, self.pieces.t[0], self.pieces.t[-1])
+        exact = self.checker.distances(self.pieces(np.array([at])))[0]
+        pair, distance = int(np.argmin(exact)), float(np.min(exact))
+        return ClearanceProof(
+            proved=bound > -np.inf,
+            bound=bound,
+            distance=distance,
+            pair=self.checker.pairs[pair],
+            time=time,
+            contact=contact,
+            stretches=seen,
+        )
+
+    def _look(self, todo: _Stretches, least: float) -> tuple[Array, Array]:
+        """Distances in the middles, and how far pairs can move towards each other.
+
+        Returns:
+            Shapes (m, pairs) each [m].
+        """
+        shifted = self.pieces.around(todo.piece, todo.middle, todo.half)
+        q = shifted[:, :, 0]
+        swing = np.sum(np.abs(shifted[:, :, 1:]), axis=2) + self.stray
+        moved = self.motion.bound(q, swing)
+        # Beyond this, distances need not be known to prove all of the stretches.
+        enough = least + np.max(moved, axis=0)
+        return self.checker.distances(q, enough), moved
+
+    def _time(self, todo: _Stretches, k: int) -> float:
+        begin, end = self.pieces.t[todo.piece[k]], self.pieces.t[todo.piece[k] + 1]
+        return float(begin + 0.5 * (end - begin) * (1.0 + todo.middle[k]))
+
+
+def _balls(checker: CollisionChecker) -> list[Ball]:
+    """Balls around the links, about the middles of their bodies."""
+    return [_ball(body) for body in robot_bodies(checker.robot, checker.geometry)]
+
+
+def _ball(body: Body) -> Ball:
+    shape = outline(body.shape)
+    middle = 0.5 * (np.min(shape.points, axis=0) + np.max(shape.points, axis=0))
+    radius = float(np.max(np.linalg.norm(shape.points - middle, axis=1)))
+    place = body.placement
+    centre = place.rotation @ middle + place.translation
+    return Ball(body.name, body.joint, np.asarray(centre), radius + shape.radius)

@@ -1,0 +1,251 @@
+r"""Lower bounds on the duration of any motion that solves a problem.
+
+What is bounded is every motion, not the one found: obstacles and detours are ignored,
+so that the bound holds whatever path there is. Rigorous are
+
+- speed limits: no joint moves faster, and no frame faster than its joints carry it;
+- acceleration limits, where the problem has them, or where an arm has one joint, so
+  that the torques bound its acceleration;
+- energy: with :math:`w = \sqrt{v^T M v}`, the work of the torques gives
+  :math:`\dot w \le \sup_q |u - g|_{M^{-1}}`, in which no Coriolis force appears, as
+  it does no work. It needs a lower bound of the inertia at all configurations; see
+  :mod:`~tominpmp.verification.inertia`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.goals import FrameGoal, Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.problem import Problem
+from tominpmp.verification.inertia import EnergyBounds, energy_bounds, single_joint
+from tominpmp.verification.push import Push, double_integrator_time, least_time
+from tominpmp.verification.reach import Ball, LinkReach
+
+# Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
+# and steps of the search for the time.
+MAX_BOXES = 128
+BISECTIONS = 5
+
+
+@dataclass(frozen=True)
+class LowerBound:
+    """Time that no motion can beat.
+
+    Attributes:
+        T: The time [s]; 0 if nothing could be proved.
+        reason: What it comes from, in a clause.
+        joint: Name of the joint that it comes from; None if several are involved.
+    """
+
+    T: float
+    reason: str
+    joint: str | None = None
+
+
+def lower_bound(problem: Problem) -> LowerBound:
+    """Find a time that no motion which solves a problem can beat.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        The largest bound that was found.
+    """
+    return _of_goal(problem, problem.goal)
+
+
+def _of_goal(problem: Problem, goal: Goal) -> LowerBound:
+    if isinstance(goal, JointGoal):
+        bounds = _joint_bounds(problem, goal)
+    elif isinstance(goal, PositionGoal | PoseGoal):
+        bounds = _frame_bounds(problem, goal)
+    else:
+        bounds = []
+    nothing = LowerBound(0.0, "no bound is known for a goal of this kind")
+    return max(bounds, key=lambda bound: bound.T, default=nothing)
+
+
+# -- joints ----------------------------------------------------------------------------
+
+
+def _joint_bounds(problem: Problem, goal: JointGoal) -> list[LowerBound]:
+    robot = problem.robot
+    joints, top = robot.joint_names, robot.limits.velocity
+    start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
+    ends = np.stack([start, goal.final_velocity(robot.n)])
+    way = goal.q - problem.q_start
+    units = np.where(prismatic_joints(robot), "m", "rad")
+    found = []
+    for i, joint in enumerate(joints):
+        if np.isfinite(top[i]):
+            reason = (
+                f"joint {joint} has {abs(way[i]):.4g} {units[i]} to go, at "
+                f"{top[i]:.4g} {units[i]}/s at most"
+            )
+            found.append(LowerBound(abs(float(way[i])) / float(top[i]), reason, joint))
+    if problem.motion_limits is not None:
+        limit = problem.motion_limits.by_joint("acceleration", joints)
+        for i in np.flatnonzero(np.isfinite(limit)).tolist():
+            push = float(limit[i])
+            T = double_integrator_time(way[i], ends[:, i], (push, push), top[i])
+            reason = (
+                f"joint {joints[i]} accelerates by {push:.4g} {units[i]}/s^2 at most"
+            )
+            found.append(LowerBound(T, reason, joints[i]))
+    alone = single_joint(robot)
+    if alone is not None:
+        T = _single_time(float(way[0]), ends[:, 0], alone, float(top[0]))
+        reason = f"no torque accelerates joint {joints[0]} more"
+        found.append(LowerBound(T, reason, joints[0]))
+    energy = energy_bounds(robot)
+    if energy is not None:
+        found += _energy_bounds(problem, way, ends, energy)
+    return found
+
+
+def _single_time(way: float, ends: Array, push: Push, top: float) -> float:
+    if push.drag == 0.0:
+        return double_integrator_time(way, ends, (push.up, push.down), top)
+    side = 1.0 if way >= 0.0 else -1.0
+    toward = np.maximum(side * ends, 0.0)
+    speeding, braking = (push.up, push.down) if side > 0 else (push.down, push.up)
+    drag = push.drag
+    return least_time(abs(way), toward, speeding, braking, drag, top, least_drag=drag)
+
+
+def _energy_bounds(
+    problem: Problem, way: Array, ends: Array, energy: EnergyBounds
+) -> list[LowerBound]:
+    """Bounds from the work of the torques, joint by joint and along the way."""
+    robot, found = problem.robot, []
+    mass = energy.inertia_at(np.stack([problem.q_start, problem.q_start + way]))
+    # Largest w = |v|_M at both ends.
+    swing = np.sqrt(np.einsum("ki,kij,kj->k", ends, mass, ends))
+    directions: list[tuple[Array, str | None]] = [
+        (row, robot.joint_names[i]) for i, row in enumerate(np.eye(robot.n))
+    ]
+    along = np.mean(mass, axis=0) @ way
+    if np.any(along):
+        directions.append((along / np.linalg.norm(along), None))
+    for direction, joint in directions:
+        # A coordinate c q changes at |c v| <= |c|_(M^-1) w.
+        rate = energy.rate(direction)
+        distance = abs(float(direction @ way))
+        top = float(np.sum(np.abs(direction) * robot.limits.velocity))
+        T = least_time(
+            distance,
+            rate * swing,
+            rate * energy.push,
+            rate * energy.push,
+            energy.drag,
+            top,
+        )
+        where = "the arm" if joint is None else f"joint {joint}"
+        found.append(LowerBound(T, f"no torques carry {where} there sooner", joint))
+    return found
+
+
+# -- frames ----------------------------------------------------------------------------
+
+
+def _frame_bounds(problem: Problem, goal: FrameGoal) -> list[LowerBound]:
+    robot = problem.robot
+    top = robot.limits.velocity
+    target = goal.position if isinstance(goal, PositionGoal) else None
+    found = []
+    if isinstance(goal, PoseGoal):
+        target = goal.pose.translation
+        place = RobotKinematics(robot).placement(problem.q_start, goal.frame)
+        turn = place.rotation.T @ goal.pose.rotation
+        angle = float(np.linalg.norm(pin.log3(turn)))
+        speed = float(np.sum(top[_turning(problem, goal)]))
+        if speed > 0.0:
+            reason = f"frame {goal.frame} has {angle:.4g} rad to turn"
+            found.append(LowerBound(angle / speed, reason))
+    assert target is not None  # noqa: S101
+    T = _Vicinity(problem, goal.frame, np.asarray(target)).time()
+    reason = f"no sooner do the speeds of the joints carry frame {goal.frame} there"
+    return [*found, LowerBound(T, reason)]
+
+
+def _turning(problem: Problem, goal: FrameGoal) -> BoolArray:
+    """Joints that turn the frame."""
+    robot = problem.robot
+    if robot.expansion_matrix is not None:
+        return np.ones(robot.n, dtype=bool)  # joints that follow may be anywhere
+    model = robot.model
+    support = set(model.supports[model.frames[robot.frame_id(goal.frame)].parentJoint])
+    hang = [model.getJointId(name) in support for name in robot.joint_names]
+    return np.asarray(np.array(hang) & ~prismatic_joints(robot))
+
+
+class _Vicinity:
+    """Where a frame can be when joints have moved for some time."""
+
+    def __init__(self, problem: Problem, frame: str, target: Array) -> None:
+        robot = problem.robot
+        self.problem, self.target = problem, target
+        item = robot.model.frames[robot.frame_id(frame)]
+        self.joint = int(item.parentJoint)
+        self.offset = np.asarray(item.placement.translation)
+        self.reach = LinkReach(robot, [Ball(frame, self.joint, self.offset, 0.0)])
+
+    def time(self) -> float:
+        """Largest time found by which no motion has brought the frame to its goal."""
+        low, high = 0.0, self._far()
+        for _ in range(BISECTIONS):
+            T = 0.5 * (low + high)
+            low, high = (T, high) if self.excluded(T) else (low, T)
+        return low
+
+    def _far(self) -> float:
+        """A time that is too long to exclude, or all there is to look at."""
+        limits = self.problem.robot.limits
+        T = 1e-2
+        while T < 100.0 and self.excluded(T):
+            T *= 2.0
+        return T if np.any(np.isfinite(limits.velocity)) else 0.0
+
+    def excluded(self, T: float) -> bool:
+        """Whether the frame is surely not at its goal before a time."""
+        limits, q = self.problem.robot.limits, self.problem.q_start
+        swing = limits.velocity * T
+        if not np.all(np.isfinite(swing)):
+            # Joints without a speed limit may be anywhere; turning ones need one turn.
+            swing = np.where(np.isfinite(swing), swing, math.pi)
+            if np.any(prismatic_joints(self.problem.robot) & np.isinf(limits.velocity)):
+                return False
+        low = np.maximum(q - swing, np.minimum(limits.position_lower, q))
+        high = np.minimum(q + swing, np.maximum(limits.position_upper, q))
+        boxes = (0.5 * (low + high)[None], 0.5 * (high - low)[None])
+        for _ in range(MAX_BOXES):
+            shifts = self.reach.shifts(*boxes)[:, 0]
+            near = self._distance(boxes[0]) <= np.sum(shifts, axis=1)
+            if not near.any():
+                return True
+            if 2 * int(near.sum()) > MAX_BOXES:
+                return False
+            boxes = self._halves(boxes[0][near], boxes[1][near], shifts[near])
+        return False
+
+    def _distance(self, q: Array) -> Array:
+        apart = self.reach.centres(q)[:, 0] - self.target
+        return np.asarray(np.linalg.norm(apart, axis=1))
+
+    def _halves(self, q: Array, half: Array, shifts: Array) -> tuple[Array, Array]:
+        """Cut each box across the joint that moves the frame most."""
+        share = np.abs(self.problem.robot.reduce_tangent(shifts))
+        widest = np.argmax(share, axis=1)
+        rows = np.arange(q.shape[0])
+        half = half.copy()
+        half[rows, widest] *= 0.5
+        step = np.zeros_like(half)
+        step[rows, widest] = half[rows, widest]
+        return np.concatenate([q - step, q + step]), np.concatenate([half, half])

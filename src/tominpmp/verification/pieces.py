@@ -1,0 +1,126 @@
+"""Curves as pieces of polynomials, whatever a trajectory is made of.
+
+The replay asks for torques at instants of its own choosing, thousands of times, and a
+proof needs bounds over stretches of time. Between any two nodes a trajectory is smooth:
+a polynomial through Chebyshev points, which lie inside the piece and so never on a
+jump, follows it to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+
+# Points of a piece, and the relative deviation between them that is let pass.
+POINTS = 10
+DEVIATION = 1e-10
+# Coefficients below this, relative to the largest value, are left out.
+ROUNDING = 1e-14
+# How often pieces are halved to get there.
+HALVINGS = 5
+# Where the deviation is looked at, in [-1, 1]: far from the points.
+PROBES = (-0.999, 0.16, 0.93)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A curve of n components as polynomials of s in [-1, 1], one a piece of time.
+
+    Attributes:
+        t: Ends of the pieces [s], shape (P + 1,).
+        coefficients: Of 1, s, s^2, ..., shape (P, n, K).
+        deviation: Largest deviation from the curve that was found, relative to its
+            largest value.
+    """
+
+    t: Array
+    coefficients: Array
+    deviation: float
+
+    @classmethod
+    def of(cls, curve: Callable[[Array], Array], t: Array) -> Pieces:
+        """Fit a curve.
+
+        Args:
+            curve: Values at times, shape (m,) to (m, n).
+            t: Times between which it is smooth [s], shape (P + 1,). Pieces are halved
+                until they follow it.
+        """
+        pieces = cls._fit(curve, t)
+        for _ in range(HALVINGS):
+            if not pieces.deviation > DEVIATION:
+                break
+            t = np.sort(np.concatenate([t, 0.5 * (t[1:] + t[:-1])]))
+            pieces = cls._fit(curve, t)
+        return pieces
+
+    @classmethod
+    def _fit(cls, curve: Callable[[Array], Array], t: Array) -> Pieces:
+        s = np.cos(np.pi * (np.arange(POINTS) + 0.5) / POINTS)
+        probes = np.array(PROBES)
+        middle, half = 0.5 * (t[1:] + t[:-1]), 0.5 * np.diff(t)
+        times = middle[:, None] + half[:, None] * np.concatenate([s, probes])
+        values = curve(times.ravel()).reshape(*times.shape, -1)  # (P, K + 3, n)
+        scale = max(float(np.max(np.abs(values), initial=0.0)), 1e-300)
+        fitted = np.linalg.solve(np.vander(s, increasing=True), values[:, :POINTS])
+        guessed = np.vander(probes, POINTS, increasing=True) @ fitted
+        deviation = float(np.max(np.abs(guessed - values[:, POINTS:]))) / scale
+        # Whoever evaluates them is glad of every power that is not there.
+        seen = np.max(np.abs(fitted), axis=(0, 2)) > ROUNDING * scale
+        terms = int(np.max(np.flatnonzero(seen), initial=0)) + 1
+        fitted = np.ascontiguousarray(np.swapaxes(fitted[:, :terms], 1, 2))
+        return cls(t, fitted, deviation)
+
+    @property
+    def count(self) -> int:
+        """Number of pieces."""
+        return self.t.size - 1
+
+    def ends(self) -> Array:
+        """Values just after the beginning and just before the end of each piece.
+
+        Returns:
+            Shape (P, 2, n).
+        """
+        signs = np.vander([-1.0, 1.0], self.coefficients.shape[2], increasing=True)
+        return np.swapaxes(self.coefficients @ signs.T, 1, 2)
+
+    def __call__(self, times: Array) -> Array:
+        """Values at times, just after the jump where there is one.
+
+        Args:
+            times: Times [s], shape (m,).
+
+        Returns:
+            Shape (m, n).
+        """
+        piece = np.searchsorted(self.t, times, side="right") - 1
+        piece = np.clip(piece, 0, self.count - 1)
+        begin, end = self.t[piece], self.t[piece + 1]
+        s = (2.0 * times - begin - end) / (end - begin)
+        powers = np.vander(s, self.coefficients.shape[2], increasing=True)
+        return np.asarray(np.einsum("mnk,mk->mn", self.coefficients[piece], powers))
+
+    def around(self, piece: IntArray, middle: Array, half: Array) -> Array:
+        """Polynomials of shorter stretches, each of r in [-1, 1].
+
+        Args:
+            piece: The piece of each stretch, shape (m,).
+            middle: Its middle, in the s of the piece, shape (m,).
+            half: Half its length, in the s of the piece, shape (m,).
+
+        Returns:
+            Coefficients of 1, r, r^2, ..., shape (m, n, K).
+        """
+        rest = self.coefficients[piece].copy()
+        terms = rest.shape[2]
+        # Taylor shift by repeated synthetic division (Horner).
+        for low in range(terms):
+            for k in range(terms - 2, low - 1, -1):
+                rest[:, :, k] += middle[:, None] * rest[:, :, k + 1]
+        powers = np.vander(half, terms, increasing=True)
+        return np.asarray(rest * powers[:, None, :])

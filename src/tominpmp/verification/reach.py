@@ -1,0 +1,177 @@
+"""How far points of links can move when joints move by so much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.collision.placements import Placements
+from tominpmp.robot import Robot
+
+
+class Ball(NamedTuple):
+    """A ball around a part of a link.
+
+    Attributes:
+        link: Name of the link.
+        joint: Index in the model of the joint that carries it; 0 for the world.
+        centre: Centre in the axes of that joint [m], shape (3,).
+        radius: Radius [m].
+    """
+
+    link: str
+    joint: int
+    centre: Array
+    radius: float
+
+
+class LinkReach:
+    r"""Bounds on how far points within balls move while joints stay within a box.
+
+    At a configuration in the middle of the box, a point of a ball is no farther from
+    the axis of joint i than the far side of the ball. Within the box that changes by
+    what the joints between i and the link can move the point: from the tip on,
+    :math:`r_i = r_i^0 + \sum_{k > i} r_k |\Delta q_k|`.
+    """
+
+    def __init__(self, robot: Robot, balls: Sequence[Ball]) -> None:
+        self._robot, self._balls = robot, list(balls)
+        model = robot.model
+        self._placements = Placements(model)
+        self._joint = np.array([ball.joint for ball in balls], dtype=np.int64)
+        self._centre = np.array([ball.centre for ball in balls]).reshape(-1, 3)
+        self._radius = np.array([ball.radius for ball in balls])
+        self._turn, self._slide = np.zeros((model.njoints, 3)), np.zeros(model.njoints)
+        self._column = np.zeros(model.njoints, dtype=np.int64)
+        for joint in range(1, model.njoints):
+            item = model.joints[joint]
+            data = item.createData()
+            item.calc(data, np.zeros(1))
+            motion = np.asarray(data.S, dtype=np.float64).ravel()
+            self._slide[joint] = np.linalg.norm(motion[:3])
+            self._turn[joint] = motion[3:]
+            self._column[joint] = item.idx_v
+
+    @property
+    def moves(self) -> BoolArray:
+        """Which coordinates of the model move a joint, shape (joints, nv)."""
+        return self._placements.moves
+
+    def joint_of(self, link: str) -> int:
+        """Joint that carries a link, 0 for none."""
+        return next((ball.joint for ball in self._balls if ball.link == link), 0)
+
+    def balls_of(self, link: str) -> IntArray:
+        """Indices of the balls around a link."""
+        found = [i for i, ball in enumerate(self._balls) if ball.link == link]
+        return np.array(found, dtype=np.int64)
+
+    def centres(self, q: Array) -> Array:
+        """Centres of the balls in the world [m], shape (m, n) to (m, balls, 3)."""
+        return self._place(q)[2]
+
+    def _place(self, q: Array) -> tuple[Array, Array, Array]:
+        R, t = self._placements.joints(self._robot.expand(q))
+        turned = np.einsum("mbij,bj->mbi", R[:, self._joint], self._centre)
+        return R, t, t[:, self._joint] + turned
+
+    def shifts(self, q: Array, swing: Array) -> Array:
+        """How far points of each ball are moved by each coordinate.
+
+        Args:
+            q: Middles of boxes of configurations, shape (m, n) [rad or m].
+            swing: Half of their edges, shape (m, n).
+
+        Returns:
+            Shape (m, balls, nv) [m].
+        """
+        robot = self._robot
+        matrix = robot.expansion_matrix
+        half = swing if matrix is None else swing @ np.abs(matrix).T
+        R, t, centre = self._place(q)
+        joint = self._joint
+        out = np.zeros((q.shape[0], joint.size, half.shape[1]))
+        drift = np.zeros((q.shape[0], joint.size))
+        for i in range(self._column.size - 1, 0, -1):
+            column = int(self._column[i])
+            hang = np.flatnonzero(self.moves[joint, column])
+            if not hang.size:
+                continue
+            rate = np.full((q.shape[0], hang.size), self._slide[i])
+            if np.any(self._turn[i]):
+                axis = R[:, i] @ self._turn[i]
+                arm = np.cross(centre[:, hang] - t[:, i, None], axis[:, None])
+                rate += np.linalg.norm(arm, axis=2) + self._radius[hang]
+                rate += drift[:, hang]
+            shift = rate * half[:, column, None]
+            out[:, hang, column] = shift
+            drift[:, hang] += shift
+        return out
+
+    def relative(
+        self, pairs: Sequence[tuple[str, str]], own: BoolArray
+    ) -> RelativeMotion:
+        """Bounds on how far pairs can come closer.
+
+        Args:
+            pairs: Names (link, other).
+            own: Whether the other is a link too, else it does not move.
+        """
+        parts: list[tuple[IntArray, BoolArray]] = []
+        index: dict[tuple[str, int], int] = {}
+
+        def part(link: str, joint: int, against: int) -> int:
+            if (link, against) not in index:
+                index[link, against] = len(parts)
+                alone = self.moves[joint] & ~self.moves[against]
+                parts.append((self.balls_of(link), alone))
+            return index[link, against]
+
+        sides = np.full((len(pairs), 2), -1, dtype=np.int64)
+        for k, (link, other) in enumerate(pairs):
+            joint = self.joint_of(link)
+            # What moves both alike does not bring them closer.
+            against = self.joint_of(other) if own[k] else 0
+            sides[k, 0] = part(link, joint, against)
+            if own[k]:
+                sides[k, 1] = part(other, against, joint)
+        return RelativeMotion(self, parts, sides)
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeMotion:
+    """Bounds on how far pairs can come closer; see :meth:`LinkReach.relative`.
+
+    Attributes:
+        reach: The bounds on single links.
+        parts: For each of the links by what it is seen from: its balls, and the
+            coordinates that move the one and not the other.
+        sides: Indices of the two parts of each pair, -1 for what does not move, shape
+            (pairs, 2).
+    """
+
+    reach: LinkReach
+    parts: list[tuple[IntArray, BoolArray]]
+    sides: IntArray
+
+    def bound(self, q: Array, swing: Array) -> Array:
+        """How far each pair can come closer within boxes of configurations.
+
+        Args:
+            q: Middles of the boxes, shape (m, n) [rad or m].
+            swing: Half of their edges, shape (m, n).
+
+        Returns:
+            Shape (m, pairs) [m].
+        """
+        shifts = self.reach.shifts(q, swing)
+        # The last column is for what does not move.
+        moved = np.zeros((q.shape[0], len(self.parts) + 1))
+        for k, (balls, alone) in enumerate(self.parts):
+            total = np.sum(shifts[:, balls][:, :, alone], axis=2)
+            moved[:, k] = np.max(total, axis=1, initial=0.0)
+        return np.asarray(moved[:, self.sides[:, 0]] + moved[:, self.sides[:, 1]])

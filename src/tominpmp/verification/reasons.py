@@ -1,0 +1,239 @@
+"""Reasons: why there is no motion, in words.
+
+The least violating motion that was found is looked at: what would have to be allowed
+for it is the smallest relaxation known. Whether the search came to an end
+("infeasible") or was cut short ("gave up") is kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from tominpmp.collision import CollisionChecker
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.goals import FrameGoal, PoseGoal, PositionGoal
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.options import Tolerances
+from tominpmp.problem import Problem
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification.excess import Excess, limit_excesses
+from tominpmp.verification.replay import (
+    TIME_STEP,
+    Replay,
+    planned,
+    torque_pieces,
+)
+from tominpmp.verification.verdict import arrival, closest
+
+# How a search ends that was cut short.
+GAVE_UP = {
+    Status.TIME_LIMIT: "Gave up when the planning time was used up",
+    Status.ITERATION_LIMIT: "Gave up at the iteration limit",
+    Status.INTERRUPTED: "Interrupted",
+    Status.STALLED: "Gave up when the iteration made no more progress",
+    Status.NUMERICAL_FAILURE: "Gave up as the linear programs could not be solved",
+}
+# What is told of at most.
+MOST = 3
+# What a motion is measured by.
+STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
+# Pairs that are this much nearer each other than the margin allows are told of, in
+# every start [m].
+RESIDUE = 1e-5
+# Instants that are looked at in a motion that failed.
+GLIMPSES = 1000
+
+
+class Outcome(Protocol):
+    """What one initial guess led to."""
+
+    @property
+    def status(self) -> Status:
+        """How the iteration ended."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The best motion."""
+
+    @property
+    def violations(self) -> Mapping[str, float]:
+        """Largest violation by kind of row."""
+
+    @property
+    def history(self) -> Sequence[IterationRecord]:
+        """One record an iteration."""
+
+
+def explain(
+    problem: Problem,
+    outcomes: Sequence[Outcome],
+    status: Status,
+    *,
+    checker: CollisionChecker | None = None,
+) -> str:
+    """Say why no motion was found.
+
+    Args:
+        problem: The problem.
+        outcomes: What the initial guesses led to, none of them feasible.
+        status: How planning ended.
+        checker: Distances of the pairs; None makes one.
+
+    Returns:
+        One to three sentences: how it ended, what stands in the way, and what would
+        have to be allowed.
+    """
+    if not outcomes:
+        return status.value
+    iterations = sum(len(outcome.history) for outcome in outcomes)
+    effort = f"{_count(len(outcomes), 'start')} and {_count(iterations, 'iteration')}"
+    least = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
+    if checker is None:
+        checker = CollisionChecker(problem.robot, problem.scene)
+    found = _excesses(problem, least.trajectory, checker)
+    begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
+    if not found:
+        return f"{begin}; the best motion is within 0.1 % of what is allowed."
+    clauses = [_clause(problem, least.trajectory, item) for item in found]
+    everywhere = _everywhere(problem, outcomes, found, checker)
+    clauses = [
+        clause + (" in every start tried" if item.name in everywhere else "")
+        for clause, item in zip(clauses, found, strict=True)
+    ]
+    needed = _joined([_relaxation(item) for item in found])
+    return (
+        f"{begin}: {'; '.join(clauses)}. The nearest motion found would need {needed}."
+    )
+
+
+def _excesses(
+    problem: Problem, trajectory: Trajectory, checker: CollisionChecker
+) -> list[Excess]:
+    """What a planned motion violates, the worst first."""
+    motion = _look(trajectory)
+    found = [*arrival(problem, motion, STRICT)]
+    torque = torque_pieces(trajectory)
+    found += limit_excesses(problem, motion, torque, STRICT.limits)
+    near = closest(problem, motion, checker, STRICT.contact)
+    if near is not None:
+        found.append(near)
+    measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
+    found = [item for item in found if item.violated]
+    found.sort(key=lambda item: -item.share / measure.get(item.kind, STRICT.limits))
+    return found[:MOST]
+
+
+def _look(trajectory: Trajectory) -> Replay:
+    """A planned motion, at no more instants than an explanation needs."""
+    return planned(trajectory, max(TIME_STEP, trajectory.duration / GLIMPSES))
+
+
+def _everywhere(
+    problem: Problem,
+    outcomes: Sequence[Outcome],
+    found: Sequence[Excess],
+    checker: CollisionChecker,
+) -> set[str]:
+    """Names of the pairs that are too close in every start."""
+    names = {item.name for item in found if item.kind == "clearance"}
+    if not names or len(outcomes) < 2:
+        return set()
+    for outcome in outcomes:
+        q = _look(outcome.trajectory).q
+        lack = problem.margin - np.min(checker.distances(q), axis=0)
+        pairs = zip(checker.pairs, lack.tolist(), strict=True)
+        names &= {" and ".join(pair) for pair, much in pairs if much > RESIDUE}
+    return names
+
+
+def _clause(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
+    if item.kind == "goal":
+        return _of_goal(problem, item)
+    if item.kind == "effort":
+        return _of_effort(problem, trajectory, item)
+    if item.kind == "clearance":
+        return _of_clearance(problem, item)
+    return str(item)
+
+
+def _of_goal(problem: Problem, item: Excess) -> str:
+    """A goal out of reach, or one that was not come nearer to."""
+    goal = problem.goal
+    if isinstance(goal, PositionGoal | PoseGoal) and item.unit == "m":
+        place = goal.position if isinstance(goal, PositionGoal) else None
+        place = goal.pose.translation if isinstance(goal, PoseGoal) else place
+        reach = RobotKinematics(problem.robot).reach(goal.frame)
+        beyond = float(np.linalg.norm(np.asarray(place))) - reach
+        if beyond > 0.0:
+            return f"goal outside reach by {beyond:.3g} m"
+    what = f"frame {goal.frame}" if isinstance(goal, FrameGoal) else item.name
+    return f"{what} comes no nearer to its goal than {item.amount:.3g} {item.unit}"
+
+
+def _of_effort(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
+    """A weight that cannot be held at the goal, or a motion that is too strong."""
+    robot = problem.robot
+    i = robot.joint_names.index(item.name)
+    q, rest = trajectory.q[-1:], np.zeros((1, robot.n))
+    holding = float(RobotDynamics(robot).inverse(q, rest, rest)[0, i])
+    low, high = _allowed(problem, i)
+    if problem.goal.fixes_velocity and not np.any(problem.goal.final_velocity(robot.n)):
+        much = max(holding - high, low - holding)
+        if much > STRICT.limits * max(high - low, 1e-12):
+            bound = high if holding > high else low
+            return (
+                f"joint {item.name} cannot hold its weight at the goal: "
+                f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
+            )
+    bound = max(abs(low), abs(high))
+    return (
+        f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
+        f"{item.time:.2f} s, {bound:.3g} allowed"
+    )
+
+
+def _allowed(problem: Problem, i: int) -> tuple[float, float]:
+    limits, extra = problem.robot.limits, problem.motion_limits
+    scale = 1.0 if extra is None else extra.effort_scale
+    low, high = float(limits.effort_lower[i]), float(limits.effort_upper[i])
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
+    return middle - scale * half, middle + scale * half
+
+
+def _of_clearance(problem: Problem, item: Excess) -> str:
+    distance = problem.margin - item.amount
+    if distance < 0.0:
+        return f"{item.name} overlap by {_length(-distance)} at {item.time:.2f} s"
+    return (
+        f"{item.name} are {_length(distance)} apart at {item.time:.2f} s, less than "
+        f"the margin {_length(problem.margin)}"
+    )
+
+
+def _relaxation(item: Excess) -> str:
+    amount = f"{item.amount:.3g} {item.unit}"
+    if item.kind == "goal":
+        return f"a goal {amount} nearer"
+    if item.kind == "speed":
+        return f"{amount} of speed at the end"
+    if item.kind == "clearance":
+        return f"{_length(item.amount)} more room between {item.name}"
+    return f"{amount} more {item.kind} of joint {item.name}"
+
+
+def _length(value: float) -> str:
+    return f"{100.0 * value:.2g} cm" if abs(value) < 1.0 else f"{value:.3g} m"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def _joined(parts: Sequence[str]) -> str:
+    if len(parts) < 2:
+        return "".join(parts)
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"

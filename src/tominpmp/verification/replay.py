@@ -1,0 +1,358 @@
+"""Replay: the torques of a motion, integrated by an integrator of another make.
+
+The transcriptions have their own integrators, or none; a motion is believed when SciPy,
+given nothing but the start of the problem and the torques over time, ends at the goal.
+The integration begins anew wherever the torque may jump, so that no step straddles a
+jump.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import DOP853, ODEintWarning, Radau, odeint
+
+from tominpmp.arrays import Array, IntArray, Record, real_array
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification.pieces import Pieces
+
+RTOL = 1e-9
+ATOL = 1e-11  # [rad, m, rad/s, m/s]
+# The motion is looked at this often at least [s].
+TIME_STEP = 1e-3
+# Product of the largest eigenvalue and the mean interval beyond which an arm is stiff:
+# DOP853 is stable for steps up to about 6 over the eigenvalue.
+STIFF = 24.0
+# A step is tried that is longer by this than the last one.
+GROWTH = 1.5
+LSODA_STEPS = 20_000
+# An integration that takes more evaluations than this is given up.
+MAX_EVALUATIONS = 500_000
+# Numbers beyond this are no positions or velocities of an arm any more.
+LOST = 1e6
+# Nodes at which the stiffness is looked at.
+STIFFNESS_SAMPLES = 5
+
+Integrator: TypeAlias = Literal["DOP853", "LSODA", "Radau"]
+Slope: TypeAlias = Callable[[float, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay(Record):
+    """A motion that torques bring about.
+
+    Attributes:
+        joint_names: Names of the joints, in column order.
+        t: Times [s], every millisecond or closer, with all nodes, shape (m,).
+        q: Positions there [rad or m], shape (m, n).
+        v: Velocities there [rad/s or m/s], shape (m, n).
+        u: Torques there, just after a jump [N m or N], shape (m, n).
+        nodes: Which of the times are nodes of the trajectory, shape (N + 1,).
+        integrator: "DOP853", "LSODA" or "Radau", or "planned" if nothing was
+            integrated.
+        evaluations: How often the dynamics were evaluated.
+        complete: Whether the end was reached. If not, the rows end where the motion
+            was lost.
+    """
+
+    joint_names: tuple[str, ...]
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+    nodes: IntArray
+    integrator: str
+    evaluations: int
+    complete: bool
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for name in ("t", "q", "v", "u"):
+            object.__setattr__(self, name, real_array(getattr(self, name)))
+
+    @property
+    def duration(self) -> float:
+        """Time that was replayed [s]."""
+        return float(self.t[-1])
+
+
+class _Plant:
+    """State derivative of a robot under a polynomial of torque, one row at a time."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.dynamics = RobotDynamics(robot)
+        self._exponents = np.zeros(0)
+        self.coefficients = np.zeros((robot.n, 0))
+        self.begin, self.rate = 0.0, 1.0
+
+    def load(self, begin: float, end: float, coefficients: Array) -> None:
+        """Take up the torque of another piece."""
+        self.coefficients = coefficients
+        self.begin, self.rate = begin, 2.0 / (end - begin)
+        self._exponents = np.arange(float(coefficients.shape[1]))
+
+    def torque(self, t: float) -> Array:
+        """Torque at a time within the piece, shape (n,)."""
+        s = (t - self.begin) * self.rate - 1.0
+        return np.asarray(self.coefficients.dot(s**self._exponents))
+
+    def slope(self) -> Slope:
+        """dx/dt as a function of t and x = (q, v)."""
+        robot, dynamics, torque = self.robot, self.dynamics, self.torque
+        n = robot.n
+        if robot.expansion_matrix is not None:
+
+            def linked(t: float, x: Array) -> Array:
+                return np.asarray(dynamics.forward(x[None], torque(t)[None])[0])
+
+            return linked
+        model, data, damping = robot.model, robot.model.createData(), robot.damping
+        aba = pin.aba
+
+        def free(t: float, x: Array) -> Array:
+            out = np.empty(2 * n)
+            v = x[n:]
+            out[:n] = v
+            out[n:] = aba(model, data, x[:n], v, torque(t) - damping * v)
+            return out
+
+        return free
+
+    def jacobian(self, t: float, x: Array) -> Array:
+        """Derivative of dx/dt with respect to x, shape (2n, 2n)."""
+        return np.asarray(
+            self.dynamics.forward_jacobians(x[None], self.torque(t)[None]).f_x[0]
+        )
+
+
+def torque_pieces(trajectory: Trajectory) -> Pieces:
+    """Torque of a trajectory over time, as polynomials between its nodes."""
+    return Pieces.of(lambda times: trajectory(times).u, trajectory.t)
+
+
+def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
+    """A motion as it is planned, in the form of a replay.
+
+    Args:
+        trajectory: The motion.
+        time_step: Largest time between two rows [s].
+    """
+    steps = np.maximum(np.ceil(np.diff(trajectory.t) / time_step - 1e-9), 1.0)
+    parts = [
+        np.linspace(begin, end, int(count), endpoint=False)
+        for begin, end, count in zip(
+            trajectory.t[:-1], trajectory.t[1:], steps, strict=True
+        )
+    ]
+    t = np.concatenate([*parts, trajectory.t[-1:]])
+    state = trajectory(t)
+    return Replay(
+        trajectory.joint_names,
+        t,
+        state.q,
+        state.v,
+        state.u,
+        np.searchsorted(t, trajectory.t),
+        "planned",
+        0,
+        True,
+    )
+
+
+def stiffness(dynamics: RobotDynamics, trajectory: Trajectory) -> float:
+    """Largest eigenvalue of the linearised dynamics along a motion [1/s]."""
+    last = trajectory.t.size - 1
+    some = np.unique(np.linspace(0, last, STIFFNESS_SAMPLES).astype(np.int64))
+    x = np.concatenate([trajectory.q[some], trajectory.v[some]], axis=1)
+    f_x = dynamics.forward_jacobians(x, trajectory.u[some]).f_x
+    if not np.all(np.isfinite(f_x)):
+        return np.inf
+    return float(np.max(np.abs(np.linalg.eigvals(f_x))))
+
+
+def replay(
+    problem: Problem,
+    trajectory: Trajectory,
+    *,
+    pieces: Pieces | None = None,
+    time_step: float = TIME_STEP,
+    integrator: Integrator | None = None,
+) -> Replay:
+    """Integrate the torques of a trajectory from the start of a problem.
+
+    Args:
+        problem: Robot and start.
+        trajectory: The motion, of which the torques alone are used.
+        pieces: Its torques, if they are known already.
+        time_step: Largest time between two rows of the result [s].
+        integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences where
+            the arm is stiff) or "Radau" (implicit); None takes the first, or the second
+            for arms with stiff friction.
+
+    Returns:
+        The motion that the torques bring about.
+    """
+    start = np.concatenate([problem.q_start, _start_velocity(problem)])
+    return Integration(problem.robot, trajectory, pieces, integrator).run(
+        start, time_step
+    )
+
+
+def _start_velocity(problem: Problem) -> Array:
+    given = problem.v_start
+    return np.zeros(problem.robot.n) if given is None else np.asarray(given)
+
+
+class Integration:
+    """The means to integrate the torques of one trajectory.
+
+    Attributes:
+        integrator: Which integrator is used.
+        evaluations: How often the dynamics have been evaluated.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        pieces: Pieces | None = None,
+        integrator: Integrator | None = None,
+    ) -> None:
+        self._trajectory = trajectory
+        self._pieces = (
+            Pieces.of(lambda times: trajectory(times).u, trajectory.t)
+            if pieces is None
+            else pieces
+        )
+        self._plant = _Plant(robot)
+        self._slope = self._plant.slope()
+        self.integrator = integrator or self._suited()
+        self.evaluations = 0
+        self._stride = np.inf
+
+    def _suited(self) -> Integrator:
+        trajectory = self._trajectory
+        mean = trajectory.duration / (trajectory.t.size - 1)
+        stiff = stiffness(self._plant.dynamics, trajectory) * mean
+        return "LSODA" if stiff > STIFF else "DOP853"
+
+    def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
+        """Integrate from a state of shape (2n,) to the end."""
+        pieces, n = self._pieces, start.size // 2
+        times, states = [np.zeros(1)], [start[None]]
+        x, complete = start, True
+        for k in range(pieces.t.size - 1):
+            begin, end = float(pieces.t[k]), float(pieces.t[k + 1])
+            count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
+            ticks = np.linspace(begin, end, count + 1)[1:]
+            rows = self._piece(k, x, ticks)
+            times.append(ticks[: len(rows)])
+            states.append(rows)
+            if len(rows) < count:
+                complete = False
+                break
+            x = rows[-1]
+        t, path = np.concatenate(times), np.concatenate(states)
+        known = self._trajectory.t[self._trajectory.t <= t[-1]]
+        return Replay(
+            self._trajectory.joint_names,
+            t,
+            path[:, :n],
+            path[:, n:],
+            pieces(t),
+            np.searchsorted(t, known),
+            self.integrator,
+            self.evaluations,
+            complete,
+        )
+
+    def defects(self) -> Array:
+        """How far each interval ends from the next node when begun at its own.
+
+        Returns:
+            Differences of the states, shape (N, 2n); NaN where the motion was lost.
+        """
+        nodes = np.concatenate([self._trajectory.q, self._trajectory.v], axis=1)
+        pieces, out = self._pieces, np.full_like(nodes[1:], np.nan)
+        interval = np.searchsorted(self._trajectory.t, pieces.t[:-1], side="right") - 1
+        for k in range(out.shape[0]):
+            x: Array | None = nodes[k]
+            for piece in np.flatnonzero(interval == k).tolist():
+                if x is not None:
+                    rows = self._piece(piece, x, pieces.t[piece + 1 : piece + 2])
+                    x = rows[-1] if len(rows) else None
+            if x is not None:
+                out[k] = x - nodes[k + 1]
+        return out
+
+    def _piece(self, k: int, x: Array, ticks: Array) -> Array:
+        """Integrate over a piece of torque; fewer rows than ticks if x was lost."""
+        begin, end = float(self._pieces.t[k]), float(self._pieces.t[k + 1])
+        self._plant.load(begin, end, self._pieces.coefficients[k])
+        if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
+            return np.empty((0, x.size))
+        with np.errstate(all="ignore"):
+            if self.integrator == "LSODA":
+                return self._fortran(x, begin, ticks)
+            return self._steps(x, begin, ticks)
+
+    def _fortran(self, x: Array, begin: float, ticks: Array) -> Array:
+        """Integrate with LSODA; no rows if the motion was lost."""
+        times = np.concatenate([[begin], ticks])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ODEintWarning)
+            try:
+                rows, outcome = odeint(
+                    self._slope,
+                    x,
+                    times,
+                    Dfun=self._plant.jacobian,
+                    tfirst=True,
+                    rtol=RTOL,
+                    atol=ATOL,
+                    tcrit=ticks[-1:],  # the torque must not be asked for beyond it
+                    mxstep=LSODA_STEPS,
+                    full_output=True,
+                )
+            except ODEintWarning:
+                return np.empty((0, x.size))
+        self.evaluations += int(outcome["nfe"][-1])
+        inside = np.all(np.abs(rows) < LOST, axis=1)
+        end = inside.size if inside.all() else int(np.argmin(inside))
+        return np.asarray(rows[1:end])
+
+    def _steps(self, x: Array, begin: float, ticks: Array) -> Array:
+        """Integrate step by step with a solver of SciPy's newer kind."""
+        end = float(ticks[-1])
+        settings: dict[str, Any] = {"rtol": RTOL, "atol": ATOL}
+        if self.integrator == "Radau":
+            # Newton's method begins without a guess in the first step.
+            settings |= {"jac": self._plant.jacobian, "first_step": 0.1 * (end - begin)}
+            solver = Radau(self._slope, begin, x, end, **settings)
+        else:
+            settings["first_step"] = min(end - begin, self._stride)
+            solver = DOP853(self._slope, begin, x, end, **settings)
+        rows = np.empty((ticks.size, x.size))
+        done, spent = 0, self.evaluations
+        while solver.status == "running":
+            solver.step()
+            self.evaluations = spent + solver.nfev
+            lost = not np.all(np.abs(solver.y) < LOST)
+            if solver.status == "failed" or lost or self.evaluations > MAX_EVALUATIONS:
+                return rows[:done]
+            behind = int(np.searchsorted(ticks, solver.t, side="right"))
+            if behind > done:
+                rows[done:behind] = solver.dense_output()(ticks[done:behind]).T
+                done = behind
+        self._stride = GROWTH * float(solver.step_size)
+        rows[-1] = solver.y
+        return rows

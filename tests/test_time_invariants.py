@@ -1,0 +1,211 @@
+"""What must hold for minimum times whatever they are: scaling, mirrors, wider limits.
+
+Each law maps one problem onto another, or orders two of them; times are compared up to
+the share of T to which iterations settle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from optimum_cases import ROD
+from sample_arms import DOWNWARD, Link, make_arm, slide
+
+import tominpmp as tm
+
+Array = NDArray[np.float64]
+
+METHODS = ("inverse", "collocation")
+INTERVALS = 24
+# Share of T to which two iterations agree, with room for their smoothing.
+SETTLED = 1e-3
+
+EFFORT = np.array([10.0, 5.0])
+FRICTION = np.array([2.0, 1.0])
+START, GOAL = np.array([-0.4, 0.6]), np.array([0.9, -0.3])
+
+
+def least_time(
+    robot: tm.Robot,
+    start: ArrayLike,
+    goal: ArrayLike,
+    method: str = "inverse",
+    *,
+    v_start: Array | None = None,
+    v_goal: Array | None = None,
+    scene: tm.Scene | None = None,
+) -> float:
+    problem = tm.Problem(
+        robot,
+        np.asarray(start),
+        tm.JointGoal(np.asarray(goal), v_goal),
+        scene=tm.Scene() if scene is None else scene,
+        v_start=v_start,
+    )
+    options = tm.Options(method=method, intervals=INTERVALS, grid="uniform")
+    solution = tm.plan(problem, options)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    return solution.T
+
+
+@pytest.mark.parametrize(
+    ("method", "factor"), [("inverse", 0.5), ("inverse", 3.0), ("collocation", 3.0)]
+)
+def test_time_scaling(method: str, factor: float) -> None:
+    # Without gravity, t -> t / s makes inertial torques s^2 times as big, friction s.
+    slow = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION, velocity=2.5)
+    fast = make_arm(
+        ROD,
+        ROD,
+        effort=factor**2 * EFFORT,
+        damping=factor * FRICTION,
+        velocity=factor * 2.5,
+    )
+    T = least_time(slow, START, GOAL, method)
+    assert least_time(fast, START, GOAL, method) == pytest.approx(
+        T / factor, rel=SETTLED
+    )
+
+
+def test_time_scaling_of_the_planar_arm(planar3r: tm.Robot) -> None:
+    factor = 2.0
+    slow = planar3r.with_changes(gravity=(0.0, 0.0, 0.0))
+    fast = slow.with_changes(
+        effort=factor**2 * slow.limits.effort_upper, damping=factor * slow.damping
+    )
+    start, goal = np.array([0.5, 0.3, 0.2]), np.array([1.6, -0.8, 0.9])
+    T = least_time(slow, start, goal)
+    assert least_time(fast, start, goal) == pytest.approx(T / factor, rel=SETTLED)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_mass_scaling(method: str) -> None:
+    # Heavier links, stronger motors: the same motion.
+    heavy = replace(ROD, mass=7.0 * ROD.mass, inertia=7.0 * ROD.inertia)
+    light = make_arm(ROD, ROD, effort=EFFORT, gravity=DOWNWARD, damping=FRICTION)
+    strong = make_arm(
+        heavy, heavy, effort=7.0 * EFFORT, gravity=DOWNWARD, damping=7.0 * FRICTION
+    )
+    start, goal = np.array([-1.5, 0.1]), np.array([-1.25, 0.3])
+    T = least_time(light, start, goal, method)
+    assert least_time(strong, start, goal, method) == pytest.approx(T, rel=SETTLED)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_length_scaling(method: str) -> None:
+    # Lengths by s: inertias, friction and, without gravity, torques by s^2.
+    long = replace(ROD, length=2.0, centre=1.0, inertia=4.0 * ROD.inertia)
+    arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
+    T = least_time(arm, START, GOAL, method)
+    other = make_arm(long, long, effort=4.0 * EFFORT, damping=4.0 * FRICTION)
+    assert least_time(other, START, GOAL, method) == pytest.approx(T, rel=SETTLED)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_mirror_image(method: str) -> None:
+    # In the level plane about x; upright about y, where the base angle is pi - q.
+    arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
+    T = least_time(arm, START, GOAL, method)
+    assert least_time(arm, -START, -GOAL, method) == pytest.approx(T, rel=SETTLED)
+    upright = make_arm(
+        ROD, ROD, effort=4.0 * EFFORT, gravity=DOWNWARD, damping=FRICTION
+    )
+    start, goal = np.array([-0.9, 0.3]), np.array([-0.2, 0.5])
+    sign, offset = np.array([-1.0, -1.0]), np.array([np.pi, 0.0])
+    T = least_time(upright, start, goal, method)
+    mirrored = least_time(upright, offset + sign * start, offset + sign * goal, method)
+    assert mirrored == pytest.approx(T, rel=SETTLED)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_turned_base(method: str) -> None:
+    arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
+    turn = np.array([2.0, 0.0])
+    T = least_time(arm, START, GOAL, method)
+    turned = least_time(arm, START + turn, GOAL + turn, method)
+    assert turned == pytest.approx(T, rel=SETTLED)
+
+
+def test_motion_backwards() -> None:
+    # Without friction and gravity time can run backwards, with the speeds reversed.
+    # Not so by collocation, whose scheme has its stages at a third and at the end.
+    arm = make_arm(ROD, ROD, effort=EFFORT)
+    slow, quick = np.array([0.2, 0.1]), np.array([0.4, -0.3])
+    T = least_time(arm, START, GOAL, v_start=slow, v_goal=quick)
+    back = least_time(arm, GOAL, START, v_start=-quick, v_goal=-slow)
+    assert back == pytest.approx(T, rel=SETTLED)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "wider",
+    [
+        {"effort": np.array([13.0, 5.0])},
+        {"effort": np.array([10.0, 6.0])},
+        {"effort": np.array([[-10.0, 12.0], [-7.0, 5.0]])},
+        {"velocity": np.array([2.0, 1.8])},
+        {"velocity": np.array([1.8, 2.2])},
+    ],
+    ids=["shoulder", "elbow", "one-sided", "fast shoulder", "fast elbow"],
+)
+def test_wider_limits_never_lengthen(method: str, wider: dict[str, Array]) -> None:
+    narrow = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION, velocity=1.8)
+    T = least_time(narrow, START, GOAL, method)
+    eased = least_time(narrow.with_changes(**wider), START, GOAL, method)
+    assert eased <= T * (1.0 + SETTLED)
+
+
+def test_less_friction_and_less_mass_never_lengthen_a_rail() -> None:
+    # True on one rail; an arm may well be helped by friction when it brakes.
+    def rail(mass: float, friction: float) -> tm.Robot:
+        return make_arm(slide(mass), effort=10.0, damping=friction)
+
+    times = [
+        least_time(rail(mass, friction), [0.0], [1.0], "collocation")
+        for mass, friction in [(1.0, 0.0), (2.0, 0.0), (2.0, 2.0), (2.0, 8.0)]
+    ]
+    assert np.all(np.diff(times) > 0.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stop_on_the_way_never_shortens(method: str) -> None:
+    arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
+    middle = np.array([0.3, 0.4])
+    direct = least_time(arm, START, GOAL, method)
+    first = least_time(arm, START, middle, method)
+    second = least_time(arm, middle, GOAL, method)
+    assert direct < first + second
+
+
+def test_obstacles_never_shorten(planar3r: tm.Robot) -> None:
+    start, goal = np.array([0.6, 0.2, 0.2]), np.array([1.6, 0.2, 0.2])
+    near = tm.Sphere("near", radius=0.5, position=(3.6, 5.2, 0.0))
+    nearer = tm.Sphere("nearer", radius=0.8, position=(3.4, 4.6, 0.0))
+    times = [
+        least_time(planar3r, start, goal, scene=tm.Scene(obstacles))
+        for obstacles in ([], [near], [near, nearer])
+    ]
+    assert times[0] <= times[1] * (1.0 + SETTLED)
+    assert times[1] <= times[2] * (1.0 + SETTLED)
+    # The last one is in the way.
+    assert times[2] > 1.01 * times[0]
+
+
+def test_idle_joint_does_not_matter() -> None:
+    # A third link of hardly any mass that stays where it is.
+    feather = Link(1e-6, 0.1, 0.05, 1e-8)
+    two = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
+    three = make_arm(
+        ROD,
+        ROD,
+        feather,
+        effort=np.append(EFFORT, 1.0),
+        damping=np.append(FRICTION, 0.0),
+    )
+    T = least_time(two, START, GOAL)
+    assert least_time(three, [*START, 0.2], [*GOAL, 0.2]) == pytest.approx(
+        T, rel=SETTLED
+    )

@@ -1,0 +1,137 @@
+"""The paper's iteration: fixed steps, all of them taken."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, slide
+
+import tominpmp as tm
+from tominpmp.solution import Status
+from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.paper import PaperSolver
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.system import System
+
+INTERVALS = 10
+LEAST = 2.0 * np.sqrt(1.0 / 2.0)  # one metre at 2 m/s^2, from rest to rest
+
+
+def on_a_rail(velocity=1e3):
+    robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
+    shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
+    nlp = AdjointTranscription(System.of(problem), shares, 1.0, instants="exact")
+    # No torque: the goal is missed by a metre.
+    return nlp, nlp.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
+
+
+def solver(nlp, monitor=lambda record: None, **options):
+    defaults = {"max_iterations": 400, "control_step": 0.2, "time_step": 0.02}
+    options = tm.Options(**{**defaults, **options})
+    return PaperSolver(nlp, options, make_solver("highs"), monitor)
+
+
+def test_it_ends_at_the_least_time():
+    nlp, z = on_a_rail()
+    result = solver(nlp).run(z)
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(LEAST, rel=1e-5)
+    assert result.best.violation <= 1e-6
+    assert len(result.history) < 200
+
+
+def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
+    """There it does not matter which interval brakes a little: no step is the last."""
+    nlp, z = on_a_rail(velocity=0.8)
+    least = 1.0 / 0.8 + 0.8 / 2.0
+    result = solver(nlp, max_iterations=80).run(z)
+    assert result.status is Status.ITERATION_LIMIT
+    last = result.history[-20:]
+    assert max(record.violation for record in last) < 0.1
+    assert all(0.9 * least < record.duration < least for record in last)
+    before, after = (
+        solver(nlp, max_iterations=count).run(z).iterate.z for count in (79, 80)
+    )
+    moved = np.abs(nlp.split(after)[0] - nlp.split(before)[0]).max()
+    assert moved == pytest.approx(0.2)
+
+
+def test_steps_are_fixed_and_all_are_taken():
+    nlp, z = on_a_rail()
+    iterate = solver(nlp).init(z)
+    torque, duration = nlp.split(z)[0], nlp.cost @ z
+    # The violation is driven down first, whatever becomes of the duration.
+    records = solver(nlp, max_iterations=30).run(z).history
+    assert all(record.accepted for record in records)
+    assert records[5].violation < iterate.violation
+    for count in (1, 2, 3):
+        one = solver(nlp, max_iterations=count).run(z).iterate
+        now = nlp.split(one.z)[0]
+        assert np.abs(now - torque).max() == pytest.approx(0.2)
+        assert abs(one.duration - duration) <= 0.02 + 1e-12
+        torque, duration = now, one.duration
+
+
+def test_the_best_iterate_keeps_the_constraints():
+    nlp, z = on_a_rail()
+    result = solver(nlp, max_iterations=5).run(z)
+    assert result.status is Status.ITERATION_LIMIT
+    assert result.best is None
+    assert result.iterate.violation > 0.1
+    long = solver(nlp, max_iterations=60).run(z)
+    good = [r.duration for r in long.history if r.violation <= 1e-6]
+    assert long.best.duration == min(good)
+
+
+def test_a_monitor_ends_it():
+    nlp, z = on_a_rail()
+    seen = []
+
+    def stop(record):
+        seen.append(record)
+        return Status.TIME_LIMIT if record.iteration == 6 else None
+
+    result = solver(nlp, stop).run(z)
+    assert result.status is Status.TIME_LIMIT
+    assert tuple(seen) == result.history and len(seen) == 7
+
+
+def test_an_interruption_keeps_what_there_is():
+    nlp, z = on_a_rail()
+
+    def interrupt(record):
+        if record.iteration == 60:
+            raise KeyboardInterrupt
+
+    result = solver(nlp, interrupt).run(z)
+    assert result.status is Status.INTERRUPTED
+    assert result.best.violation <= 1e-6
+    assert len(result.history) == 61
+
+
+@pytest.mark.parametrize("obstacle", [False, True])
+def test_the_papers_example_is_forced_to_be_feasible_first(obstacle):
+    """Fewer intervals and longer steps than in the paper, from its start.
+
+    The longer the steps, the larger the violation that is left at the end: about their
+    square.
+    """
+    changes = {} if obstacle else {"position_lower": -np.inf, "position_upper": np.inf}
+    scene = tm.Scene()
+    if obstacle:
+        scene = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+    problem = tm.Problem(
+        tm.load_robot("planar3r", **changes),
+        (0.5, 1.7, -1.7),
+        tm.PositionGoal("tip", (4, 1, 0)),
+        scene=scene,
+    )
+    shares = np.full((25, 1), 1.0 / 25)
+    nlp = AdjointTranscription(System.of(problem), shares, 1.5, instants="exact")
+    z = nlp.pack(np.zeros((25, 3)), np.array([1.5]))
+    result = solver(nlp, max_iterations=160, feasibility=5e-3).run(z)
+    assert result.history[0].violation > 1.0
+    assert result.best is not None
+    # The paper's times, which it passes on its way down.
+    assert result.best.duration < (1.207 if obstacle else 0.884)

@@ -1,0 +1,124 @@
+"""The exterior penalty function method: optima it must come near, and how it ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, slide
+
+import tominpmp as tm
+from tominpmp.solution import Status
+from tominpmp.solvers.penalty import PenaltySolver, _Run
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.system import System
+
+INTERVALS = 10
+LEAST = 2.0 * np.sqrt(1.0 / 2.0)  # one metre at 2 m/s^2, from rest to rest
+
+
+def on_a_rail(**limits):
+    robot = make_arm(slide(2.0), effort=4.0, **limits)
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
+    shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
+    nlp = AdjointTranscription(System.of(problem), shares, 1.0)
+    return nlp, nlp.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
+
+
+def test_it_ends_near_the_least_time():
+    nlp, z = on_a_rail()
+    result = PenaltySolver(nlp, tm.Options()).run(z)
+    assert result.status is Status.CONVERGED
+    assert result.best.violation <= 1e-6
+    assert LEAST * (1 - 1e-5) <= result.best.duration <= 1.02 * LEAST
+    torque, _ = nlp.split(result.best.z)
+    assert np.abs(torque).max() <= 4.0 * (1 + 1e-12)
+
+
+def test_path_constraints_are_penalised_too():
+    nlp, z = on_a_rail(velocity=0.8)
+    result = PenaltySolver(nlp, tm.Options(feasibility=1e-4)).run(z)
+    assert result.status is Status.CONVERGED
+    least = 1.0 / 0.8 + 0.8 / 2.0
+    assert least * (1 - 1e-5) <= result.best.duration <= 1.05 * least
+    assert np.abs(nlp.trajectory(result.best.z).v).max() <= 0.8 * (1 + 1e-4)
+
+
+def test_violations_fall_as_the_weight_grows():
+    """From outside: T rises with the weight K, and violations fall like 1 / K."""
+    nlp, z = on_a_rail()
+    run = _Run(PenaltySolver(nlp, tm.Options()), z)
+    durations, violations = [], []
+    for weight in (1e2, 1e3, 1e4):
+        for _ in range(3):  # to the bottom of each
+            run.minimise(weight)
+        durations.append(run.duration)
+        violations.append(run.iterate.violation)
+    assert durations[0] < durations[1] < durations[2] < LEAST
+    assert violations[0] > violations[1] > violations[2]
+    assert violations[1] / violations[2] == pytest.approx(10.0, rel=0.1)
+
+
+def test_a_goal_out_of_reach_is_infeasible():
+    # The first joint may hardly turn, and the others alone do not bring the tip there.
+    narrow = {"joint1": 0.6, "joint2": 3.0, "joint3": 3.0}
+    robot = tm.load_robot("planar3r", position_upper=narrow, position_lower=0.4)
+    goal = tm.PositionGoal("tip", (-4, 0, 0))
+    problem = tm.Problem(robot, (0.5, 0.5, 0.5), goal)
+    shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
+    nlp = AdjointTranscription(System.of(problem), shares, 1.5)
+    z = nlp.pack(np.zeros((INTERVALS, 3)), np.array([1.5]))
+    result = PenaltySolver(nlp, tm.Options()).run(z)
+    assert result.status is Status.INFEASIBLE
+    assert result.best is None
+    assert result.iterate.violation > 0.01
+    assert len(result.history) < 20 * tm.Options().max_iterations
+
+
+def test_the_iteration_limit_holds():
+    nlp, z = on_a_rail()
+    limited = PenaltySolver(nlp, tm.Options(max_iterations=1))
+    result = limited.run(z)
+    assert result.status is Status.ITERATION_LIMIT
+    assert 0 < len(result.history) <= 40
+    numbers = [record.iteration for record in result.history]
+    assert numbers == list(range(len(numbers)))
+
+
+def test_a_monitor_ends_it():
+    nlp, z = on_a_rail()
+
+    def stop(record):
+        return Status.TIME_LIMIT if record.iteration == 3 else None
+
+    result = PenaltySolver(nlp, tm.Options(), stop).run(z)
+    assert result.status is Status.TIME_LIMIT
+    assert len(result.history) == 4
+
+
+def test_an_interruption_keeps_what_there_is():
+    nlp, z = on_a_rail()
+
+    def interrupt(record):
+        if record.iteration == 3:
+            raise KeyboardInterrupt
+
+    result = PenaltySolver(nlp, tm.Options(), interrupt).run(z)
+    assert result.status is Status.INTERRUPTED
+    assert len(result.history) == 4
+    assert result.iterate.duration == result.history[-1].duration
+
+
+@pytest.mark.slow
+def test_the_papers_example_ends_above_the_linear_programs():
+    """As in the paper: reached and at rest, but slower than the method it compares."""
+    problem = tm.Problem(
+        tm.load_robot("planar3r", position_lower=-np.inf, position_upper=np.inf),
+        (0.5, 1.7, -1.7),
+        tm.PositionGoal("tip", (4, 1, 0)),
+    )
+    shares = np.full((40, 1), 1.0 / 40)
+    nlp = AdjointTranscription(System.of(problem), shares, 1.5, instants="violated")
+    z = nlp.pack(np.zeros((40, 3)), np.array([1.5]))
+    result = PenaltySolver(nlp, tm.Options(feasibility=1e-3)).run(z)
+    assert result.status is Status.CONVERGED
+    assert 0.8313 < result.best.duration < 0.983

@@ -1,0 +1,308 @@
+"""Replay of torques, and the judgement on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from optimum_cases import FORCE, HANGING, MASS, PUSH, ROD, UPRIGHT
+from sample_arms import DOWNWARD, GRAVITY, make_arm, slide
+from two_link_cases import RODS
+
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals import JointGoal, PositionGoal
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.options import Options, Tolerances
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene, Sphere
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification import replay, verify
+from tominpmp.verification.pieces import Pieces
+
+RAIL_TIME = 2.0 / np.sqrt(PUSH)
+
+
+def rail_motion(force: float = FORCE, nodes: int = 9) -> Trajectory:
+    """Full force forth and back over 1 m, from rest to rest."""
+    push = force / MASS
+    T = 2.0 / np.sqrt(push)
+    t = np.linspace(0.0, T, nodes)
+    left = T - t
+    first = t <= 0.5 * T
+    q = np.where(first, 0.5 * push * t**2, 1.0 - 0.5 * push * left**2)
+    v = np.where(first, push * t, push * left)
+    u = np.where(t < 0.5 * T - 1e-9, force, -force)
+    return Trajectory(("joint1",), t, q[:, None], v[:, None], u[:, None])
+
+
+def rail_problem(**changes: object) -> Problem:
+    """One metre on a rail."""
+    robot = make_arm(slide(MASS), effort=FORCE, **changes)
+    return Problem(robot, np.zeros(1), JointGoal(np.ones(1)))
+
+
+def swing(robot: Robot, duration: float, intervals: int = 20) -> Trajectory:
+    """A smooth motion of any arm, of constant accelerations."""
+    n = robot.n
+    t = np.linspace(0.0, duration, intervals + 1)
+    phase = 2.0 * np.pi * t[:-1, None] / duration + np.arange(n)
+    a = 3.0 * np.cos(phase)
+    h = np.diff(t)[:, None]
+    v = np.concatenate([np.zeros((1, n)), np.cumsum(h * a, axis=0)])
+    q = np.cumsum(h * (v[:-1] + 0.5 * h * a), axis=0)
+    q = np.concatenate([np.zeros((1, n)), q])
+    dynamics = RobotDynamics(robot)
+    u = dynamics.inverse(q, v, np.concatenate([a, a[-1:]]))
+    return Trajectory(robot.joint_names, t, q, v, u, a, dynamics.inverse)
+
+
+def swing_problem(robot: Robot, motion: Trajectory) -> Problem:
+    """The problem that a smooth motion solves."""
+    goal = JointGoal(motion.q[-1], motion.v[-1])
+    return Problem(robot, motion.q[0], goal, v_start=motion.v[0])
+
+
+# -- replay ----------------------------------------------------------------------------
+
+
+def test_replay_of_full_force_has_its_closed_form() -> None:
+    found = replay(rail_problem(), rail_motion())
+    early = found.t < 0.5 * RAIL_TIME
+    assert found.complete
+    assert np.max(np.diff(found.t)) <= 1e-3 + 1e-12
+    expected = 0.5 * PUSH * found.t[early] ** 2
+    np.testing.assert_allclose(found.q[early, 0], expected, atol=1e-12)
+    np.testing.assert_allclose(found.q[-1], 1.0, atol=1e-11)
+    np.testing.assert_allclose(found.v[-1], 0.0, atol=1e-11)
+    np.testing.assert_allclose(found.t[found.nodes], rail_motion().t, rtol=1e-15)
+
+
+@pytest.mark.parametrize("integrator", ["DOP853", "LSODA", "Radau"])
+def test_free_pendulum_keeps_its_energy(integrator: str) -> None:
+    robot = make_arm(ROD, effort=1.0, gravity=DOWNWARD)
+    t = np.linspace(0.0, 2.0, 5)
+    rest = np.zeros((5, 1))
+    motion = Trajectory(robot.joint_names, t, rest, rest, rest)
+    problem = Problem(robot, np.zeros(1), JointGoal(np.full(1, HANGING)))
+    found = replay(problem, motion, integrator=integrator)
+    energy = found.v[:, 0] ** 2 / 6.0 + 0.5 * GRAVITY * np.sin(found.q[:, 0])
+    assert found.integrator == integrator
+    assert np.ptp(found.q) > 2.0  # it swings
+    np.testing.assert_allclose(energy, 0.0, atol=2e-7)
+
+
+def test_stiff_friction_calls_for_an_implicit_integrator() -> None:
+    quick = make_arm(slide(MASS), effort=FORCE, damping=1.0)
+    stiff = make_arm(slide(MASS), effort=FORCE, damping=2e4)
+    goal = JointGoal(np.ones(1))
+    motion = rail_motion()
+    assert replay(Problem(quick, np.zeros(1), goal), motion).integrator == "DOP853"
+    found = replay(Problem(stiff, np.zeros(1), goal), motion)
+    assert found.integrator == "LSODA"
+    # Forth and back at the speed that friction leaves.
+    half = found.nodes[4]
+    np.testing.assert_allclose(found.q[half, 0], 5e-4 * RAIL_TIME / 2, rtol=1e-3)
+    assert abs(found.q[-1, 0]) < 1e-6
+
+
+@pytest.mark.parametrize("integrator", ["DOP853", "LSODA", "Radau"])
+def test_torque_of_a_spline_brings_the_spline_about(integrator: str) -> None:
+    robot = make_arm(*RODS, effort=100.0, gravity=DOWNWARD, damping=1.0)
+    motion = swing(robot, 1.5)
+    found = replay(swing_problem(robot, motion), motion, integrator=integrator)
+    np.testing.assert_allclose(found.q, motion(found.t).q, atol=1e-6)
+
+
+def test_motion_that_runs_away_ends_early() -> None:
+    problem = rail_problem()
+    motion = rail_motion()
+    wild = replace(motion, u=1e9 * motion.u)
+    found = replay(problem, wild)
+    assert not found.complete
+    assert np.all(np.isfinite(found.q))
+    verdict = verify(problem, wild)
+    assert not verdict.ok
+    assert verdict.goal_error == np.inf
+
+
+def test_pieces_follow_a_curve_and_bound_parts_of_it() -> None:
+    t = np.array([0.0, 0.4, 1.5])
+    curve = Pieces.of(lambda x: np.column_stack([np.sin(9 * x), x**3 - x]), t)
+    assert curve.count > 2  # halved, as the sine is too wild for one polynomial
+    some = np.linspace(0.0, 1.5, 41)
+    expected = np.column_stack([np.sin(9 * some), some**3 - some])
+    np.testing.assert_allclose(curve(some), expected, atol=1e-9)
+    part = curve.around(np.array([1]), np.array([0.3]), np.array([0.2]))[0]
+    begin, end = curve.t[1:3]
+    at = begin + 0.5 * (end - begin) * (1.0 + 0.3 + 0.2 * 0.7)
+    found = part @ 0.7 ** np.arange(part.shape[1])
+    np.testing.assert_allclose(found, curve(np.array([at]))[0], atol=1e-12)
+
+
+# -- judgement -------------------------------------------------------------------------
+
+
+def test_motion_that_keeps_everything_is_believed() -> None:
+    found = verify(rail_problem(), rail_motion())
+    assert found.ok and found.complete and found.violations == ()
+    assert found.goal_error < 1e-10 and found.speed_error < 1e-10
+    assert found.worst["effort"].amount == pytest.approx(0.0, abs=1e-9)
+    assert found.defect is None
+    assert found.min_clearance == np.inf
+    assert "reaches the goal" in found.message
+
+
+def test_speed_is_judged_between_the_nodes() -> None:
+    # Three nodes at rest hide the top speed; the torques do not.
+    motion = rail_motion(nodes=3)
+    hidden = replace(motion, v=np.zeros((3, 1)))
+    found = verify(rail_problem(velocity=1.0), hidden)
+    (violation,) = found.violations
+    assert not found.ok
+    assert (violation.kind, violation.name) == ("velocity", "joint1")
+    assert violation.time == pytest.approx(0.5 * RAIL_TIME)
+    assert violation.amount == pytest.approx(np.sqrt(PUSH) - 1.0)
+    assert violation.share == pytest.approx(np.sqrt(PUSH) - 1.0)
+    assert "beyond its velocity limit" in found.message
+
+
+def test_effort_is_judged_on_both_sides_of_a_jump() -> None:
+    # The force rises along the interval and is too large at its end alone.
+    def force(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        return np.where(v > 0.0, 12.0 * v, -1.0)
+
+    motion = rail_motion()
+    ramp = replace(
+        motion,
+        t=np.array([0.0, 1.0, 2.0]),
+        q=np.zeros((3, 1)),
+        v=np.array([[0.0], [1.0], [0.0]]),
+        u=np.array([[0.0], [-1.0], [-1.0]]),
+        a=np.array([[1.0], [-1e-9]]),
+        inverse_dynamics=force,
+    )
+    found = verify(rail_problem(), ramp)
+    effort = found.worst["effort"]
+    assert effort.violated
+    assert effort.time == pytest.approx(1.0)
+    assert effort.amount == pytest.approx(2.0, rel=1e-6)
+    assert effort.share == pytest.approx(0.2, rel=1e-6)
+
+
+def test_position_limit_that_is_passed_has_joint_and_time() -> None:
+    upper, lower = np.array([9.0, 0.01]), np.array([-9.0, -0.5])
+    limits = {"position_upper": upper, "position_lower": lower}
+    robot = make_arm(*RODS, effort=100.0, **limits)
+    motion = swing(robot, 1.0)
+    top = int(np.argmax(motion.q[:, 1]))
+    start = Problem(robot, motion.q[0], JointGoal(np.zeros(2)))
+    found = verify(start, motion)
+    position = found.worst["position"]
+    assert position.violated and position.name == "joint2"
+    assert position.time == pytest.approx(motion.t[top], abs=0.06)
+    assert position.amount == pytest.approx(np.max(motion.q[:, 1]) - 0.01, abs=1e-3)
+
+
+def test_start_of_the_problem_counts_not_that_of_the_motion() -> None:
+    problem = rail_problem()
+    apart = replace(problem, q_start=np.array([-0.01]))
+    found = verify(apart, rail_motion())
+    assert not found.ok
+    assert found.goal_error == pytest.approx(0.01)
+    assert found.violations[0].kind == "goal"
+    assert verify(apart, rail_motion(), Tolerances(goal=0.02)).ok
+
+
+def test_velocity_at_the_end_counts() -> None:
+    problem = replace(rail_problem(), goal=JointGoal(np.ones(1), np.full(1, 0.5)))
+    found = verify(problem, rail_motion())
+    assert [item.kind for item in found.violations] == ["speed"]
+    assert found.speed_error == pytest.approx(0.5)
+
+
+def test_unstable_motion_has_small_defects() -> None:
+    robot = make_arm(ROD, effort=5.0, gravity=DOWNWARD)
+    t = np.linspace(0.0, 8.0, 161)
+    q = np.full((161, 1), UPRIGHT - 1e-9)
+    rest = np.zeros((161, 1))
+    motion = Trajectory(robot.joint_names, t, q, rest, rest)
+    found = verify(Problem(robot, q[0], JointGoal(q[0])), motion)
+    assert not found.ok
+    assert found.goal_error > 0.1
+    assert found.defect is not None and found.defect < 1e-9
+
+
+def test_goal_on_a_frame_is_measured_there() -> None:
+    robot = make_arm(*RODS, effort=100.0)
+    motion = swing(robot, 1.0)
+    tip = RobotKinematics(robot).placement(motion.q[-1], "tip").translation
+    v = RobotKinematics(robot).motion(motion.q[-1], motion.v[-1], "tip").velocity
+    reached = Problem(robot, motion.q[0], PositionGoal("tip", tip, v))
+    assert verify(reached, motion).ok
+    beside = PositionGoal("tip", tip - np.array([0.0, 0.02, 0.0]), v)
+    found = verify(replace(reached, goal=beside), motion)
+    assert found.goal_error == pytest.approx(0.02)
+    assert found.violations[0].name == "frame tip"
+    assert found.violations[0].unit == "m"
+
+
+def test_contact_on_the_way_has_pair_time_and_depth(planar3r: Robot) -> None:
+    t = np.linspace(0.0, 1.0, 11)
+    q = np.zeros((11, 3))
+    q[:, 0] = 0.2 + 1.6 * t**2 * (3.0 - 2.0 * t)
+    v = np.zeros((11, 3))
+    v[:, 0] = 9.6 * t * (1.0 - t)
+    inverse = RobotDynamics(planar3r).inverse
+    draft = Trajectory(planar3r.joint_names, t, q, v, 0.0 * q)
+    u = inverse(q, v, draft(t).a)
+    motion = replace(draft, u=u, inverse_dynamics=inverse)
+    at = np.array([5.0 * np.cos(1.0), 5.0 * np.sin(1.0), 0.0])
+    scene = Scene([Sphere("post", radius=0.1, position=at)])
+    problem = Problem(planar3r, q[0], JointGoal(q[-1]), scene=scene)
+    found = verify(problem, motion, Tolerances(limits=100.0))
+    contact = found.worst["clearance"]
+    assert contact.violated and "post" in contact.name
+    assert contact.time == pytest.approx(0.5, abs=0.01)
+    assert found.min_clearance == pytest.approx(-contact.amount)
+    assert found.min_clearance < -0.1  # the axis of the arm goes through the centre
+    far = replace(problem, scene=Scene([Sphere("post", radius=0.1, position=2 * at)]))
+    assert verify(far, motion, Tolerances(limits=100.0)).min_clearance > 3.0
+
+
+def test_motion_limits_are_judged() -> None:
+    limits = MotionLimits(
+        acceleration=4.0,
+        effort_rate=100.0,
+        effort_scale=0.9,
+        effort_curves={"joint1": EffortCurve.droop(FORCE, 4.0)},
+    )
+    found = verify(replace(rail_problem(), motion_limits=limits), rail_motion())
+    assert not found.ok
+    assert found.worst["acceleration"].amount == pytest.approx(PUSH - 4.0)
+    # Where the force jumps, from 10 N to -10 N.
+    assert found.worst["effort rate"].time == pytest.approx(0.5 * RAIL_TIME)
+    droop = found.worst["effort"]
+    assert droop.time == pytest.approx(0.5 * RAIL_TIME)
+    assert droop.amount == pytest.approx(FORCE * np.sqrt(PUSH) / 4.0, rel=1e-6)
+    only_scale = MotionLimits(effort_scale=0.9)
+    found = verify(replace(rail_problem(), motion_limits=only_scale), rail_motion())
+    assert found.worst["effort"].amount == pytest.approx(0.1 * FORCE)
+
+
+def test_motions_of_other_joints_are_refused() -> None:
+    motion = rail_motion()
+    with pytest.raises(ProblemError, match="joint1"):
+        verify(rail_problem(), replace(motion, joint_names=("elbow",)))
+    nan = replace(motion, u=np.full_like(motion.u, np.nan))
+    with pytest.raises(ProblemError, match="no numbers"):
+        verify(rail_problem(), nan)
+
+
+def test_options_hold_the_tolerances() -> None:
+    options = Options(goal_tolerance=0.1, contact_tolerance=0.2)
+    assert options.tolerances == Tolerances(goal=0.1, contact=0.2)
+    assert Options().tolerances == Tolerances()

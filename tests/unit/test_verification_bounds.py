@@ -1,0 +1,240 @@
+"""Lower bounds on the duration: valid for any motion, and tight where they can be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from optimum_cases import FORCE, MASS, ROD
+from sample_arms import DOWNWARD, Link, make_arm, rod, slide
+from two_link_cases import CASES as FAMILIES
+
+from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.solution import Solution, Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification import LowerBound, lower_bound, replay
+from tominpmp.verification.inertia import energy_bounds, gravity_bounds, inertia_at
+from tominpmp.verification.push import double_integrator_time, least_time
+from tominpmp.verification.reach import Ball, LinkReach
+
+# All but most of the arms that lift payloads, whose optima take long to compute.
+CASES = {
+    name: case
+    for family, cases in FAMILIES.items()
+    for name, case in cases.items()
+    if family != "vertical" or name == "vertical rods"
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_bound_is_no_larger_than_the_known_optimum(name: str) -> None:
+    case = CASES[name]
+    found = lower_bound(case.problem())
+    assert 0.0 < found.T <= case.minimum
+    if name.startswith("rail"):
+        # One mass: the bound is the optimum, with friction too.
+        assert case.minimum <= found.T * (1.0 + 1e-6)
+        assert found.joint == "joint1"
+
+
+def thrown(
+    robot: Robot, torques: np.ndarray, T: float, start: np.ndarray
+) -> Problem | None:
+    """A problem that torques solve in a given time, if they keep the limits."""
+    n = robot.n
+    t = np.linspace(0.0, T, len(torques) + 1)
+    u = np.concatenate([torques, torques[-1:]])
+    rest = np.zeros((t.size, n))
+    motion = Trajectory(robot.joint_names, t, rest, rest, u)
+    # At a goal that is passed in motion the arm need not hold itself.
+    moving = np.full(n, 1e-12)
+    goal = JointGoal(start[:n], moving)
+    problem = Problem(robot, start[:n], goal, v_start=start[n:])
+    end = replay(problem, motion)
+    assert end.complete
+    limits = robot.limits
+    if np.any((end.q < limits.position_lower) | (end.q > limits.position_upper)):
+        return None
+    return replace(problem, goal=JointGoal(end.q[-1], end.v[-1] + moving))
+
+
+ARMS = {
+    "pendulum": lambda: make_arm(ROD, effort=8.0, gravity=DOWNWARD, damping=0.3),
+    "mass": lambda: make_arm(slide(2.0), effort=np.array([(-4.0, 9.0)]), damping=2.0),
+    "rods": lambda: make_arm(
+        rod(1.0, 1.0), rod(0.5, 0.7), effort=np.array([9.0, 4.0]), damping=0.1
+    ),
+    "upright": lambda: make_arm(
+        rod(1.0, 1.0), rod(0.5, 0.7), effort=np.array([30.0, 9.0]), gravity=DOWNWARD
+    ),
+    "slider": lambda: make_arm(
+        ROD, slide(0.8), effort=np.array([9.0, 9.0]), gravity=DOWNWARD
+    ),
+    "rotors": lambda: make_arm(
+        *[Link(0.4, 0.3, 0.1)] * 3, effort=3.0, armature=np.array([1.0, 0.5, 0.2])
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_random_motion_beats_the_bound(name: str, rng: np.random.Generator) -> None:
+    robot = ARMS[name]()
+    limits, positive, tightest = robot.limits, 0, 0.0
+    for _ in range(12):
+        T = float(rng.uniform(0.05, 0.6))
+        # Mostly full torques, as the fastest motions have them.
+        share = np.clip(1.5 * rng.uniform(-1.0, 1.0, (3, robot.n)), -1.0, 1.0)
+        middle = 0.5 * (limits.effort_upper + limits.effort_lower)
+        half = 0.5 * (limits.effort_upper - limits.effort_lower)
+        still = float(rng.uniform() < 0.5)
+        start = np.concatenate(
+            [rng.uniform(-1.5, 1.5, robot.n), still * rng.normal(size=robot.n)]
+        )
+        problem = thrown(robot, middle + half * share, T, start)
+        if problem is None:
+            continue
+        found = lower_bound(problem)
+        assert found.T <= T * (1.0 + 1e-6)
+        positive += found.T > 0.0
+        tightest = max(tightest, found.T / T)
+    assert positive >= 8
+    assert tightest > 0.2
+
+
+@settings(max_examples=60)
+@given(
+    st.floats(-2.0, 2.0),
+    st.floats(-1.5, 1.5),
+    st.floats(-1.5, 1.5),
+    st.floats(0.3, 3.0),
+    st.floats(0.3, 3.0),
+    st.floats(1.5, 6.0),
+)
+def test_double_integrator_gets_there_and_no_sooner(
+    way: float, v0: float, v1: float, up: float, down: float, top: float
+) -> None:
+    T = double_integrator_time(way, np.array([v0, v1]), (up, down), top)
+    assert np.isfinite(T)
+    much = double_integrator_time(way, np.array([v0, v1]), (2 * up, 2 * down), top)
+    assert much <= T * (1.0 + 1e-6)
+    assert T >= abs(v1 - v0) / max(up, down) * (1.0 - 1e-6)
+    assert T >= abs(way) / top * (1.0 - 1e-6)
+    # In a mirror, and with time turned round, it takes as long.
+    assert double_integrator_time(
+        -way, -np.array([v0, v1]), (down, up), top
+    ) == pytest.approx(T, rel=1e-9, abs=1e-12)
+    assert double_integrator_time(
+        way, np.array([v1, v0]), (down, up), top
+    ) == pytest.approx(T, rel=1e-9, abs=1e-12)
+
+
+def test_least_time_of_a_rail_is_its_optimum() -> None:
+    zero = np.zeros(2)
+    assert least_time(1.0, zero, 5.0, 5.0, 0.0, np.inf) == pytest.approx(0.8**0.5)
+    assert least_time(1.0, zero, 5.0, 5.0, 0.0, 1.0) == pytest.approx(1.2)
+    assert least_time(0.0, zero, 5.0, 5.0, 0.0, 1.0) == pytest.approx(0.0, abs=1e-9)
+    # Friction that is left out may only make it shorter.
+    assert least_time(1.0, zero, 5.0, 5.0, 3.0, np.inf) < 0.8**0.5
+    # Huge friction does not overflow.
+    assert np.isfinite(least_time(1.0, zero, 5.0, 5.0, 1e6, np.inf))
+
+
+def test_speed_limit_rules_with_the_slowest_joint() -> None:
+    robot = make_arm(ROD, ROD, ROD, effort=1e3, velocity=np.array([1.0, 2.0, 3.0]))
+    problem = Problem(robot, np.zeros(3), JointGoal(np.array([1.0, 2.4, 1.0])))
+    found = lower_bound(problem)
+    assert (found.T, found.joint) == (pytest.approx(1.2), "joint2")
+    assert "2.4 rad to go" in found.reason
+    limits = MotionLimits(acceleration=4.0)
+    slower = lower_bound(replace(problem, motion_limits=limits))
+    assert slower.T == pytest.approx(1.2 + 0.5)
+    assert "accelerates" in slower.reason
+
+
+@pytest.mark.parametrize("kind", [PositionGoal, PoseGoal])
+def test_no_straight_motion_beats_the_bound_of_a_frame(
+    kind: type, planar3r: Robot, rng: np.random.Generator
+) -> None:
+    robot = planar3r.with_changes(velocity=np.array([1.0, 2.0, 3.0]))
+    kinematics, limits = RobotKinematics(robot), robot.limits
+    best = 0.0
+    for _ in range(4):
+        q = rng.uniform(limits.position_lower, limits.position_upper)
+        sign = np.where(
+            q > 0.5 * (limits.position_lower + limits.position_upper), -1, 1
+        )
+        T = float(rng.uniform(0.1, 0.5))
+        end = q + sign * rng.uniform(0.7, 1.0, 3) * limits.velocity * T
+        place = kinematics.placement(end, "tip")
+        goal = PoseGoal("tip", place)
+        if kind is PositionGoal:
+            goal = PositionGoal("tip", place.translation)
+        found = lower_bound(Problem(robot, q, goal))
+        assert found.T <= T
+        assert found.joint is None
+        best = max(best, found.T / T)
+    assert best > 0.5
+
+
+def test_points_of_links_move_no_more_than_their_bound(
+    rng: np.random.Generator,
+) -> None:
+    arm = make_arm(ROD, slide(1.0), rod(1.0, 0.6), effort=1.0)
+    joint = arm.model.njoints - 1
+    point, radius = np.array([0.6, 0.1, 0.2]), 0.05
+    reach = LinkReach(arm, [Ball("link3", joint, point, radius)])
+    middle, half = rng.uniform(-1.0, 1.0, (40, 3)), rng.uniform(0.0, 0.8, (40, 3))
+    bound = np.sum(reach.shifts(middle, half), axis=2)[:, 0]
+    kinematics, largest = RobotKinematics(arm), np.zeros(40)
+    for _ in range(25):
+        q = middle + half * rng.uniform(-1.0, 1.0, (40, 3)).round()
+        offset = rng.normal(size=3)
+        offset *= radius / np.linalg.norm(offset)
+        for k in range(40):
+            places = [kinematics.placement(x[k], "link3") for x in (middle, q)]
+            moved = places[1].act(point + offset) - places[0].act(point + offset)
+            largest[k] = max(largest[k], float(np.linalg.norm(moved)))
+    assert np.all(largest <= bound * (1.0 + 1e-9))
+    assert np.max(largest / bound) > 0.5
+
+
+def test_bounds_of_inertia_and_weight_hold_everywhere(
+    rng: np.random.Generator,
+) -> None:
+    arm = ARMS["upright"]()
+    bounds = energy_bounds(arm)
+    assert bounds is not None
+    weight = gravity_bounds(arm)
+    q = rng.uniform(-np.pi, np.pi, (50, 2))
+    inverse = np.linalg.inv(inertia_at(arm, q))
+    data = arm.model.createData()
+    for k in range(50):
+        for direction in (np.array([1.0, 0.0]), rng.normal(size=2)):
+            here = np.sqrt(direction @ inverse[k] @ direction)
+            assert here <= bounds.rate(direction)
+        held = pin.computeGeneralizedGravity(arm.model, data, q[k])
+        assert np.all(np.abs(held) <= weight * (1.0 + 1e-12))
+    # Arms of many joints without rotor inertia have no such bound.
+    assert energy_bounds(make_arm(ROD, ROD, ROD, effort=1.0)) is None
+
+
+def test_gap_compares_the_motion_with_the_bound() -> None:
+    robot = make_arm(slide(MASS), effort=FORCE)
+    problem = Problem(robot, np.zeros(1), JointGoal(np.ones(1)))
+    nodes, rest = np.array([0.0, 1.2]), np.zeros((2, 1))
+    motion = Trajectory(robot.joint_names, nodes, rest, rest, rest)
+    solution = Solution(problem, Options(), Status.CONVERGED, "", True, motion)
+    assert solution.gap is None
+    bounded = replace(solution, lower_bound=LowerBound(1.0, "so it is"))
+    assert bounded.gap == pytest.approx(0.2)
+    assert replace(bounded, lower_bound=LowerBound(0.0, "no bound")).gap is None
+    assert replace(bounded, trajectory=None).gap is None

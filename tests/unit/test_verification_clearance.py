@@ -1,0 +1,143 @@
+"""Proofs that motions keep clear between the samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tominpmp.collision import CollisionChecker
+from tominpmp.robot import Robot
+from tominpmp.scene import Box, Scene, Sphere
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification import prove_clearance
+
+
+def turning(robot: Robot, first: float, last: float, intervals: int = 4) -> Trajectory:
+    """The stretched arm turns about its base at constant speed in one second."""
+    t = np.linspace(0.0, 1.0, intervals + 1)
+    q, v = np.zeros((t.size, 3)), np.zeros((t.size, 3))
+    q[:, 0] = first + (last - first) * t
+    v[:, 0] = last - first
+    a = np.zeros((intervals, 3))
+    return Trajectory(robot.joint_names, t, q, v, 0.0 * q, a)
+
+
+def wandering(robot: Robot, rng: np.random.Generator) -> Trajectory:
+    """A random motion of a few intervals."""
+    n, t = robot.n, np.linspace(0.0, 0.8, 6)
+    h = np.diff(t)[:, None]
+    a = rng.normal(scale=8.0, size=(5, n))
+    v = np.concatenate([rng.normal(size=(1, n)), np.zeros((5, n))])
+    v[1:] = v[0] + np.cumsum(h * a, axis=0)
+    low, high = robot.limits.position_lower, robot.limits.position_upper
+    start = rng.uniform(low, high)[None]
+    q = np.concatenate([start, start + np.cumsum(h * (v[:-1] + 0.5 * h * a), axis=0)])
+    return Trajectory(robot.joint_names, t, q, v, 0.0 * q, a)
+
+
+def tip_sphere(angle: float, radius: float, distance: float) -> Scene:
+    """A ball at a distance from the base, in some direction."""
+    position = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return Scene([Sphere("ball", radius=radius, position=position)])
+
+
+def test_contact_between_the_nodes_is_found(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.2)
+    # A small ball in the way, between the middles and the ends of the four intervals.
+    checker = CollisionChecker(planar3r, tip_sphere(0.2 + 2.0 * 0.3, 0.02, 5.5))
+    looked_at = np.linspace(0.0, 1.0, 9)
+    assert np.min(checker.distances(motion(looked_at).q)) > 0.1
+    found = prove_clearance(checker, motion)
+    assert not found.proved and found.contact
+    assert found.bound == -np.inf
+    assert found.time == pytest.approx(0.3, abs=0.02)
+    assert found.distance < 0.0
+    assert found.pair is not None and found.pair[1] == "ball"
+    assert "Not clear" in found.message
+
+
+def test_clearance_is_proved_up_to_what_there_is(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.2)
+    # The tip passes at a distance that is known.
+    checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
+    least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
+    found = prove_clearance(checker, motion, 0.9 * least)
+    assert found.proved and not found.contact
+    assert 0.9 * least - 1e-4 <= found.bound <= least
+    assert found.distance >= least - 1e-9
+    assert "at all times" in found.message
+    close = prove_clearance(checker, motion, least, slack=1e-3)
+    assert close.proved
+    assert least - 1e-3 <= close.bound <= least
+    assert close.time == pytest.approx(0.4, abs=0.02)
+    assert not prove_clearance(checker, motion, 1.001 * least).proved
+
+
+def test_proof_is_given_up_where_it_takes_too_long(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.2)
+    checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
+    found = prove_clearance(checker, motion, 0.5, max_stretches=4)
+    assert not found.proved and not found.contact
+    assert "Neither" in found.message
+
+
+def test_deviation_of_the_real_motion_is_taken_off(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.2)
+    checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
+    least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
+    margin = least - 0.02
+    assert prove_clearance(checker, motion, margin).proved
+    # 0.01 rad at the base are 6 cm at the tip.
+    stray = np.array([0.01, 0.0, 0.0])
+    assert not prove_clearance(
+        checker, motion, margin, deviation=stray, max_stretches=2000
+    ).proved
+
+
+def test_proved_bounds_hold_on_random_motions(
+    planar3r: Robot, rng: np.random.Generator
+) -> None:
+    scene = Scene(
+        [
+            Box("wall", size=(0.5, 3.0, 1.0), position=(3.5, -2.0, 0.0)),
+            Sphere("ball", radius=0.4, position=(-1.5, 3.0, 0.0)),
+        ]
+    )
+    checker = CollisionChecker(planar3r, scene)
+    proved = contacts = 0
+    for _ in range(14):
+        motion = wandering(planar3r, rng)
+        sampled = checker.distances(motion(np.linspace(0.0, 0.8, 801)).q)
+        least = float(np.min(sampled))
+        found = prove_clearance(checker, motion, 0.02, slack=1e-3)
+        if found.proved:
+            assert 0.019 <= found.bound <= least + 1e-6
+            proved += 1
+        if found.contact:
+            assert least < 0.02
+            at = checker.distances(motion(np.array([found.time])).q)
+            assert found.distance == pytest.approx(float(np.min(at)), abs=1e-6)
+            contacts += 1
+        if least < 0.019 - 1e-6:
+            assert not found.proved
+        elif least > 0.02:
+            assert found.proved
+    assert proved >= 3 and contacts >= 3
+
+
+def test_nothing_to_collide_with_is_proved_at_once(planar3r: Robot) -> None:
+    checker = CollisionChecker(planar3r, Scene(), self_collision=False)
+    found = prove_clearance(checker, turning(planar3r, 0.2, 2.2))
+    assert found.proved and found.pair is None
+    assert found.bound == np.inf and found.stretches == 0
+
+
+def test_curves_of_degree_three_are_proved_too(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.2, 12)
+    cubic = replace(motion, a=None)
+    checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
+    one, other = (prove_clearance(checker, item, 0.5) for item in (motion, cubic))
+    assert one.proved and other.proved
+    assert one.bound == pytest.approx(other.bound, abs=1e-9)
