@@ -9,6 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
+from tominpmp.problem import Problem
 from tominpmp.seeding.guess import Guess
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import SlpResult
@@ -24,6 +25,7 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
+from tominpmp.verification.verdict import Verification, verify
 
 # Weight of the total variation, as a share of the duration of the guess; chosen on
 # benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
@@ -45,6 +47,9 @@ INSTANTS: dict[str, Instants] = {
 FIRST_DURATION = 1.5
 # How a solver ends when it was told to.
 STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
+# Doublings of the grid of a motion that the replay does not confirm.
+REFINEMENTS = 2
+GUESS_SAMPLES = 400
 # A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
 # admissible.
 GUESS_STRETCH = 1.02
@@ -100,6 +105,7 @@ class Attempt:
         initial: The motion it began with.
         violations: Largest violation by kind of constraint.
         history: One record an iteration.
+        verification: Replay of the torques, if the motion is feasible.
     """
 
     name: str
@@ -109,6 +115,7 @@ class Attempt:
     initial: Trajectory
     violations: dict[str, float]
     history: tuple[IterationRecord, ...]
+    verification: Verification | None = None
 
     @classmethod
     def of(
@@ -139,9 +146,48 @@ class Attempt:
         return max(self.violations.values(), default=0.0)
 
     @property
+    def found(self) -> bool:
+        """Whether the motion keeps all constraints, in the replay too."""
+        return self.feasible and (self.verification is None or self.verification.ok)
+
+    @property
     def duration(self) -> float:
         """T of the motion if it keeps all constraints [s]; else infinite."""
-        return self.trajectory.duration if self.feasible else np.inf
+        return self.trajectory.duration if self.found else np.inf
+
+    def verified(self, problem: Problem, options: Options) -> Attempt:
+        """Replay the torques of a motion that is said to keep all constraints."""
+        if not self.feasible:
+            return self
+        verification = verify(
+            problem, self.trajectory, options.tolerances, checker=problem.checker
+        )
+        return replace(self, verification=verification)
+
+    def as_guess(self) -> Guess:
+        """The motion as a guess for another grid."""
+        t = np.linspace(0.0, self.trajectory.duration, GUESS_SAMPLES)
+        return Guess(self.name, t, self.trajectory(t).q, True)
+
+
+def solve_and_verify(
+    system: System, options: Options, guess: Guess, watch: Watch
+) -> Attempt:
+    """Improve a guess; where the replay fails, go on with a finer grid."""
+    problem = system.problem
+    attempt = solve_from_guess(system, options, guess, watch)
+    attempt = attempt.verified(problem, options)
+    for _ in range(REFINEMENTS):
+        if attempt.found or not attempt.feasible or attempt.status in STOPPED:
+            break
+        options = replace(options, intervals=2 * options.intervals)
+        finer = solve_from_guess(system, options, attempt.as_guess(), watch)
+        finer = replace(finer, history=attempt.history + finer.history)
+        finer = finer.verified(problem, options)
+        if not finer.feasible:
+            break
+        attempt = replace(finer, initial=attempt.initial)
+    return attempt
 
 
 def solve_from_guess(

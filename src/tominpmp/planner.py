@@ -12,8 +12,8 @@ from tominpmp.attempts import (
     STOPPED,
     Attempt,
     Watch,
+    solve_and_verify,
     solve_by_shooting,
-    solve_from_guess,
 )
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import FrameGoal
@@ -24,6 +24,7 @@ from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.solution import Solution, Status
 from tominpmp.solvers.lp import make_solver
 from tominpmp.transcription.system import System
+from tominpmp.verification import LowerBound, explain, lower_bound
 
 logger = logging.getLogger(__name__)
 
@@ -38,6 +39,8 @@ LP_SOLVERS = {
 FRAME_STARTS = 4
 # A timed guess this much slower than a motion that was found is not worth its time.
 HOPELESS = 1.6
+# A lower bound is mentioned if T is within this factor of it.
+TELLING = 2.0
 # More guesses are made, up to this number, while none has led to a motion.
 RESCUE_STARTS = 8
 
@@ -143,7 +146,8 @@ def resolve_control(problem: Problem, control: Control, method: str) -> Control:
 def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
     """Solve from one initial guess after the other."""
     if options.method in ("adjoint", "penalty"):
-        yield solve_by_shooting(system, options, watch)
+        attempt = solve_by_shooting(system, options, watch)
+        yield attempt.verified(system.problem, options)
         return
     rng = np.random.default_rng(options.seed)
     wanted = options.starts
@@ -164,7 +168,7 @@ def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[At
             continue
         watch.start = tried
         tried += 1
-        attempt = solve_from_guess(system, options, guess, watch)
+        attempt = solve_and_verify(system, options, guess, watch)
         best = min(best, attempt.duration)
         yield attempt
     if not tried:
@@ -208,31 +212,44 @@ def conclude(
             None,
             planning_time=watch.seconds,
         )
-    best = min(attempts, key=lambda a: (a.duration, a.violation))
+    best = min(attempts, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
     if status in STOPPED:
         ended = status
-    if ended is Status.CONVERGED and not best.feasible:
+    if best.feasible and not best.found:
+        ended = Status.UNVERIFIED
+    elif ended is Status.CONVERGED and not best.feasible:
         ended = Status.INFEASIBLE
-    duration = best.trajectory.duration
+    bound = lower_bound(problem)
     return Solution(
         problem=problem,
         options=options,
         status=ended,
-        message=_message(ended, best.feasible, duration, best.violations),
-        feasible=best.feasible,
+        message=_message(problem, ended, best, attempts, bound),
+        feasible=best.found,
         trajectory=best.trajectory,
         initial=best.initial,
         history=history,
         planning_time=watch.seconds,
         violations=best.violations,
+        verification=best.verification,
+        lower_bound=bound,
     )
 
 
 def _message(
-    status: Status, feasible: bool, duration: float, violations: dict[str, float]
+    problem: Problem,
+    status: Status,
+    best: Attempt,
+    attempts: list[Attempt],
+    bound: LowerBound,
 ) -> str:
-    if feasible:
-        return f"{status.value} T = {duration:.4f} s."
-    worst = max(violations, key=lambda kind: violations[kind])
-    return f"{status.value} The {worst} rows stay violated by {violations[worst]:.3g}."
+    if best.found:
+        T = best.trajectory.duration
+        sentence = f"{status.value} T = {T:.4f} s"
+        if not bound.T * TELLING > T:
+            return f"{sentence}."
+        return f"{sentence}, {100 * (T / bound.T - 1):.1f} % above what none can beat."
+    if best.feasible and best.verification is not None:
+        return f"{status.value} {best.verification.message}"
+    return explain(problem, attempts, status, checker=problem.checker)

@@ -5,7 +5,7 @@ and have to end within bounds, which are zero unless the goal has a tolerance. A
 ends at rest unless a final velocity is given.
 """
 
-from tominpmp.goals.base import Goal, GoalResidual, Place, PlaceGoal
+from tominpmp.goals.base import Goal, GoalResidual, Label, Miss, Place, PlaceGoal
 from tominpmp.goals.frames import AxisGoal, FrameGoal, PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.goals.region import RegionGoal
@@ -20,6 +20,8 @@ __all__ = [
     "GoalResidual",
     "JointGoal",
     "JointRegionGoal",
+    "Label",
+    "Miss",
     "Place",
     "PlaceGoal",
     "PoseGoal",

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, real_array, real_number
+from tominpmp.arrays import Array, BoolArray, real_array, real_number
 from tominpmp.exceptions import ProblemError
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 
 
@@ -28,6 +28,34 @@ class GoalResidual(NamedTuple):
     by_v: Array
 
 
+class Label(NamedTuple):
+    """What a number of a residual is about.
+
+    Attributes:
+        name: "joint elbow", "frame tip".
+        unit: Its unit.
+    """
+
+    name: str
+    unit: str
+
+
+class Miss(NamedTuple):
+    """By how much a number of a residual is outside its bounds.
+
+    Attributes:
+        name: What misses: "joint elbow", "frame tip".
+        amount: By how much, zero within the bounds.
+        unit: Its unit.
+        moving: Whether it is about the velocity, else about the place.
+    """
+
+    name: str
+    amount: float
+    unit: str
+    moving: bool
+
+
 class Place(NamedTuple):
     """What a goal asks of a final configuration.
 
@@ -36,42 +64,48 @@ class Place(NamedTuple):
         by_q: Derivative with respect to q, shape (k, n).
         lower: Lower bounds of the values, shape (k,); they do not depend on q.
         upper: Upper bounds, shape (k,); equal to the lower ones for equations.
+        labels: What the values are, k of them.
     """
 
     value: Array
     by_q: Array
     lower: Array
     upper: Array
+    labels: tuple[Label, ...]
 
     @classmethod
-    def exact(cls, value: Array, by_q: Array) -> Place:
-        """Values that are to be zero."""
-        zero = np.zeros(value.size)
-        return cls(value, by_q, zero, zero)
-
-    @classmethod
-    def within(cls, value: Array, by_q: Array, radius: float) -> Place:
+    def within(cls, value: Array, by_q: Array, radius: float, label: Label) -> Place:
         """A vector that is to be no longer than a radius.
 
         Beside its length, which cuts off the corners, the components have bounds too:
         from afar a linear program needs all of them to see which way to go. The length
-        is rounded off about zero, where it has no derivative.
+        is rounded off about zero, where it has no derivative, so that near the radius
+        one unit more of it counts as one.
 
         Args:
             value: The vector, shape (k,).
             by_q: Derivative, shape (k, n).
             radius: Its largest length; zero for an equation.
+            label: What the vector is.
         """
-        if radius == 0.0:
-            return cls.exact(value, by_q)
-        length = float(np.sqrt(value @ value + radius**2))
         box = np.full(value.size, radius)
+        labels = (label,) * value.size
+        if radius == 0.0:
+            return cls(value, by_q, box, box, labels)
+        length = float(np.sqrt(2.0 * (value @ value + radius**2)))
         return cls(
             np.append(value, length),
-            np.vstack([by_q, value @ by_q / length]),
+            np.vstack([by_q, 2.0 * value @ by_q / length]),
             np.append(-box, -np.inf),
-            np.append(box, np.sqrt(2.0) * radius),
+            np.append(box, 2.0 * radius),
+            (*labels, label),
         )
+
+    def kept(self, which: BoolArray) -> Place:
+        """Some of the values."""
+        parts = (part[which] for part in self[:4])
+        labels = (self.labels[i] for i in np.flatnonzero(which))
+        return Place(*parts, tuple(labels))
 
     def joined(self, other: Place) -> Place:
         """These values and others."""
@@ -80,6 +114,7 @@ class Place(NamedTuple):
             np.vstack([self.by_q, other.by_q]),
             np.concatenate([self.lower, other.lower]),
             np.concatenate([self.upper, other.upper]),
+            self.labels + other.labels,
         )
 
 
@@ -124,13 +159,30 @@ class Goal(ABC):
         return np.zeros(value.size), np.zeros(value.size)
 
     def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
-        """How far the residual is outside its bounds, zero within, shape (k,).
-
-        What a goal tells the replay of a motion: how much it was missed by.
-        """
+        """How far the residual is outside its bounds, zero within, shape (k,)."""
         value = self.residual(kinematics, q, v).value
         lower, upper = self.bounds(kinematics)
         return value - np.clip(value, lower, upper)
+
+    def misses(self, kinematics: RobotKinematics, q: Array, v: Array) -> list[Miss]:
+        """Say of each number of the residual by how much it is outside its bounds.
+
+        Args:
+            kinematics: Of the robot.
+            q: Final configuration, shape (n,) [rad or m].
+            v: Final velocity, shape (n,).
+        """
+        amounts = np.abs(self.excess(kinematics, q, v)).tolist()
+        labels = self.labels(kinematics)
+        speeds = kinematics.robot.n if self.fixes_velocity else 3
+        return [
+            Miss(label.name, amount, label.unit, i >= len(amounts) - speeds)
+            for i, (amount, label) in enumerate(zip(amounts, labels, strict=True))
+        ]
+
+    def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
+        """What the numbers of the residual are, k of them."""
+        return (Label("the arm", "rad or m"),) * self.bounds(kinematics)[0].size
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
@@ -192,7 +244,7 @@ class PlaceGoal(Goal):
         return np.zeros(n)
 
     def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
-        """Bounds of place and velocity, the latter zero."""
+        """Bounds of place and velocity; the latter are zero."""
         n = kinematics.robot.n
         place = self.place(kinematics, np.zeros(n))
         speed = np.zeros(n if self.fixes_velocity else 3)
@@ -200,6 +252,24 @@ class PlaceGoal(Goal):
             np.concatenate([place.lower, speed]),
             np.concatenate([place.upper, speed]),
         )
+
+    def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
+        """What the values of the place and the velocities are."""
+        place = self.place(kinematics, np.zeros(kinematics.robot.n))
+        return place.labels + self.motion_labels(kinematics)
+
+    def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
+        """What the velocities are."""
+        return joint_labels(kinematics.robot, "/s")
+
+
+def joint_labels(robot: Robot, per: str = "") -> tuple[Label, ...]:
+    """Labels of values of all joints, which may be rates: per "/s"."""
+    slides = prismatic_joints(robot)
+    return tuple(
+        Label(f"joint {name}", ("m" if slide else "rad") + per)
+        for name, slide in zip(robot.joint_names, slides.tolist(), strict=True)
+    )
 
 
 def goal_vector(

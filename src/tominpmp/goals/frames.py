@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import Place, PlaceGoal, goal_tolerance, goal_vector
+from tominpmp.goals.base import Label, Place, PlaceGoal, goal_tolerance, goal_vector
 from tominpmp.goals.direction import deviation
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
@@ -72,6 +72,16 @@ class FrameGoal(PlaceGoal):
         motion = kinematics.motion(q, v, self.frame)
         return motion.velocity - self.v, motion.by_q, motion.by_v
 
+    def label(self, unit: str) -> Label:
+        """Label of a value of the frame."""
+        return Label(f"frame {self.frame}", unit)
+
+    def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
+        """What the velocities are, of the joints or of the frame."""
+        if self.v is None:
+            return super().motion_labels(kinematics)
+        return (self.label("m/s"),) * 3
+
     @property
     def fixes_velocity(self) -> bool:
         """The final joint velocity is known if the arm ends at rest."""
@@ -110,7 +120,7 @@ class PositionGoal(Record, FrameGoal):
         """Difference of the positions [m]."""
         offset = kinematics.placement(q, self.frame).translation - self.position
         jacobian = kinematics.jacobian(q, self.frame)[:3]
-        return Place.within(offset, jacobian, self.tolerance)
+        return Place.within(offset, jacobian, self.tolerance, self.label("m"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,12 +162,17 @@ class PoseGoal(Record, FrameGoal):
         if self.tolerance == self.angle_tolerance == 0.0:
             error = self.pose.actInv(place)
             twist = np.asarray(pin.log6(error).vector)
-            return Place.exact(twist, pin.Jlog6(error) @ jacobian)
+            zero = np.zeros(6)
+            labels = (self.label("m"),) * 3 + (self.label("rad"),) * 3
+            by_q = np.asarray(pin.Jlog6(error) @ jacobian)
+            return Place(twist, by_q, zero, zero, labels)
         offset = place.translation - self.pose.translation
+        by_q = place.rotation @ jacobian[:3]
+        position = Place.within(offset, by_q, self.tolerance, self.label("m"))
         turn, by_turn = rotation_vector(self.pose.rotation.T @ place.rotation)
-        position = Place.within(offset, place.rotation @ jacobian[:3], self.tolerance)
+        by_q = by_turn @ jacobian[3:]
         return position.joined(
-            Place.within(turn, by_turn @ jacobian[3:], self.angle_tolerance)
+            Place.within(turn, by_q, self.angle_tolerance, self.label("rad"))
         )
 
 
@@ -219,12 +234,14 @@ class AxisGoal(Record, FrameGoal):
         turned = np.asarray(place.rotation @ self.axis)
         value, by_axis = deviation(turned, self.direction)
         # The axis turns with w x axis.
-        by_turn = np.cross(turned, by_axis)
-        found = Place.within(value, by_turn @ jacobian[3:], self.angle_tolerance)
+        by_q = np.cross(turned, by_axis) @ jacobian[3:]
+        found = Place.within(value, by_q, self.angle_tolerance, self.label("rad"))
         if self.position is None:
             return found
         offset = place.translation - self.position
-        return found.joined(Place.within(offset, jacobian[:3], self.tolerance))
+        return found.joined(
+            Place.within(offset, jacobian[:3], self.tolerance, self.label("m"))
+        )
 
 
 def shortened(point: Array, length: float) -> Array:

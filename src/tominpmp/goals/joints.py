@@ -12,10 +12,12 @@ from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.goals.base import (
     Goal,
     GoalResidual,
+    Label,
     Place,
     PlaceGoal,
     goal_tolerance,
     goal_vector,
+    joint_labels,
 )
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
@@ -56,6 +58,11 @@ class JointGoal(Record, Goal):
             np.vstack([eye, zero]),
             np.vstack([zero, eye]),
         )
+
+    def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
+        """Positions, then velocities, of the joints."""
+        robot = kinematics.robot
+        return joint_labels(robot) + joint_labels(robot, "/s")
 
     @property
     def fixes_velocity(self) -> bool:
@@ -151,7 +158,9 @@ class JointRegionGoal(Record, PlaceGoal):
         room = np.broadcast_to(self.tolerance, rows.shape)
         # What is asked for beyond a limit is asked for at the limit.
         room = np.maximum(room - np.abs(target - self.q), 0.0)
-        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room)
+        every = joint_labels(robot)
+        labels = tuple(every[i] for i in rows)
+        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
 
 
 def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:

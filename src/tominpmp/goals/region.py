@@ -117,13 +117,12 @@ class RegionGoal(Record, FrameGoal):
             place.rotation @ jacobian[:3],
             self.lower,
             self.upper,
-        )
-        kept = np.isfinite(self.lower) | np.isfinite(self.upper)
-        position = Place(*(part[kept] for part in position))
+            (self.label("m"),) * 3,
+        ).kept(np.isfinite(self.lower) | np.isfinite(self.upper))
         if not self._turns.size:
             return position
         turn, by_turn = rotation_vector(np.asarray(place.rotation))
         angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
-        rotation = Place(turn, by_turn @ jacobian[3:], -angles, angles)
-        kept = angles < np.pi
-        return position.joined(Place(*(part[kept] for part in rotation)))
+        by_q, labels = by_turn @ jacobian[3:], (self.label("rad"),) * 3
+        rotation = Place(turn, by_q, -angles, angles, labels)
+        return position.joined(rotation.kept(angles < np.pi))

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import Goal, GoalResidual, Place, PlaceGoal
+from tominpmp.goals.base import Goal, GoalResidual, Miss, Place, PlaceGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -87,6 +87,10 @@ class AnyGoal(Record, Goal):
     def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
         """By how much the nearest goal is missed."""
         return self.nearest(kinematics, q, v).excess(kinematics, q, v)
+
+    def misses(self, kinematics: RobotKinematics, q: Array, v: Array) -> list[Miss]:
+        """By how much the nearest goal is missed, number by number."""
+        return self.nearest(kinematics, q, v).misses(kinematics, q, v)
 
     @property
     def fixes_velocity(self) -> bool:
