@@ -34,8 +34,9 @@ from toppra.constraint import (
 
 from .arm import Arm, Array, Sampler, TorqueModel
 
-# Longest step between two checks for contact [rad].
-RESOLUTION = 0.02
+# Longest step between two checks for contact [rad]; the finer one where a path turns
+# out to touch something between the checks.
+RESOLUTIONS = (0.02, 0.005)
 # Share of a joint's range by which the spline may swing over a way point at its limit.
 POSITION_SLACK = 2e-3
 # How often way points are added before the spline is given up.
@@ -102,37 +103,55 @@ def solve(
         q_goal: Goal, shape (n,).
         is_free: Whether a configuration, shape (n,), is free of contact.
         is_clear: Whether a row of configurations close to each other, shape (m, n), is.
-        seed: Seed of OMPL; it counts for the first path of a process only.
+        seed: Seed of OMPL.
         max_seconds: Limit of the search for a path [s].
     """
-    started = time.process_time()
-    points = plan_path(arm, q_start, q_goal, is_free, seed, max_seconds)
-    path_seconds = time.process_time() - started
-    if points is None:
-        none = np.nan, "no path", None, 0, path_seconds, 0.0, None, None
-        return RrtToppraResult(*none)
-    started = time.process_time()
-    slack = POSITION_SLACK * (arm.position_upper - arm.position_lower)
-    low, high = arm.position_lower - slack, arm.position_upper + slack
-    timing, rounds = Timing("touching", np.nan, None, None), 0
-    while rounds <= MAX_SUBDIVISIONS:
-        path = spline(points)
-        q = path(np.linspace(0.0, path.duration, count_samples(points)))
-        if np.all((q >= low) & (q <= high)) and is_clear(q):
-            timing = time_path(arm, path, len(points))
+    low, high = _position_limits(arm)
+    path_seconds = timing_seconds = 0.0
+    timing, points, rounds = Timing("no path", np.nan, None, None), None, 0
+    for resolution in RESOLUTIONS:
+        started = time.process_time()
+        points = plan_path(
+            arm,
+            q_start,
+            q_goal,
+            is_free,
+            resolution,
+            seed=seed,
+            max_seconds=max_seconds,
+        )
+        found = time.process_time()
+        path_seconds += found - started
+        if points is None:
             break
-        points = subdivide(points)
-        rounds += 1
+        timing, rounds = Timing("touching", np.nan, None, None), 0
+        while rounds <= MAX_SUBDIVISIONS:
+            path = spline(points)
+            q = path(np.linspace(0.0, path.duration, count_samples(points)))
+            if np.all((q >= low) & (q <= high)) and is_clear(q):
+                timing = time_path(arm, path, len(points))
+                break
+            points = subdivide(points)
+            rounds += 1
+        timing_seconds += time.process_time() - found
+        if timing.motion is not None:
+            break
     return RrtToppraResult(
         timing.T,
         timing.status,
         points,
         rounds,
         path_seconds,
-        time.process_time() - started,
+        timing_seconds,
         timing.motion,
         timing.knots,
     )
+
+
+def _position_limits(arm: Arm) -> tuple[Array, Array]:
+    """Position limits with some slack."""
+    slack = POSITION_SLACK * (arm.position_upper - arm.position_lower)
+    return arm.position_lower - slack, arm.position_upper + slack
 
 
 def plan_path(
@@ -140,6 +159,8 @@ def plan_path(
     q_start: Array,
     q_goal: Array,
     is_free: Callable[[Array], bool],
+    resolution: float,
+    *,
     seed: int = 1,
     max_seconds: float = 30.0,
 ) -> Array | None:
@@ -150,7 +171,8 @@ def plan_path(
         q_start: Start, shape (n,).
         q_goal: Goal, shape (n,).
         is_free: Whether a configuration, shape (n,), is free of contact.
-        seed: Seed of OMPL; it counts for the first path of a process only.
+        resolution: Longest step between two checks for contact [rad].
+        seed: Seed of OMPL.
         max_seconds: Limit of the search [s].
 
     Returns:
@@ -171,7 +193,7 @@ def plan_path(
     )
     information = setup.getSpaceInformation()
     extent = float(space.getMaximumExtent())
-    information.setStateValidityCheckingResolution(RESOLUTION / extent)
+    information.setStateValidityCheckingResolution(resolution / extent)
     start, goal = space.allocState(), space.allocState()
     for joint in range(arm.n):
         start[joint], goal[joint] = float(q_start[joint]), float(q_goal[joint])
@@ -208,7 +230,7 @@ def subdivide(points: Array) -> Array:
 def count_samples(points: Array) -> int:
     """Configurations along a path so dense that contact is not missed."""
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    return int(np.ceil(4.0 * length / RESOLUTION)) + 2
+    return int(np.ceil(length / min(RESOLUTIONS))) + 2
 
 
 def time_path(arm: Arm, path: toppra.SplineInterpolator, points: int) -> Timing:
@@ -226,8 +248,7 @@ def time_path(arm: Arm, path: toppra.SplineInterpolator, points: int) -> Timing:
     steps = max(MIN_STEPS, STEPS_PER_SEGMENT * (points - 1))
     # Dense at both ends, where an even grid loses time.
     shares = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, steps + 1)))
-    grid = np.union1d(path.duration * shares, path.waypoints[0])
-    grid = grid[np.diff(grid, prepend=-1.0) > 1e-6]
+    grid = path.duration * shares
     torque = TorqueModel(arm)
     reserve = arm.damping * arm.velocity
     efforts = np.stack([arm.effort_lower + reserve, arm.effort_upper - reserve], axis=1)

@@ -29,7 +29,17 @@ if TYPE_CHECKING:
         TominpmpError,
         TominpmpWarning,
     )
-    from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+    from tominpmp.goals import (
+        AllGoals,
+        AnyGoal,
+        AxisGoal,
+        Goal,
+        JointGoal,
+        JointRegionGoal,
+        PoseGoal,
+        PositionGoal,
+        RegionGoal,
+    )
     from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options
     from tominpmp.output.export import load_motion
@@ -61,10 +71,15 @@ _HOMES = {
         "TominpmpWarning",
     ),
     "goals": (
+        "AllGoals",
+        "AnyGoal",
+        "AxisGoal",
         "Goal",
         "JointGoal",
+        "JointRegionGoal",
         "PoseGoal",
         "PositionGoal",
+        "RegionGoal",
     ),
     "motion_limits": (
         "EffortCurve",
@@ -114,6 +129,9 @@ _HOMES = {
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "AllGoals",
+    "AnyGoal",
+    "AxisGoal",
     "Box",
     "Capsule",
     "Cylinder",
@@ -124,6 +142,7 @@ __all__ = [
     "JointGoal",
     "JointLimits",
     "JointNotFound",
+    "JointRegionGoal",
     "MissingDependency",
     "MotionLimits",
     "MoveItLimits",
@@ -135,6 +154,7 @@ __all__ = [
     "PositionGoal",
     "Problem",
     "ProblemError",
+    "RegionGoal",
     "Robot",
     "RobotLoadError",
     "Samples",

@@ -81,9 +81,23 @@ class Watch:
         return None if self._limit is None else self._begin + self._limit
 
     @property
+    def left(self) -> float | None:
+        """Planning time that is left [s], a little at least; None without a limit."""
+        return None if self._limit is None else max(self._limit - self.seconds, 1e-3)
+
+    @property
     def over(self) -> bool:
         """Whether the planning time is used up."""
         return self._limit is not None and self.seconds >= self._limit
+
+    def replay(self, history: tuple[IterationRecord, ...]) -> Status | None:
+        """Show records that were made in another process to the callback."""
+        for record in history:
+            if self._callback is not None:
+                record = replace(record, start=self.start, seconds=self.seconds)
+                if self._callback(record):
+                    return Status.INTERRUPTED
+        return None
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record; a status ends the iteration."""
@@ -188,6 +202,11 @@ def solve_and_verify(
             break
         attempt = replace(finer, initial=attempt.initial)
     return attempt
+
+
+def solve_alone(system: System, options: Options, guess: Guess) -> Attempt:
+    """Improve a guess in a process of its own."""
+    return solve_and_verify(system, options, guess, Watch(options))
 
 
 def solve_from_guess(

@@ -89,7 +89,7 @@ class Options(Record):
             shape (n,) or (N, n) [N m]; None for zero.
         lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the
             name of any other solver that qpsolvers knows, or "auto".
-        processes: Number of processes for several starts; only 1 so far.
+        processes: Number of processes that several starts are spread over.
         callback: Called with an IterationRecord after every iteration; returning True
             stops the planning.
     """

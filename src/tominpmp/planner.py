@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from tominpmp.attempts import (
     STOPPED,
     Attempt,
     Watch,
+    solve_alone,
     solve_and_verify,
     solve_by_shooting,
 )
@@ -19,8 +22,9 @@ from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import FrameGoal
 from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
-from tominpmp.seeding.guess import KINEMATIC_STARTS, initial_guesses
+from tominpmp.seeding.guess import KINEMATIC_STARTS, Guess, initial_guesses
 from tominpmp.seeding.inverse_kinematics import goal_configurations
+from tominpmp.seeding.parallel import run_parallel
 from tominpmp.solution import Solution, Status
 from tominpmp.solvers.lp import make_solver
 from tominpmp.transcription.system import System
@@ -94,12 +98,6 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
             "method",
         )
-    if options.processes > 1:
-        raise OptionsError(
-            f"processes is {options.processes}, and starts are not yet spread over "
-            "several processes: expected 1",
-            "processes",
-        )
     control = resolve_control(problem, options.control, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
@@ -157,6 +155,22 @@ def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[At
     guesses = initial_guesses(
         system, count, rng, options.initial_duration, watch.deadline
     )
+    if options.processes > 1:
+        tried = yield from _in_processes(system, options, watch, guesses, wanted)
+    else:
+        tried = yield from _in_turn(system, options, watch, guesses, wanted)
+    if not tried:
+        raise unreachable(system, rng)
+
+
+def _in_turn(
+    system: System,
+    options: Options,
+    watch: Watch,
+    guesses: Iterator[Guess],
+    wanted: int,
+) -> Generator[Attempt, None, int]:
+    """Try one guess after the other; returns how many there were."""
     best, tried = np.inf, 0
     # No guess is made, which may take a search, before it is known to be wanted.
     while tried < wanted or (options.starts is None and best == np.inf):
@@ -171,8 +185,34 @@ def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[At
         attempt = solve_and_verify(system, options, guess, watch)
         best = min(best, attempt.duration)
         yield attempt
-    if not tried:
-        raise unreachable(system, rng)
+    return tried
+
+
+def _in_processes(
+    system: System,
+    options: Options,
+    watch: Watch,
+    guesses: Iterator[Guess],
+    wanted: int,
+) -> Generator[Attempt, None, int]:
+    """Try several guesses at a time; returns how many there were."""
+    found, tried = False, 0
+    while tried == 0 or (options.starts is None and not found):
+        share = list(
+            itertools.islice(guesses, wanted if not tried else options.processes)
+        )
+        if not share:
+            break
+        left = watch.left
+        alone = replace(options, callback=None, processes=1, max_planning_time=left)
+        task = partial(solve_alone, system, alone)
+        for number, attempt in run_parallel(task, share, options.processes, left):
+            found = found or attempt.found
+            watch.start = tried + number
+            status = watch.replay(attempt.history)
+            yield replace(attempt, status=status or attempt.status)
+        tried += len(share)
+    return tried
 
 
 def unreachable(system: System, rng: np.random.Generator) -> ProblemError:

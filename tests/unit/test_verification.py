@@ -12,7 +12,7 @@ from two_link_cases import RODS
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import JointGoal, PositionGoal
+from tominpmp.goals import AnyGoal, JointGoal, JointRegionGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options, Tolerances
@@ -248,6 +248,20 @@ def test_goal_on_a_frame_is_measured_there() -> None:
     assert found.goal_error == pytest.approx(0.02)
     assert found.violations[0].name == "frame tip"
     assert found.violations[0].unit == "m"
+
+
+def test_any_goal_of_a_set_and_ranges_will_do() -> None:
+    robot = make_arm(*RODS, effort=100.0)
+    motion = swing(robot, 1.0)
+    end = motion.q[-1]
+    stop = Tolerances(speed=100.0)
+    off = JointRegionGoal(end[1:] + 0.3, 0.1, joints=["joint2"])
+    found = verify(Problem(robot, motion.q[0], off), motion, stop)
+    assert found.violations[0].name == "joint joint2"
+    assert found.goal_error == pytest.approx(0.2)
+    near = replace(off, tolerance=0.301)
+    either = AnyGoal([off, near])
+    assert verify(Problem(robot, motion.q[0], either), motion, stop).ok
 
 
 def test_contact_on_the_way_has_pair_time_and_depth(planar3r: Robot) -> None:

@@ -13,7 +13,17 @@ from optimum_cases import FORCE, MASS, ROD
 from sample_arms import DOWNWARD, Link, make_arm, rod, slide
 from two_link_cases import CASES as FAMILIES
 
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals import (
+    AllGoals,
+    AnyGoal,
+    AxisGoal,
+    Goal,
+    JointGoal,
+    JointRegionGoal,
+    PoseGoal,
+    PositionGoal,
+    RegionGoal,
+)
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
@@ -183,6 +193,35 @@ def test_no_straight_motion_beats_the_bound_of_a_frame(
         assert found.joint is None
         best = max(best, found.T / T)
     assert best > 0.5
+
+
+def test_goals_with_a_range_are_bounded_to_their_edge(planar3r: Robot) -> None:
+    robot = planar3r.with_changes(velocity=np.array([1.0, 2.0, 3.0]))
+    q = np.array([0.5, 0.0, 0.0])
+
+    def bound(goal: Goal) -> float:
+        return lower_bound(Problem(robot, q, goal)).T
+
+    first, second = robot.joint_names[:2]
+    near = JointRegionGoal(np.array([1.0]), 0.1, joints=[first])
+    far = JointRegionGoal(np.array([2.0]), 0.1, joints=[second])
+    assert bound(near) == pytest.approx(0.4)
+    assert bound(far) == pytest.approx(0.95)
+    assert bound(AnyGoal([near, far])) == pytest.approx(0.4)
+    assert bound(AllGoals([near, far])) == pytest.approx(0.95)
+    # The frame points along the stretched arm, and its joints turn it by 6 rad/s.
+    beside = np.array([np.cos(0.5 + 1.2), np.sin(0.5 + 1.2), 0.0])
+    axis = AxisGoal("tip", np.array([1.0, 0.0, 0.0]), beside)
+    assert bound(axis) == pytest.approx(0.2)
+    wide = replace(axis, angle_tolerance=0.6)
+    assert bound(wide) == pytest.approx(0.1)
+    point = PositionGoal("tip", np.array([0.0, 5.0, 0.0]))
+    exact, loose = bound(point), bound(replace(point, tolerance=1.0))
+    assert 0.0 < loose < exact
+    box = RegionGoal("tip", np.array([-9.0, 4.0, -1.0]), np.array([9.0, 9.0, 1.0]))
+    assert 0.0 < bound(box) < loose
+    here = RegionGoal("tip", np.array([-9.0, 0.0, -1.0]), np.array([9.0, 9.0, 1.0]))
+    assert bound(here) == 0.0
 
 
 def test_points_of_links_move_no_more_than_their_bound(

@@ -75,7 +75,7 @@ def test_overlap_is_told_where_every_start_has_it(planar3r: Robot) -> None:
     slow, slower = (smooth(planar3r, begin, end, T) for T in (2.0, 3.0))
     outcomes = [Outcome(slow), Outcome(slower)]
     found = explain(problem, outcomes, Status.INFEASIBLE)
-    assert "and post overlap by" in found
+    assert "links link" in found and "and post overlap by" in found
     assert "in every start tried" in found
     assert "cm more room between" in found
     assert "2 starts and 4 iterations" in found

@@ -103,9 +103,13 @@ class Place(NamedTuple):
 
     def kept(self, which: BoolArray) -> Place:
         """Some of the values."""
-        parts = (part[which] for part in self[:4])
-        labels = (self.labels[i] for i in np.flatnonzero(which))
-        return Place(*parts, tuple(labels))
+        return Place(
+            self.value[which],
+            self.by_q[which],
+            self.lower[which],
+            self.upper[which],
+            tuple(self.labels[i] for i in np.flatnonzero(which)),
+        )
 
     def joined(self, other: Place) -> Place:
         """These values and others."""

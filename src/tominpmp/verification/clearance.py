@@ -9,7 +9,7 @@ of joint i (1 for sliding joints).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class ClearanceProof:
 def prove_clearance(
     checker: CollisionChecker,
     trajectory: Trajectory,
-    margin: float = 0.0,
+    margin: float | Array = 0.0,
     *,
     slack: float = 1e-4,
     deviation: Array | None = None,
@@ -80,7 +80,7 @@ def prove_clearance(
     Args:
         checker: Distances of the pairs.
         trajectory: The motion.
-        margin: Distance to keep [m].
+        margin: Distance to keep [m], one for all pairs or by pair.
         slack: What the distance may lack to the margin [m]. Where a motion slides along
             at the margin, the proof needs stretches in which links move no farther.
         deviation: How far the motion that is meant may be from the trajectory, by
@@ -92,7 +92,8 @@ def prove_clearance(
     """
     if not checker.pairs:
         return ClearanceProof(True, np.inf, np.inf, None, 0.0, False, 0)
-    return _Prover(checker, trajectory, deviation).run(margin - slack, max_stretches)
+    least = np.broadcast_to(margin, (len(checker.pairs),)) - slack
+    return _Prover(checker, trajectory, deviation).run(least, max_stretches)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,8 @@ class _Prover:
         self, checker: CollisionChecker, trajectory: Trajectory, deviation: Array | None
     ) -> None:
         self.checker, robot = checker, checker.robot
-        self.pieces = Pieces.of(lambda times: trajectory(times).q, trajectory.t)
+        path = replace(trajectory, inverse_dynamics=None)  # its torques take time
+        self.pieces = Pieces.of(lambda times: path(times).q, path.t)
         self.stray = np.zeros(robot.n) if deviation is None else np.abs(deviation)
         self.stray = self.stray + self._rounding(trajectory)
         self.reach = LinkReach(robot, _balls(checker))
@@ -137,32 +139,32 @@ class _Prover:
             + np.zeros(trajectory.n)
         )
 
-    def run(self, least: float, max_stretches: int) -> ClearanceProof:
+    def run(self, least: Array, max_stretches: int) -> ClearanceProof:
         count = self.pieces.count
         todo = _Stretches(np.arange(count), np.zeros(count), np.ones(count))
-        bound = distance = np.inf
+        bound = room = np.inf
         contact = False
         time, seen = 0.0, 0
         while todo.size:
             seen += todo.size
             apart, moved = self._look(todo, least)
-            closest = np.argmin(apart, axis=1)
-            rows = np.arange(todo.size)
-            k = int(np.argmin(apart[rows, closest]))
-            if apart[k, closest[k]] < distance:
-                distance, time = float(apart[k, closest[k]]), self._time(todo, k)
-            sure = np.min(apart - moved, axis=1)
-            open_ = ~(sure >= least)
-            bound = min(bound, float(np.min(sure[~open_], initial=np.inf)))
-            contact = distance < least
-            if contact or (open_.any() and seen > max_stretches):
+            spare = np.min(apart - least, axis=1)
+            k = int(np.argmin(spare))
+            if spare[k] < room:
+                room, time = float(spare[k]), self._time(todo, k)
+            sure = apart - moved
+            unproved = ~np.all(sure >= least, axis=1)
+            bound = min(bound, float(np.min(sure[~unproved], initial=np.inf)))
+            contact = room < 0.0
+            if contact or (unproved.any() and seen > max_stretches):
                 bound = -np.inf
                 break
-            todo = todo.cut(open_)
+            todo = todo.cut(unproved)
         # What was measured there may have been a bound that was good enough.
         at = np.clip(time, self.pieces.t[0], self.pieces.t[-1])
         exact = self.checker.distances(self.pieces(np.array([at])))[0]
-        pair, distance = int(np.argmin(exact)), float(np.min(exact))
+        pair = int(np.argmin(exact - least))
+        distance = float(exact[pair])
         return ClearanceProof(
             proved=bound > -np.inf,
             bound=bound,
@@ -173,7 +175,7 @@ class _Prover:
             stretches=seen,
         )
 
-    def _look(self, todo: _Stretches, least: float) -> tuple[Array, Array]:
+    def _look(self, todo: _Stretches, least: Array) -> tuple[Array, Array]:
         """Distances in the middles, and how far pairs can move towards each other.
 
         Returns:

@@ -20,8 +20,18 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, BoolArray
-from tominpmp.goals import FrameGoal, Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.arrays import Array
+from tominpmp.goals import (
+    AllGoals,
+    AxisGoal,
+    FrameGoal,
+    Goal,
+    JointGoal,
+    JointRegionGoal,
+    PoseGoal,
+    PositionGoal,
+    RegionGoal,
+)
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
 from tominpmp.verification.inertia import EnergyBounds, energy_bounds, single_joint
@@ -58,16 +68,22 @@ def lower_bound(problem: Problem) -> LowerBound:
     Returns:
         The largest bound that was found.
     """
-    return _of_goal(problem, problem.goal)
+    return min(
+        (_of_goal(problem, goal) for goal in problem.goal.alternatives),
+        key=lambda bound: bound.T,
+    )
 
 
 def _of_goal(problem: Problem, goal: Goal) -> LowerBound:
+    bounds: list[LowerBound] = []
     if isinstance(goal, JointGoal):
         bounds = _joint_bounds(problem, goal)
-    elif isinstance(goal, PositionGoal | PoseGoal):
+    elif isinstance(goal, JointRegionGoal):
+        bounds = _range_bounds(problem, goal)
+    elif isinstance(goal, FrameGoal):
         bounds = _frame_bounds(problem, goal)
-    else:
-        bounds = []
+    elif isinstance(goal, AllGoals):
+        bounds = [_of_goal(problem, member) for member in goal.members]
     nothing = LowerBound(0.0, "no bound is known for a goal of this kind")
     return max(bounds, key=lambda bound: bound.T, default=nothing)
 
@@ -81,15 +97,8 @@ def _joint_bounds(problem: Problem, goal: JointGoal) -> list[LowerBound]:
     start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
     ends = np.stack([start, goal.final_velocity(robot.n)])
     way = goal.q - problem.q_start
+    found = _speed_bounds(problem, np.abs(way))
     units = np.where(prismatic_joints(robot), "m", "rad")
-    found = []
-    for i, joint in enumerate(joints):
-        if np.isfinite(top[i]):
-            reason = (
-                f"joint {joint} has {abs(way[i]):.4g} {units[i]} to go, at "
-                f"{top[i]:.4g} {units[i]}/s at most"
-            )
-            found.append(LowerBound(abs(float(way[i])) / float(top[i]), reason, joint))
     if problem.motion_limits is not None:
         limit = problem.motion_limits.by_joint("acceleration", joints)
         for i in np.flatnonzero(np.isfinite(limit)).tolist():
@@ -107,6 +116,27 @@ def _joint_bounds(problem: Problem, goal: JointGoal) -> list[LowerBound]:
     energy = energy_bounds(robot)
     if energy is not None:
         found += _energy_bounds(problem, way, ends, energy)
+    return found
+
+
+def _range_bounds(problem: Problem, goal: JointRegionGoal) -> list[LowerBound]:
+    kinematics, q = RobotKinematics(problem.robot), problem.q_start
+    excess, by_q = goal.place_residual(kinematics, q)
+    return _speed_bounds(problem, np.abs(excess) @ np.abs(by_q))
+
+
+def _speed_bounds(problem: Problem, way: Array) -> list[LowerBound]:
+    """Bounds from the speed limits for distances to go, shape (n,)."""
+    robot, found = problem.robot, []
+    top = robot.limits.velocity
+    units = np.where(prismatic_joints(robot), "m", "rad")
+    for i in np.flatnonzero(np.isfinite(top)).tolist():
+        reason = (
+            f"joint {robot.joint_names[i]} has {way[i]:.4g} {units[i]} to go, at "
+            f"{top[i]:.4g} {units[i]}/s at most"
+        )
+        T = float(way[i]) / float(top[i])
+        found.append(LowerBound(T, reason, robot.joint_names[i]))
     return found
 
 
@@ -156,46 +186,77 @@ def _energy_bounds(
 
 
 def _frame_bounds(problem: Problem, goal: FrameGoal) -> list[LowerBound]:
-    robot = problem.robot
-    top = robot.limits.velocity
-    target = goal.position if isinstance(goal, PositionGoal) else None
     found = []
+    angle = _angle_to_go(problem, goal)
+    speed = _turning_speed(problem, goal)
+    if angle > 0.0 and speed > 0.0:
+        reason = f"frame {goal.frame} has {angle:.4g} rad to turn"
+        found.append(LowerBound(angle / speed, reason))
+    if _apart(goal, np.zeros((1, 3))) is not None:
+        T = _Vicinity(problem, goal).time()
+        reason = f"no sooner do the speeds of the joints carry frame {goal.frame} there"
+        found.append(LowerBound(T, reason))
+    return found
+
+
+def _apart(goal: FrameGoal, points: Array) -> Array | None:
+    """Distances of points from where a frame may end, shape (m, 3) to (m,).
+
+    None where it may end anywhere, or nothing is known.
+    """
+    if isinstance(goal, RegionGoal):
+        pose = pin.SE3.Identity() if goal.pose is None else goal.pose
+        local = (points - pose.translation) @ pose.rotation
+        out = local - np.clip(local, goal.lower, goal.upper)
+        return np.asarray(np.linalg.norm(out, axis=1))
     if isinstance(goal, PoseGoal):
-        target = goal.pose.translation
-        place = RobotKinematics(robot).placement(problem.q_start, goal.frame)
-        turn = place.rotation.T @ goal.pose.rotation
-        angle = float(np.linalg.norm(pin.log3(turn)))
-        speed = float(np.sum(top[_turning(problem, goal)]))
-        if speed > 0.0:
-            reason = f"frame {goal.frame} has {angle:.4g} rad to turn"
-            found.append(LowerBound(angle / speed, reason))
-    assert target is not None  # noqa: S101
-    T = _Vicinity(problem, goal.frame, np.asarray(target)).time()
-    reason = f"no sooner do the speeds of the joints carry frame {goal.frame} there"
-    return [*found, LowerBound(T, reason)]
+        place = np.asarray(goal.pose.translation)
+    elif isinstance(goal, PositionGoal | AxisGoal) and goal.position is not None:
+        place = goal.position
+    else:
+        return None
+    return np.asarray(np.linalg.norm(points - place, axis=1) - goal.tolerance)
 
 
-def _turning(problem: Problem, goal: FrameGoal) -> BoolArray:
-    """Joints that turn the frame."""
-    robot = problem.robot
-    if robot.expansion_matrix is not None:
-        return np.ones(robot.n, dtype=bool)  # joints that follow may be anywhere
-    model = robot.model
-    support = set(model.supports[model.frames[robot.frame_id(goal.frame)].parentJoint])
-    hang = [model.getJointId(name) in support for name in robot.joint_names]
-    return np.asarray(np.array(hang) & ~prismatic_joints(robot))
+def _angle_to_go(problem: Problem, goal: FrameGoal) -> float:
+    """Least angle by which a frame has to turn from the start on [rad]."""
+    place = RobotKinematics(problem.robot).placement(problem.q_start, goal.frame)
+    if isinstance(goal, PoseGoal):
+        turn = pin.log3(place.rotation.T @ goal.pose.rotation)
+        return float(np.linalg.norm(turn)) - goal.angle_tolerance
+    if isinstance(goal, AxisGoal):
+        cosine = float(goal.direction @ place.rotation @ goal.axis)
+        return math.acos(min(max(cosine, -1.0), 1.0)) - goal.angle_tolerance
+    return 0.0
+
+
+def _turning_speed(problem: Problem, goal: FrameGoal) -> float:
+    """Bound on the speed at which a frame turns [rad/s]."""
+    robot, model = problem.robot, problem.robot.model
+    top, S = robot.limits.velocity, robot.expansion_matrix
+    if S is not None:
+        moved = np.abs(S) > 0.0
+        top = np.array(
+            [np.sum(np.abs(s[m]) * top[m]) for s, m in zip(S, moved, strict=True)]
+        )
+    speed = 0.0
+    for joint in model.supports[model.frames[robot.frame_id(goal.frame)].parentJoint]:
+        item = model.joints[joint]
+        if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
+            speed += float(top[item.idx_v])
+    return speed
 
 
 class _Vicinity:
     """Where a frame can be when joints have moved for some time."""
 
-    def __init__(self, problem: Problem, frame: str, target: Array) -> None:
+    def __init__(self, problem: Problem, goal: FrameGoal) -> None:
         robot = problem.robot
-        self.problem, self.target = problem, target
-        item = robot.model.frames[robot.frame_id(frame)]
-        self.joint = int(item.parentJoint)
-        self.offset = np.asarray(item.placement.translation)
-        self.reach = LinkReach(robot, [Ball(frame, self.joint, self.offset, 0.0)])
+        self.problem, self.goal = problem, goal
+        item = robot.model.frames[robot.frame_id(goal.frame)]
+        origin = np.asarray(item.placement.translation)
+        ball = Ball(goal.frame, int(item.parentJoint), origin, 0.0)
+        self.reach = LinkReach(robot, [ball])
 
     def time(self) -> float:
         """Largest time found by which no motion has brought the frame to its goal."""
@@ -236,8 +297,9 @@ class _Vicinity:
         return False
 
     def _distance(self, q: Array) -> Array:
-        apart = self.reach.centres(q)[:, 0] - self.target
-        return np.asarray(np.linalg.norm(apart, axis=1))
+        apart = _apart(self.goal, self.reach.centres(q)[:, 0])
+        assert apart is not None  # noqa: S101
+        return apart
 
     def _halves(self, q: Array, half: Array, shifts: Array) -> tuple[Array, Array]:
         """Cut each box across the joint that moves the frame most."""

@@ -12,9 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from tominpmp.collision import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import FrameGoal, PoseGoal, PositionGoal
+from tominpmp.goals import FrameGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
@@ -72,8 +71,6 @@ def explain(
     problem: Problem,
     outcomes: Sequence[Outcome],
     status: Status,
-    *,
-    checker: CollisionChecker | None = None,
 ) -> str:
     """Say why no motion was found.
 
@@ -81,7 +78,6 @@ def explain(
         problem: The problem.
         outcomes: What the initial guesses led to, none of them feasible.
         status: How planning ended.
-        checker: Distances of the pairs; None makes one.
 
     Returns:
         One to three sentences: how it ended, what stands in the way, and what would
@@ -92,14 +88,12 @@ def explain(
     iterations = sum(len(outcome.history) for outcome in outcomes)
     effort = f"{_count(len(outcomes), 'start')} and {_count(iterations, 'iteration')}"
     least = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
-    if checker is None:
-        checker = CollisionChecker(problem.robot, problem.scene)
-    found = _excesses(problem, least.trajectory, checker)
+    found = _excesses(problem, least.trajectory)
     begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
     if not found:
         return f"{begin}; the best motion is within 0.1 % of what is allowed."
     clauses = [_clause(problem, least.trajectory, item) for item in found]
-    everywhere = _everywhere(problem, outcomes, found, checker)
+    everywhere = _everywhere(problem, outcomes, found)
     clauses = [
         clause + (" in every start tried" if item.name in everywhere else "")
         for clause, item in zip(clauses, found, strict=True)
@@ -110,17 +104,15 @@ def explain(
     )
 
 
-def _excesses(
-    problem: Problem, trajectory: Trajectory, checker: CollisionChecker
-) -> list[Excess]:
+def _excesses(problem: Problem, trajectory: Trajectory) -> list[Excess]:
     """What a planned motion violates, the worst first."""
     motion = _look(trajectory)
     found = [*arrival(problem, motion, STRICT)]
     torque = torque_pieces(trajectory)
     found += limit_excesses(problem, motion, torque, STRICT.limits)
-    near = closest(problem, motion, checker, STRICT.contact)
+    near = closest(problem, motion, problem.checker, STRICT.contact)
     if near is not None:
-        found.append(near)
+        found.append(near.excess)
     measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
     found = [item for item in found if item.violated]
     found.sort(key=lambda item: -item.share / measure.get(item.kind, STRICT.limits))
@@ -136,15 +128,16 @@ def _everywhere(
     problem: Problem,
     outcomes: Sequence[Outcome],
     found: Sequence[Excess],
-    checker: CollisionChecker,
 ) -> set[str]:
     """Names of the pairs that are too close in every start."""
     names = {item.name for item in found if item.kind == "clearance"}
     if not names or len(outcomes) < 2:
         return set()
+    checker = problem.checker
     for outcome in outcomes:
         q = _look(outcome.trajectory).q
-        lack = problem.margin - np.min(checker.distances(q), axis=0)
+        room = checker.distances(q, problem.margins + RESIDUE) - problem.margins
+        lack = -np.min(room, axis=0)
         pairs = zip(checker.pairs, lack.tolist(), strict=True)
         names &= {" and ".join(pair) for pair, much in pairs if much > RESIDUE}
     return names
@@ -163,15 +156,13 @@ def _clause(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
 def _of_goal(problem: Problem, item: Excess) -> str:
     """A goal out of reach, or one that was not come nearer to."""
     goal = problem.goal
-    if isinstance(goal, PositionGoal | PoseGoal) and item.unit == "m":
-        place = goal.position if isinstance(goal, PositionGoal) else None
-        place = goal.pose.translation if isinstance(goal, PoseGoal) else place
+    if isinstance(goal, FrameGoal):
+        point = goal.nearest_point()
         reach = RobotKinematics(problem.robot).reach(goal.frame)
-        beyond = float(np.linalg.norm(np.asarray(place))) - reach
-        if beyond > 0.0:
+        if point is not None and np.linalg.norm(point) > reach:
+            beyond = float(np.linalg.norm(point)) - reach
             return f"goal outside reach by {beyond:.3g} m"
-    what = f"frame {goal.frame}" if isinstance(goal, FrameGoal) else item.name
-    return f"{what} comes no nearer to its goal than {item.amount:.3g} {item.unit}"
+    return f"{item.name} comes no nearer to its goal than {item.amount:.3g} {item.unit}"
 
 
 def _of_effort(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
@@ -205,12 +196,14 @@ def _allowed(problem: Problem, i: int) -> tuple[float, float]:
 
 
 def _of_clearance(problem: Problem, item: Excess) -> str:
-    distance = problem.margin - item.amount
+    pairs = [" and ".join(pair) for pair in problem.checker.pairs]
+    margin = float(problem.margins[pairs.index(item.name)])
+    distance = margin - item.amount
     if distance < 0.0:
-        return f"{item.name} overlap by {_length(-distance)} at {item.time:.2f} s"
+        return f"links {item.name} overlap by {_length(-distance)} at {item.time:.2f} s"
     return (
-        f"{item.name} are {_length(distance)} apart at {item.time:.2f} s, less than "
-        f"the margin {_length(problem.margin)}"
+        f"links {item.name} are {_length(distance)} apart at {item.time:.2f} s, less "
+        f"than the margin {_length(margin)}"
     )
 
 

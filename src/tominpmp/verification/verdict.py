@@ -7,14 +7,24 @@ margins on the way, every millisecond.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.collision import CollisionChecker
+from tominpmp.collision.bodies import Geometry
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import FrameGoal, JointGoal
+from tominpmp.goals import (
+    AnyGoal,
+    FrameGoal,
+    Goal,
+    JointGoal,
+    JointRegionGoal,
+    PoseGoal,
+    PositionGoal,
+)
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
@@ -88,6 +98,7 @@ def verify(
     trajectory: Trajectory,
     tolerances: Tolerances | None = None,
     *,
+    geometry: Geometry = "convex",
     checker: CollisionChecker | None = None,
     integrator: Integrator | None = None,
 ) -> Verification:
@@ -98,8 +109,9 @@ def verify(
         trajectory: The motion: its torques are used, and its nodes, where they may
             jump.
         tolerances: What is tolerated.
-        checker: Distances to use, for example those of the exact meshes; None makes
-            the usual ones.
+        geometry: "convex" takes links as the convex pieces that motions are planned
+            with; "mesh" takes their meshes as they are, which is slow.
+        checker: Distances to use instead of either.
         integrator: See :func:`~tominpmp.verification.replay.replay`.
 
     Returns:
@@ -125,12 +137,14 @@ def verify(
     replayed = integration.run(np.concatenate([problem.q_start, v_start]))
     found = limit_excesses(problem, replayed, torque, tolerances.limits)
     if checker is None:
-        checker = CollisionChecker(robot, problem.scene)
+        checker = _checker(problem, geometry)
     nearest = closest(problem, replayed, checker, tolerances.contact)
     if nearest is not None:
-        found.append(nearest)
+        found.append(nearest.excess)
     end = arrival(problem, replayed, tolerances)
     violations = tuple(item for item in (*end, *found) if item.violated)
+    # Without the torques, which take most of the time of an evaluation.
+    plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
     defect = None
     if violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
@@ -141,10 +155,8 @@ def verify(
         speed_error=end[1].amount,
         worst={item.kind: item for item in found},
         violations=violations,
-        min_clearance=(np.inf if nearest is None else problem.margin - nearest.amount),
-        deviation=frozen_array(
-            np.max(np.abs(replayed.q - trajectory(replayed.t).q), axis=0)
-        ),
+        min_clearance=np.inf if nearest is None else nearest.distance,
+        deviation=frozen_array(np.max(np.abs(replayed.q - plan), axis=0)),
         defect=defect,
         integrator=replayed.integrator,
         complete=replayed.complete,
@@ -154,54 +166,116 @@ def verify(
     )
 
 
+def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
+    if geometry == "convex":
+        return problem.checker
+    own = problem.checker.self_collision
+    return CollisionChecker(
+        problem.robot, problem.scene, self_collision=own, geometry=geometry
+    )
+
+
+class Nearest(NamedTuple):
+    """The pair that has the least room beyond its margin.
+
+    Attributes:
+        excess: What it lacks.
+        distance: Its distance [m].
+    """
+
+    excess: Excess
+    distance: float
+
+
 def closest(
     problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
-) -> Excess | None:
-    """The pair that comes closest; None without pairs."""
+) -> Nearest | None:
+    """The pair that has the least room beyond its margin on a motion.
+
+    Args:
+        problem: The problem, with the margin.
+        replay: The motion.
+        checker: Distances of the pairs.
+        tolerance: What may be missing [m].
+
+    Returns:
+        The pair; None without pairs.
+    """
     if not checker.pairs:
         return None
+    margins = checker.margins(problem.margin)
     # The closest of a few instants tells how far the others need to be looked at.
     last = replay.t.size - 1
     some = np.linspace(0, last, GLANCES).astype(np.int64)
-    glance = checker.distances(replay.q[some])
-    first, pair = np.unravel_index(int(np.argmin(glance)), glance.shape)
-    row, distance = int(some[first]), float(glance[first, pair])
+    room = checker.distances(replay.q[some]) - margins
+    k, pair = np.unravel_index(int(np.argmin(room)), room.shape)
+    row, least = int(some[k]), float(room[k, pair])
     for begin in range(0, last + 1, CHUNK):
-        cutoff = max(distance, problem.margin) + GLANCE_ROUNDING
-        part = checker.distances(replay.q[begin : begin + CHUNK], cutoff)
-        k, other = np.unravel_index(int(np.argmin(part)), part.shape)
-        if part[k, other] < distance:
-            row, pair, distance = begin + int(k), other, float(part[k, other])
-    lack = problem.margin - distance
+        cutoff = margins + max(least, 0.0) + GLANCE_ROUNDING
+        part = replay.q[begin : begin + CHUNK]
+        room = checker.distances(part, cutoff) - margins
+        k, other = np.unravel_index(int(np.argmin(room)), room.shape)
+        if room[k, other] < least:
+            row, pair, least = begin + int(k), other, float(room[k, other])
     name = " and ".join(checker.pairs[int(pair)])
+    violated = not -least <= tolerance
     time = float(replay.t[row])
-    violated = not lack <= tolerance
-    return Excess("clearance", name, time, lack, "m", lack, violated)
+    excess = Excess("clearance", name, time, -least, "m", -least, violated)
+    return Nearest(excess, least + float(margins[int(pair)]))
 
 
 def arrival(
     problem: Problem, replay: Replay, tolerances: Tolerances
 ) -> tuple[Excess, Excess]:
     """Where the motion ends: place and velocity."""
-    robot, goal = problem.robot, problem.goal
+    robot, goal, q, v = problem.robot, problem.goal, replay.q[-1], replay.v[-1]
     kinematics = RobotKinematics(robot)
-    value = goal.residual(kinematics, replay.q[-1], replay.v[-1]).value
+    if isinstance(goal, AnyGoal):
+        goal = goal.nearest(kinematics, q, v)
+    error = np.abs(goal.excess(kinematics, q, v))
     speeds = robot.n if goal.fixes_velocity else 3
-    place, speed = np.abs(value[:-speeds]), np.abs(value[-speeds:])
-    names = [f"joint {joint}" for joint in robot.joint_names]
-    slides = prismatic_joints(robot)
-    frame = goal.frame if isinstance(goal, FrameGoal) else "the arm"
+    joints = [
+        (f"joint {name}", "m" if slides else "rad")
+        for name, slides in zip(
+            robot.joint_names, prismatic_joints(robot).tolist(), strict=True
+        )
+    ]
+    places = _place_names(goal, joints, error.size - speeds)
+    moving = joints if goal.fixes_velocity else [(_frame(goal), "m")] * 3
 
-    def worst(kind: str, error: Array, of_joints: bool, tolerance: float) -> Excess:
-        k = int(np.argmax(error))
-        name = names[k] if of_joints else f"frame {frame}"
-        straight = slides[k] if of_joints else k < 3
-        unit = ("m" if straight else "rad") + ("/s" if kind == "speed" else "")
-        amount = float(error[k]) if replay.complete else np.inf
+    def worst(
+        kind: str, part: Array, names: list[tuple[str, str]], tolerance: float
+    ) -> Excess:
+        k = int(np.argmax(part))
+        name, unit = names[k]
+        amount = float(part[k]) if replay.complete else np.inf
         time, violated = replay.duration, not amount <= tolerance
+        unit += "/s" if kind == "speed" else ""
         return Excess(kind, name, time, amount, unit, amount, violated)
 
     return (
-        worst("goal", place, isinstance(goal, JointGoal), tolerances.goal),
-        worst("speed", speed, goal.fixes_velocity, tolerances.speed),
+        worst("goal", error[:-speeds], places, tolerances.goal),
+        worst("speed", error[-speeds:], moving, tolerances.speed),
     )
+
+
+def _frame(goal: Goal) -> str:
+    return f"frame {goal.frame}" if isinstance(goal, FrameGoal) else "the arm"
+
+
+def _place_names(
+    goal: Goal, joints: list[tuple[str, str]], size: int
+) -> list[tuple[str, str]]:
+    """What the numbers of a goal on the final place are, and their units."""
+    if isinstance(goal, JointGoal):
+        return joints
+    if isinstance(goal, JointRegionGoal):
+        units = dict(joints)
+        chosen = [f"joint {name}" for name in goal.joints or ()] or list(units)
+        return [(name, units[name]) for name in chosen]
+    frame = _frame(goal)
+    if isinstance(goal, PositionGoal):
+        return [(frame, "m")] * size
+    if isinstance(goal, PoseGoal) and size == 6:
+        return [(frame, "m")] * 3 + [(frame, "rad")] * 3
+    return [(frame, "m or rad")] * size
