@@ -32,7 +32,7 @@ from tominpmp.verification.verdict import Verification, verify
 SMOOTHING_SHARE = 1e-4
 # Relative torque excess between the rows that is let pass, and rounds of adding rows.
 OVERLOAD = 2e-3
-EXCHANGES = 4
+EXCHANGES = 6
 EXCHANGE_ITERATIONS = 25
 # Progress below which rows between the nodes are looked for while the duration still
 # falls: rows that a finished motion breaks cost a new solve.

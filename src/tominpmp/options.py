@@ -108,7 +108,7 @@ class Options(Record):
     goal_tolerance: float = 1e-3
     speed_tolerance: float = 1e-2
     limit_tolerance: float = 5e-3
-    contact_tolerance: float = 1e-4
+    contact_tolerance: float = 1e-5
     trust_region: float = 0.3
     step_rule: Literal["adaptive", "paper"] = "adaptive"
     control_step: float = 0.05

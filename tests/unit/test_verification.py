@@ -22,6 +22,7 @@ from tominpmp.scene import Scene, Sphere
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay, verify
 from tominpmp.verification.pieces import Pieces
+from tominpmp.verification.replay import Plant
 
 RAIL_TIME = 2.0 / np.sqrt(PUSH)
 
@@ -115,6 +116,20 @@ def test_torque_of_a_spline_brings_the_spline_about(integrator: str) -> None:
     motion = swing(robot, 1.5)
     found = replay(swing_problem(robot, motion), motion, integrator=integrator)
     np.testing.assert_allclose(found.q, motion(found.t).q, atol=1e-6)
+
+
+def test_derivative_for_stiff_arms_is_that_of_the_dynamics() -> None:
+    robot = make_arm(
+        *RODS, effort=100.0, gravity=DOWNWARD, damping=np.array([2.0, 7.0])
+    )
+    plant = Plant(robot)
+    torque = np.array([[3.0, 1.0], [-2.0, 4.0]])
+    plant.load(1.0, 3.0, torque)
+    x = np.array([0.3, -0.8, 1.5, 2.5])
+    u = torque @ np.array([1.0, -0.5])  # at a quarter of the piece
+    f = RobotDynamics(robot).forward_jacobians(x[None], u[None])
+    np.testing.assert_allclose(plant.slope()(1.5, x), f.f[0], rtol=1e-12)
+    np.testing.assert_allclose(plant.jacobian()(1.5, x), f.f_x[0], atol=1e-11)
 
 
 def test_motion_that_runs_away_ends_early() -> None:

@@ -8,8 +8,16 @@ a query.
 
 from __future__ import annotations
 
+from tominpmp.collision.bodies import Approximation, approximations
 from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.shapes import obstacle_shape
 
-__all__ = ["CollisionChecker", "Contact", "DistanceCache", "obstacle_shape"]
+__all__ = [
+    "Approximation",
+    "CollisionChecker",
+    "Contact",
+    "DistanceCache",
+    "approximations",
+    "obstacle_shape",
+]

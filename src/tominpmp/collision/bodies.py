@@ -8,11 +8,13 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.collision.shapes import convex_hull, is_mesh, obstacle_shape
+from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shapes
+from tominpmp.collision.store import pieces_of
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
-Geometry = Literal["convex", "mesh"]
+# What meshes are taken as: convex pieces, one hull each, or triangles.
+Geometry = Literal["convex", "hull", "mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
 
     Args:
         robot: The robot.
-        geometry: "convex" for convex pieces, "mesh" for the triangles of meshes.
+        geometry: What meshes are taken as.
     """
     bodies = []
     for part, item in enumerate(robot.collision_model.geometryObjects):
@@ -52,15 +54,57 @@ def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
 
 
 def _pieces(shape: Any, geometry: Geometry) -> list[Any]:
-    if geometry == "convex" and is_mesh(shape):
+    if geometry == "mesh" or not is_mesh(shape):
+        return [shape]
+    pieces = pieces_of(shape) if geometry == "convex" else None
+    if pieces is None or len(pieces.corners) == 1:
         return [convex_hull(shape)]
-    return [shape]
+    return [hull_of(corners) for corners in pieces.corners]
+
+
+@dataclass(frozen=True)
+class Approximation:
+    """How a mesh of a link is taken for distances.
+
+    Attributes:
+        link: Name of the link.
+        mesh: Name of the mesh in the collision geometry of the robot.
+        pieces: Number of convex pieces.
+        outward: How far the pieces stick out of the mesh [m], sampled.
+        inward: How far the mesh sticks out of the pieces [m], sampled.
+    """
+
+    link: str
+    mesh: str
+    pieces: int
+    outward: float
+    inward: float
+
+
+def approximations(robot: Robot) -> tuple[Approximation, ...]:
+    """How far the convex pieces of each mesh of a robot are from it."""
+    found = []
+    for item in robot.collision_model.geometryObjects:
+        pieces = pieces_of(item.geometry) if is_mesh(item.geometry) else None
+        if pieces is not None:
+            found.append(
+                Approximation(
+                    robot.model.frames[item.parentFrame].name,
+                    item.name,
+                    len(pieces.corners),
+                    pieces.outward,
+                    pieces.inward,
+                )
+            )
+    return tuple(found)
 
 
 def scene_bodies(scene: Scene) -> list[Body]:
     """Shapes of the obstacles."""
     bodies = []
     for obstacle in scene:
-        placement = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))
-        bodies.append(Body(obstacle.name, 0, placement, obstacle_shape(obstacle)))
+        place = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))
+        for offset, shape in obstacle_shapes(obstacle):
+            at = place if offset is None else place * pin.SE3(np.eye(3), offset)
+            bodies.append(Body(obstacle.name, 0, at, shape))
     return bodies

@@ -7,7 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.bodies import Geometry, robot_bodies, scene_bodies
+from tominpmp.collision.bodies import (
+    Approximation,
+    Geometry,
+    approximations,
+    robot_bodies,
+    scene_bodies,
+)
 from tominpmp.collision.bounds import BroadPhase
 from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.narrow import Guard, NarrowPhase
@@ -68,8 +74,9 @@ class CollisionChecker:
             scene: The obstacles.
             self_collision: Whether to watch links against each other, and against what
                 is fixed to the base.
-            geometry: "convex" takes meshes of links as convex pieces; "mesh" takes
-                their triangles, which is slow and does not know how deep an overlap is.
+            geometry: "convex" takes meshes of links as convex pieces, "hull" each as
+                one; "mesh" takes their triangles, which is slow and does not know how
+                deep an overlap is.
 
         Raises:
             SceneError: If there are obstacles, but no geometry on moving links.
@@ -207,6 +214,11 @@ class CollisionChecker:
             joint = self._joint[bodies[pairs]]
             out += sign * self._placements.jacobian_rows(placed, joint, point, normal)
         return self.robot.reduce_tangent(out)
+
+    @property
+    def approximations(self) -> tuple[Approximation, ...]:
+        """How far the convex pieces of the links are from their meshes."""
+        return approximations(self.robot)
 
     def margins(self, margin: float) -> Array:
         """A margin from obstacles by pair, shape (pairs,) [m]; links need none."""

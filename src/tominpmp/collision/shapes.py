@@ -39,6 +39,11 @@ def obstacle_shape(obstacle: Obstacle) -> Any:
     )
 
 
+def obstacle_shapes(obstacle: Obstacle) -> list[tuple[Array | None, Any]]:
+    """Shapes that make up an obstacle, each with its place on it [m]; None for none."""
+    return [(None, obstacle_shape(obstacle))]
+
+
 def is_mesh(shape: Any) -> bool:
     """Whether a shape is a soup of triangles."""
     return isinstance(shape, coal.BVHModelBase)

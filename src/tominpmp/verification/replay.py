@@ -84,7 +84,7 @@ class Replay(Record):
         return float(self.t[-1])
 
 
-class _Plant:
+class Plant:
     """State derivative of a robot under a polynomial of torque, one row at a time."""
 
     def __init__(self, robot: Robot) -> None:
@@ -127,11 +127,34 @@ class _Plant:
 
         return free
 
-    def jacobian(self, t: float, x: Array) -> Array:
-        """Derivative of dx/dt with respect to x, shape (2n, 2n)."""
-        return np.asarray(
-            self.dynamics.forward_jacobians(x[None], self.torque(t)[None]).f_x[0]
-        )
+    def jacobian(self) -> Slope:
+        """Derivative of dx/dt with respect to x, shape (2n, 2n), likewise."""
+        robot, dynamics, torque = self.robot, self.dynamics, self.torque
+        n = robot.n
+        if robot.expansion_matrix is not None:
+
+            def linked(t: float, x: Array) -> Array:
+                found = dynamics.forward_jacobians(x[None], torque(t)[None])
+                return np.asarray(found.f_x[0])
+
+            return linked
+        model, data, damping = robot.model, robot.model.createData(), robot.damping
+        derivatives = pin.computeABADerivatives
+        lower = np.tril_indices(n, -1)
+        diagonal = np.arange(n)
+
+        def free(t: float, x: Array) -> Array:
+            v = x[n:]
+            derivatives(model, data, x[:n], v, torque(t) - damping * v)
+            out = np.zeros((2 * n, 2 * n))
+            out[diagonal, n + diagonal] = 1.0
+            out[n:, :n] = data.ddq_dq
+            inverse = np.array(data.Minv)  # the upper triangle of it
+            inverse[lower] = inverse.T[lower]
+            out[n:, n:] = data.ddq_dv - inverse * damping
+            return out
+
+        return free
 
 
 def torque_pieces(trajectory: Trajectory) -> Pieces:
@@ -233,8 +256,9 @@ class Integration:
             if pieces is None
             else pieces
         )
-        self._plant = _Plant(robot)
+        self._plant = Plant(robot)
         self._slope = self._plant.slope()
+        self._jacobian = self._plant.jacobian()
         self.integrator = integrator or self._suited()
         self.evaluations = 0
         self._stride = np.inf
@@ -315,7 +339,7 @@ class Integration:
                     self._slope,
                     x,
                     times,
-                    Dfun=self._plant.jacobian,
+                    Dfun=self._jacobian,
                     tfirst=True,
                     rtol=RTOL,
                     atol=ATOL,
@@ -336,7 +360,7 @@ class Integration:
         settings: dict[str, Any] = {"rtol": RTOL, "atol": ATOL}
         if self.integrator == "Radau":
             # Newton's method begins without a guess in the first step.
-            settings |= {"jac": self._plant.jacobian, "first_step": 0.1 * (end - begin)}
+            settings |= {"jac": self._jacobian, "first_step": 0.1 * (end - begin)}
             solver = Radau(self._slope, begin, x, end, **settings)
         else:
             settings["first_step"] = min(end - begin, self._stride)
