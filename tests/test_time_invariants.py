@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 
 METHODS = ("inverse", "collocation")
 INTERVALS = 24
-# Share of T to which two iterations agree, with room for their smoothing.
-SETTLED = 1e-3
+# Share of T to which two iterations agree, with room for their smoothing; those of
+# collocation stop farther from where they would end.
+SETTLED = {"inverse": 1e-3, "collocation": 6e-3}
 
 EFFORT = np.array([10.0, 5.0])
 FRICTION = np.array([2.0, 1.0])
@@ -66,7 +67,7 @@ def test_time_scaling(method: str, factor: float) -> None:
     )
     T = least_time(slow, START, GOAL, method)
     assert least_time(fast, START, GOAL, method) == pytest.approx(
-        T / factor, rel=SETTLED
+        T / factor, rel=SETTLED[method]
     )
 
 
@@ -78,7 +79,9 @@ def test_time_scaling_of_the_planar_arm(planar3r: tm.Robot) -> None:
     )
     start, goal = np.array([0.5, 0.3, 0.2]), np.array([1.6, -0.8, 0.9])
     T = least_time(slow, start, goal)
-    assert least_time(fast, start, goal) == pytest.approx(T / factor, rel=SETTLED)
+    assert least_time(fast, start, goal) == pytest.approx(
+        T / factor, rel=SETTLED["inverse"]
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -91,7 +94,9 @@ def test_mass_scaling(method: str) -> None:
     )
     start, goal = np.array([-1.5, 0.1]), np.array([-1.25, 0.3])
     T = least_time(light, start, goal, method)
-    assert least_time(strong, start, goal, method) == pytest.approx(T, rel=SETTLED)
+    assert least_time(strong, start, goal, method) == pytest.approx(
+        T, rel=SETTLED[method]
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -101,7 +106,9 @@ def test_length_scaling(method: str) -> None:
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
     T = least_time(arm, START, GOAL, method)
     other = make_arm(long, long, effort=4.0 * EFFORT, damping=4.0 * FRICTION)
-    assert least_time(other, START, GOAL, method) == pytest.approx(T, rel=SETTLED)
+    assert least_time(other, START, GOAL, method) == pytest.approx(
+        T, rel=SETTLED[method]
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -109,7 +116,9 @@ def test_mirror_image(method: str) -> None:
     # In the level plane about x; upright about y, where the base angle is pi - q.
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
     T = least_time(arm, START, GOAL, method)
-    assert least_time(arm, -START, -GOAL, method) == pytest.approx(T, rel=SETTLED)
+    assert least_time(arm, -START, -GOAL, method) == pytest.approx(
+        T, rel=SETTLED[method]
+    )
     upright = make_arm(
         ROD, ROD, effort=4.0 * EFFORT, gravity=DOWNWARD, damping=FRICTION
     )
@@ -117,7 +126,7 @@ def test_mirror_image(method: str) -> None:
     sign, offset = np.array([-1.0, -1.0]), np.array([np.pi, 0.0])
     T = least_time(upright, start, goal, method)
     mirrored = least_time(upright, offset + sign * start, offset + sign * goal, method)
-    assert mirrored == pytest.approx(T, rel=SETTLED)
+    assert mirrored == pytest.approx(T, rel=SETTLED[method])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -126,7 +135,7 @@ def test_turned_base(method: str) -> None:
     turn = np.array([2.0, 0.0])
     T = least_time(arm, START, GOAL, method)
     turned = least_time(arm, START + turn, GOAL + turn, method)
-    assert turned == pytest.approx(T, rel=SETTLED)
+    assert turned == pytest.approx(T, rel=SETTLED[method])
 
 
 def test_motion_backwards() -> None:
@@ -136,7 +145,7 @@ def test_motion_backwards() -> None:
     slow, quick = np.array([0.2, 0.1]), np.array([0.4, -0.3])
     T = least_time(arm, START, GOAL, v_start=slow, v_goal=quick)
     back = least_time(arm, GOAL, START, v_start=-quick, v_goal=-slow)
-    assert back == pytest.approx(T, rel=SETTLED)
+    assert back == pytest.approx(T, rel=SETTLED["inverse"])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -155,7 +164,7 @@ def test_wider_limits_never_lengthen(method: str, wider: dict[str, Array]) -> No
     narrow = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION, velocity=1.8)
     T = least_time(narrow, START, GOAL, method)
     eased = least_time(narrow.with_changes(**wider), START, GOAL, method)
-    assert eased <= T * (1.0 + SETTLED)
+    assert eased <= T * (1.0 + SETTLED[method])
 
 
 def test_less_friction_and_less_mass_never_lengthen_a_rail() -> None:
@@ -188,8 +197,8 @@ def test_obstacles_never_shorten(planar3r: tm.Robot) -> None:
         least_time(planar3r, start, goal, scene=tm.Scene(obstacles))
         for obstacles in ([], [near], [near, nearer])
     ]
-    assert times[0] <= times[1] * (1.0 + SETTLED)
-    assert times[1] <= times[2] * (1.0 + SETTLED)
+    assert times[0] <= times[1] * (1.0 + SETTLED["inverse"])
+    assert times[1] <= times[2] * (1.0 + SETTLED["inverse"])
     # The last one is in the way.
     assert times[2] > 1.01 * times[0]
 
@@ -207,5 +216,5 @@ def test_idle_joint_does_not_matter() -> None:
     )
     T = least_time(two, START, GOAL)
     assert least_time(three, [*START, 0.2], [*GOAL, 0.2]) == pytest.approx(
-        T, rel=SETTLED
+        T, rel=SETTLED["inverse"]
     )

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
         RegionGoal,
     )
     from tominpmp.motion_limits import EffortCurve, MotionLimits
-    from tominpmp.options import Options
+    from tominpmp.options import Options, Tolerances
     from tominpmp.output.export import load_motion
     from tominpmp.planner import plan
     from tominpmp.problem import Problem
@@ -49,9 +49,27 @@ if TYPE_CHECKING:
     from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
     from tominpmp.scenario.moveit import load_moveit, load_moveit_scene
     from tominpmp.scenario.scenario import Scenario, load_scenario, save_scenario
-    from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+    from tominpmp.scene import (
+        Box,
+        Capsule,
+        Cylinder,
+        HeightField,
+        Mesh,
+        Obstacle,
+        OcTree,
+        Scene,
+        Sphere,
+    )
     from tominpmp.solution import IterationRecord, Solution, Status
     from tominpmp.trajectory import Samples, State, Trajectory
+    from tominpmp.verification import (
+        ClearanceProof,
+        LowerBound,
+        Verification,
+        lower_bound,
+        prove_clearance,
+        verify,
+    )
 
 # Where the public names are: a module is imported when one of its names is first used,
 # so that the command line shows its help without loading the robotics libraries.
@@ -85,7 +103,10 @@ _HOMES = {
         "EffortCurve",
         "MotionLimits",
     ),
-    "options": ("Options",),
+    "options": (
+        "Options",
+        "Tolerances",
+    ),
     "output.export": ("load_motion",),
     "planner": ("plan",),
     "problem": ("Problem",),
@@ -111,6 +132,9 @@ _HOMES = {
         "Box",
         "Capsule",
         "Cylinder",
+        "HeightField",
+        "Mesh",
+        "OcTree",
         "Obstacle",
         "Scene",
         "Sphere",
@@ -125,6 +149,14 @@ _HOMES = {
         "State",
         "Trajectory",
     ),
+    "verification": (
+        "ClearanceProof",
+        "LowerBound",
+        "Verification",
+        "lower_bound",
+        "prove_clearance",
+        "verify",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -134,19 +166,24 @@ __all__ = [
     "AxisGoal",
     "Box",
     "Capsule",
+    "ClearanceProof",
     "Cylinder",
     "EffortCurve",
     "FrameNotFound",
     "Goal",
+    "HeightField",
     "IterationRecord",
     "JointGoal",
     "JointLimits",
     "JointNotFound",
     "JointRegionGoal",
+    "LowerBound",
+    "Mesh",
     "MissingDependency",
     "MotionLimits",
     "MoveItLimits",
     "Obstacle",
+    "OcTree",
     "Options",
     "OptionsError",
     "PlanningFailed",
@@ -167,17 +204,22 @@ __all__ = [
     "Sphere",
     "State",
     "Status",
+    "Tolerances",
     "TominpmpError",
     "TominpmpWarning",
     "Trajectory",
+    "Verification",
     "load_joint_limits",
     "load_motion",
     "load_moveit",
     "load_moveit_scene",
     "load_robot",
     "load_scenario",
+    "lower_bound",
     "plan",
+    "prove_clearance",
     "save_scenario",
+    "verify",
 ]
 
 # A library leaves it to the application whether its log is shown.

@@ -81,6 +81,8 @@ class RobotKinematics:
             self.robot.frame_id(frame),
             reference,
         )
+        # Pinocchio drops the second dimension of arms with a single joint.
+        jacobian = np.reshape(jacobian, (6, -1))
         return self.robot.reduce_tangent(jacobian)
 
     def motion(self, q: Array, v: Array, frame: str) -> FrameMotion:

@@ -17,6 +17,7 @@ from tominpmp.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tominpmp.verification.clearance import ClearanceProof
     from tominpmp.verification.lower_bound import LowerBound
     from tominpmp.verification.verdict import Verification
 
@@ -125,6 +126,25 @@ class Solution:
     def iterations(self) -> int:
         """Number of iterations."""
         return len(self.history)
+
+    def prove_clearance(self) -> ClearanceProof:
+        """Prove that the motion keeps its clearance at all times, not at samples only.
+
+        Returns:
+            The proof, or where it fails, with the tightest place.
+
+        Raises:
+            ProblemError: If there is no motion.
+        """
+        from tominpmp.verification.clearance import prove_clearance
+
+        found = self.verification
+        return prove_clearance(
+            self.problem.checker,
+            self._motion(),
+            self.problem.margin,
+            deviation=None if found is None else found.deviation,
+        )
 
     def raise_if_failed(self) -> Solution:
         """Return itself, or raise if planning failed.

@@ -70,6 +70,15 @@ def report_data(solution: Solution, files: Mapping[str, str]) -> dict[str, Any]:
         data["limited_share"] = either
         data["q_start"] = _list(trajectory.q[0])
         data["q_end"] = _list(trajectory.q[-1])
+    found, bound = solution.verification, solution.lower_bound
+    if found is not None:
+        data["verified"] = found.ok
+        data["goal_error"] = float(found.goal_error)
+        clearance = float(found.min_clearance)
+        data["min_clearance"] = clearance if math.isfinite(clearance) else None
+    if bound is not None:
+        data["lower_bound"] = float(bound.T)
+        data["lower_bound_reason"] = bound.reason
     data["files"] = dict(files)
     return data
 
@@ -99,6 +108,14 @@ def report_text(data: Mapping[str, Any]) -> str:
                 f"{_percent(data['limited_share'])} a torque or a speed",
             )
         )
+    if "verified" in data:
+        replay = f"ends {data['goal_error']:.1e} from the goal"
+        if data["min_clearance"] is not None:
+            replay += f", clearance {data['min_clearance']:.4f} m"
+        lines.append(("replay", replay))
+    if data.get("lower_bound"):
+        bound = f"{data['lower_bound']:.4f} s ({data['lower_bound_reason']})"
+        lines.append(("lower bound", bound))
     if data["violations"]:
         worst = ", ".join(
             f"{kind} {value:.1e}" if value else f"{kind} 0"

@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shapes
+from tominpmp.arrays import Array
+from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shape
 from tominpmp.collision.store import pieces_of
 from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree, Scene
 
 # What meshes are taken as: convex pieces, one hull each, or triangles.
 Geometry = Literal["convex", "hull", "mesh"]
+# The same by what an obstacle asks for.
+MESHES: dict[str, Geometry] = {"auto": "convex", "hull": "hull", "none": "mesh"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +108,28 @@ def scene_bodies(scene: Scene) -> list[Body]:
     bodies = []
     for obstacle in scene:
         place = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))
-        for offset, shape in obstacle_shapes(obstacle):
-            at = place if offset is None else place * pin.SE3(np.eye(3), offset)
+        for offset, shape in _obstacle_parts(obstacle):
+            at = place * pin.SE3(np.eye(3), offset)
             bodies.append(Body(obstacle.name, 0, at, shape))
     return bodies
+
+
+def _obstacle_parts(obstacle: Obstacle) -> list[tuple[Array, Any]]:
+    """Shapes that make up an obstacle, each with its position on it [m].
+
+    Coal measures no distance to its own height fields, and no depth in its octrees:
+    their convex cells have both.
+    """
+    origin = np.zeros(3)
+    if isinstance(obstacle, HeightField):
+        return [(origin, hull_of(corners)) for corners in obstacle.cells]
+    if isinstance(obstacle, OcTree):
+        return [
+            (centre, coal.Box(*size))
+            for centre, size in zip(*obstacle.boxes, strict=True)
+        ]
+    shape = obstacle_shape(obstacle)
+    if isinstance(obstacle, Mesh):
+        taken_as = MESHES[obstacle.convex]
+        return [(origin, piece) for piece in _pieces(shape, taken_as)]
+    return [(origin, shape)]

@@ -8,9 +8,9 @@ from typing import Any
 import coal
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.exceptions import SceneError
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # Flat meshes get this thickness [m]; Coal crashes on hulls without volume.
 THINNEST = 1e-4
@@ -32,6 +32,8 @@ def obstacle_shape(obstacle: Obstacle) -> Any:
         return coal.Cylinder(obstacle.radius, obstacle.length)
     if isinstance(obstacle, Capsule):
         return coal.Capsule(obstacle.radius, obstacle.length)
+    if isinstance(obstacle, Mesh):
+        return triangle_mesh(obstacle.points, obstacle.triangles)
     raise SceneError(
         f"obstacle {obstacle.name!r}: there is no collision shape for a "
         f"{type(obstacle).__name__}",
@@ -39,9 +41,14 @@ def obstacle_shape(obstacle: Obstacle) -> Any:
     )
 
 
-def obstacle_shapes(obstacle: Obstacle) -> list[tuple[Array | None, Any]]:
-    """Shapes that make up an obstacle, each with its place on it [m]; None for none."""
-    return [(None, obstacle_shape(obstacle))]
+def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
+    """Mesh for Coal, from vertices, shape (k, 3), and corners, shape (l, 3)."""
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(triangles), len(vertices))
+    mesh.addVertices(np.ascontiguousarray(vertices))
+    mesh.addTriangles(np.ascontiguousarray(triangles))
+    mesh.endModel()
+    return mesh
 
 
 def is_mesh(shape: Any) -> bool:

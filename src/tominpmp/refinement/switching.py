@@ -50,6 +50,38 @@ SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
 BROKEN = 1e3
+# Iterations of sequential quadratic programming for one motion at most.
+SHOTS = 600
+
+
+class Budget:
+    """How much may still be spent.
+
+    Args:
+        shots: Motions that may be integrated.
+        stop: Tells whether to stop at once.
+    """
+
+    def __init__(
+        self, shots: int = SHOTS, stop: Callable[[], bool] = lambda: False
+    ) -> None:
+        self.shots = shots
+        self._stop = stop
+
+    @property
+    def spent(self) -> bool:
+        """Whether there is nothing left."""
+        return self.shots <= 0 or self._stop()
+
+    def pay(self, record: object = None) -> None:
+        """Pay for an iteration.
+
+        Raises:
+            StopIteration: If there is nothing left.
+        """
+        self.shots -= 1
+        if self.spent:
+            raise StopIteration
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +132,7 @@ def steps_of(arcs: Arcs, total: int) -> IntArray:
 
 
 def solve_lengths(
-    system: System, arcs: Arcs, states: States, total: int = STEPS
+    system: System, arcs: Arcs, states: States, budget: Budget, total: int = STEPS
 ) -> Settled | None:
     """Find optimal lengths and free torques for arcs of given kinds.
 
@@ -108,6 +140,7 @@ def solve_lengths(
         system: The functions of the problem.
         arcs: The arcs, with rough lengths.
         states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
+        budget: How much may be spent.
         total: Integration steps over the whole motion.
 
     Returns:
@@ -120,10 +153,10 @@ def solve_lengths(
     shot = program.shoot(y)
     excess = np.inf
     for _ in range(LOOKS):
-        if shot is None:
+        if shot is None or budget.spent:
             return None
         program.watch(program.look(shot.flow))
-        y = _minimize(program, y)
+        y = _minimize(program, y, budget)
         shot = program.shoot(y)
         excess = np.inf if shot is None else program.excess(shot.flow, 0.1 * SLACK)
         if excess <= SLACK:
@@ -137,7 +170,7 @@ def solve_lengths(
     return Settled(program, y, shot, miss, excess)
 
 
-def _minimize(program: ArcProgram, y: Array) -> Array:
+def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
     """Least duration from some unknowns on, with the limits that are watched."""
     count, size = program.arcs.count, program.size
     cost = np.concatenate([np.ones(count), np.zeros(size - count)])
@@ -162,31 +195,47 @@ def _minimize(program: ArcProgram, y: Array) -> Array:
         )
     low = np.concatenate([np.zeros(count), -np.ones(size - count)])
     high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
-    found = minimize(
-        lambda z: float(cost @ z),
-        y,
-        jac=lambda z: cost,
-        method="SLSQP",
-        bounds=list(zip(low, high, strict=True)),
-        constraints=constraints,
-        options={"maxiter": ITERATIONS, "ftol": 1e-12},
-    )
+    last = y
+
+    def follow(z: Array) -> None:
+        nonlocal last
+        last = z.copy()
+        budget.pay()
+
+    try:
+        found = minimize(
+            lambda z: float(cost @ z),
+            y,
+            jac=lambda z: cost,
+            method="SLSQP",
+            bounds=list(zip(low, high, strict=True)),
+            constraints=constraints,
+            callback=follow,
+            options={"maxiter": ITERATIONS, "ftol": 1e-12},
+        )
+    except StopIteration:
+        return np.clip(last, low, high)
     logger.debug("%s after %d iterations", found.message, found.nit)
     return np.clip(np.asarray(found.x), low, high)
 
 
-def polish(system: System, settled: Settled, total: int) -> Settled | None:
+def polish(
+    system: System, settled: Settled, budget: Budget, total: int
+) -> Settled | None:
     """Solve again without the arcs that have vanished."""
     arcs = settled.arcs.cleaned().settled()
-    return solve_lengths(system, arcs, settled.states, total)
+    return solve_lengths(system, arcs, settled.states, budget, total)
 
 
-def improve(system: System, settled: Settled, total: int = STEPS) -> Settled:
+def improve(
+    system: System, settled: Settled, budget: Budget, total: int = STEPS
+) -> Settled:
     """Change the structure until nothing is left to gain.
 
     Args:
         system: The functions of the problem.
         settled: Arcs of optimal lengths that keep goal and limits.
+        budget: How much may be spent.
         total: Integration steps over the whole motion.
 
     Returns:
@@ -199,7 +248,7 @@ def improve(system: System, settled: Settled, total: int = STEPS) -> Settled:
             break
         best = sorted(changes, key=lambda change: -change.gain)[:SINGLES]
         for some in [changes] if len(changes) == 1 else [changes, *([c] for c in best)]:
-            better = _changed(system, settled, some, total)
+            better = _changed(system, settled, some, budget, total)
             if better is not None and better.duration < T * (1.0 - PROGRESS):
                 settled = better
                 break
@@ -209,44 +258,62 @@ def improve(system: System, settled: Settled, total: int = STEPS) -> Settled:
 
 
 def _changed(
-    system: System, settled: Settled, changes: Sequence[Change], total: int
+    system: System,
+    settled: Settled,
+    changes: Sequence[Change],
+    budget: Budget,
+    total: int,
 ) -> Settled | None:
     """Arcs with changes of the structure, solved again; None if that fails."""
     arcs = settled.arcs
     for change in sorted(changes, key=lambda change: -change.arc):
         arcs = change.apply(arcs)
-    found = solve_lengths(system, arcs, settled.states, total)
+    found = solve_lengths(system, arcs, settled.states, budget, total)
     if found is not None:
-        found = polish(system, found, total)
+        found = polish(system, found, budget, total)
     return found if found is not None and found.feasible else None
 
 
-def refine_arcs(system: System, arcs: Arcs, states: States) -> Settled | None:
+def refine_arcs(
+    system: System, arcs: Arcs, states: States, budget: Budget
+) -> Settled | None:
     """Find the arcs of a locally time-optimal motion, and their lengths.
 
     Args:
         system: The functions of the problem.
         arcs: Rough arcs.
         states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
+        budget: How much may be spent.
 
     Returns:
         What was found; None if no motion was that keeps goal and limits.
     """
-    settled = solve_lengths(system, arcs, states)
+    settled = solve_lengths(system, arcs, states, budget)
     if settled is None or not settled.feasible:
-        settled = solve_lengths(system, arcs.loosened(), states)
-    if settled is None:
-        return None
-    settled = polish(system, settled, STEPS)
+        settled = solve_lengths(system, arcs.loosened(), states, budget)
     if settled is None or not settled.feasible:
         return None
-    settled = improve(system, settled)
+    polished = polish(system, settled, budget, STEPS)
+    if polished is not None and polished.feasible:
+        settled = polished
+    return sharpen(system, improve(system, settled, budget), budget)
+
+
+def sharpen(system: System, settled: Settled, budget: Budget) -> Settled:
+    """Halve the integration steps until the duration does not notice.
+
+    Args:
+        system: The functions of the problem.
+        settled: Arcs of optimal lengths.
+        budget: How much may be spent; this takes little, and its end is paid for.
+    """
     total = STEPS
+    reserve = Budget(max(budget.shots, ITERATIONS))
     while total < MOST_STEPS:
         total *= 2
-        finer = polish(system, settled, total)
+        finer = polish(system, settled, reserve, total)
         if finer is None or not finer.feasible:
-            return settled
+            break
         change = abs(finer.duration / settled.duration - 1.0)
         settled = finer
         if change < ACCURACY:

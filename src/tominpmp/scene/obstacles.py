@@ -1,4 +1,4 @@
-"""Obstacles: plain data, no geometry library.
+"""Obstacles of simple shape.
 
 Poses are given in the world frame [m]; rotations as a 3x3 matrix or a quaternion in the
 order x, y, z, w. Cylinders and capsules stand along their z axis.
@@ -6,7 +6,6 @@ order x, y, z, w. Cylinders and capsules stand along their z axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -202,55 +201,3 @@ class Capsule(Obstacle):
         """Check the sizes."""
         super().__post_init__()
         self._set_lengths("radius", "length")
-
-
-@dataclass(frozen=True, eq=False)
-class Scene(Record):
-    """The obstacles of a workspace.
-
-    Attributes:
-        obstacles: The obstacles, each with a name of its own; kept as a tuple.
-    """
-
-    obstacles: Sequence[Obstacle] = ()
-
-    def __post_init__(self) -> None:
-        """Check the obstacles and their names."""
-        try:
-            found = tuple(self.obstacles)
-        except TypeError as error:
-            raise SceneError(
-                f"a scene is made from a list of obstacles, not from a "
-                f"{type(self.obstacles).__name__}"
-            ) from error
-        names = set()
-        for item in found:
-            if not isinstance(item, Obstacle):
-                raise SceneError(
-                    f"a scene holds obstacles (Sphere, Box, Cylinder, Capsule), not "
-                    f"{type(item).__name__}"
-                )
-            if item.name in names:
-                raise SceneError(f"two obstacles are named {item.name!r}", item.name)
-            names.add(item.name)
-        object.__setattr__(self, "obstacles", found)
-
-    def __iter__(self) -> Iterator[Obstacle]:
-        """Iterate over the obstacles."""
-        return iter(self.obstacles)
-
-    def __len__(self) -> int:
-        """Return how many obstacles there are."""
-        return len(self.obstacles)
-
-    def __getitem__(self, name: str) -> Obstacle:
-        """Return an obstacle by its name.
-
-        Raises:
-            SceneError: If there is none of that name.
-        """
-        for item in self.obstacles:
-            if item.name == name:
-                return item
-        known = ", ".join(item.name for item in self.obstacles) or "none"
-        raise SceneError(f"there is no obstacle {name!r}; there are: {known}", name)

@@ -1,0 +1,128 @@
+"""refine="switching": from a motion on a grid to arcs of exact length."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from tominpmp.options import Options
+from tominpmp.refinement.arc_transcription import ArcTranscription
+from tominpmp.refinement.reading import arcs_of, states_of
+from tominpmp.refinement.switching import Budget, Settled, refine_arcs
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.lp import LpSolver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.system import System
+
+logger = logging.getLogger(__name__)
+
+# More unknowns than this are left to the grid: the quadratic programs are dense.
+MOST_UNKNOWNS = 160
+# Grids of torques from which arcs are read where those of the plan lead nowhere, and
+# iterations on them.
+GRIDS = (60, 90)
+GRID_ITERATIONS = 30
+# A motion this much longer than the plan is none, relatively.
+LONGER = 1e-6
+
+
+class Monitor(Protocol):
+    """What tells when to stop; see :class:`~tominpmp.attempts.Watch`."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the planning time is used up."""
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+
+
+def refine_switching(
+    system: System,
+    options: Options,
+    transcription: Transcription,
+    result: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> tuple[Transcription, SlpResult]:
+    """Place the switches of a motion exactly.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        transcription: The program of the motion.
+        result: Its solution.
+        lp: Solver of linear programs.
+        watch: Time limit and callback.
+
+    Returns:
+        Program and solution of the refined motion; what was given where no better
+        motion was found.
+    """
+    iterate = result.iterate if result.best is None else result.best
+    limit = iterate.duration * (1.0 + LONGER) if result.best is not None else np.inf
+    best: Settled | None = None
+    for trajectory in _motions(system, options, transcription, result, lp, watch):
+        found = _refined(system, trajectory, watch)
+        if found is None or found.duration > limit:
+            continue
+        if best is None or found.duration < best.duration:
+            best = found
+        break
+    if best is None:
+        return transcription, result
+    arcs = ArcTranscription(best.program, best.shot)
+    values = arcs.evaluate(best.y)
+    merit = replace(
+        iterate.merit, cost=arcs.cost, rows=arcs.rows, weights=np.ones(len(arcs.rows.kinds))
+    )
+    refined = Iterate(
+        best.y, values, merit, iterate.region, np.zeros(arcs.rows.size)
+    )
+    return arcs, SlpResult(Status.CONVERGED, refined, refined, result.history)
+
+
+def _refined(
+    system: System, trajectory: Trajectory, watch: Monitor
+) -> Settled | None:
+    arcs = arcs_of(system, trajectory)
+    if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS:
+        return None
+    budget = Budget(stop=lambda: watch.over)
+    return refine_arcs(system, arcs, states_of(trajectory), budget)
+
+
+def _motions(
+    system: System,
+    options: Options,
+    transcription: Transcription,
+    result: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> Iterator[Trajectory]:
+    """Motions to read arcs from: the plan, then torques on finer grids."""
+    iterate = result.iterate if result.best is None else result.best
+    plan = transcription.trajectory(iterate.z)
+    yield plan
+    few = replace(
+        options, max_iterations=min(options.max_iterations, GRID_ITERATIONS)
+    )
+    for intervals in GRIDS:
+        if watch.over:
+            return
+        shares = interval_shares("uniform", intervals)
+        grid = CollocationTranscription(system, shares, plan.duration)
+        times = np.concatenate([[0.0], np.cumsum(shares)]) * plan.duration
+        start = grid.start(plan(times).q, np.array([plan.duration]))
+        found = SlpSolver(grid, few, 1e-4 * plan.duration, lp, watch).run(start)
+        last = found.iterate if found.best is None else found.best
+        yield grid.trajectory(last.z)

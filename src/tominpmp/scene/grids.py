@@ -1,0 +1,177 @@
+"""Obstacles on grids: terrain, and space that sensors have found occupied."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, frozen_array, real_array
+from tominpmp.exceptions import SceneError
+from tominpmp.scene.obstacles import Obstacle
+
+# More cells than these would take minutes.
+MAX_CELLS = 2_500
+MAX_POINTS = 5_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeightField(Obstacle):
+    """Ground of given height over a grid, down to a base; centred in x and y.
+
+    Every cell of the grid is the convex hull of its four corners and of the base below,
+    so that the surface between them is never higher than what is kept clear of.
+
+    Attributes:
+        heights: Heights over the position at the grid points [m], shape (ny, nx), rows
+            along y and columns along x, both ascending.
+        size: Extent along x and y [m], shape (2,).
+        base: Height of the underside [m]; None for a hundredth of the larger extent
+            below the lowest point.
+    """
+
+    heights: Array
+    size: Array
+    base: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check grid and extent."""
+        super().__post_init__()
+        heights, size = self._numbers("heights"), self._numbers("size")
+        if heights.ndim != 2 or min(heights.shape) < 2:
+            raise SceneError(
+                f"obstacle {self.name!r}: heights has shape {heights.shape}, expected "
+                "(ny, nx) with two rows and columns at least",
+                self.name,
+            )
+        if (heights.shape[0] - 1) * (heights.shape[1] - 1) > MAX_CELLS:
+            raise SceneError(
+                f"obstacle {self.name!r}: heights has more than {MAX_CELLS} cells",
+                self.name,
+            )
+        if size.shape != (2,) or not np.all(size > 0.0):
+            raise SceneError(
+                f"obstacle {self.name!r}: size is {self.size!r}, expected two positive "
+                "extents, along x and y [m]",
+                self.name,
+            )
+        base = self.base
+        lowest = float(heights.min())
+        if base is None:
+            base = lowest - 0.01 * float(size.max())
+        if not np.isfinite(base) or not base < lowest:
+            raise SceneError(
+                f"obstacle {self.name!r}: base is {base!r}, expected a height below "
+                f"all others, of which the lowest is {lowest:g} m",
+                self.name,
+            )
+        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "size", size)
+        object.__setattr__(self, "base", float(base))
+
+    def _numbers(self, key: str) -> Array:
+        try:
+            array = real_array(getattr(self, key))
+        except ValueError:
+            array = frozen_array(np.nan)
+        if not np.all(np.isfinite(array)):
+            raise SceneError(
+                f"obstacle {self.name!r}: {key} holds what is no finite number",
+                self.name,
+            )
+        return array
+
+    @property
+    def grid(self) -> tuple[Array, Array]:
+        """Coordinates of the grid along x, shape (nx,), and y, shape (ny,) [m]."""
+        ny, nx = self.heights.shape
+        half = 0.5 * self.size
+        return np.linspace(-half[0], half[0], nx), np.linspace(-half[1], half[1], ny)
+
+    @property
+    def cells(self) -> Array:
+        """Corners of the cells, four at the top and four at the base, (c, 8, 3) [m]."""
+        x, y = self.grid
+        X, Y = np.meshgrid(x, y)
+        top = np.stack([X, Y, self.heights], axis=2)
+        parts = [top[:-1, :-1], top[:-1, 1:], top[1:, 1:], top[1:, :-1]]
+        corners = np.stack(parts, axis=2).reshape(-1, 4, 3)
+        below = corners.copy()
+        below[:, :, 2] = self.base
+        return np.concatenate([corners, below], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OcTree(Obstacle):
+    """Space that is occupied where there are points, in cubes of a given size.
+
+    Neighbouring cubes are joined to boxes, so that few remain.
+
+    Attributes:
+        points: Points in the axes of the obstacle [m], shape (k, 3).
+        resolution: Edge of the cubes [m].
+    """
+
+    points: Array
+    resolution: float
+
+    def __post_init__(self) -> None:
+        """Check points and resolution."""
+        super().__post_init__()
+        self._set_lengths("resolution")
+        try:
+            points = real_array(self.points)
+        except ValueError:
+            points = frozen_array(np.nan)
+        if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
+            raise SceneError(
+                f"obstacle {self.name!r}: points has shape {points.shape}, expected "
+                "(k, 3) with one point at least",
+                self.name,
+            )
+        if not np.all(np.isfinite(points)) or len(points) > MAX_POINTS:
+            raise SceneError(
+                f"obstacle {self.name!r}: points are to be finite, and {MAX_POINTS} at "
+                "most",
+                self.name,
+            )
+        cells = np.prod(np.ptp(points, axis=0) / self.resolution + 2.0)
+        if cells > 50.0 * MAX_POINTS:
+            raise SceneError(
+                f"obstacle {self.name!r}: a resolution of {self.resolution:g} m is too "
+                "fine for the extent of the points",
+                self.name,
+            )
+        object.__setattr__(self, "points", points)
+
+    @property
+    def boxes(self) -> tuple[Array, Array]:
+        """Boxes that are occupied: centres and edge lengths, shapes (b, 3) [m]."""
+        cells = np.floor(self.points / self.resolution).astype(np.int64)
+        origin = cells.min(axis=0)
+        taken = np.zeros(cells.max(axis=0) - origin + 1, dtype=bool)
+        taken[tuple((cells - origin).T)] = True
+        low, high = _joined(taken)
+        low, high = (low + origin) * self.resolution, (high + origin) * self.resolution
+        return 0.5 * (low + high), high - low
+
+
+def _joined(taken: BoolArray) -> tuple[Array, Array]:
+    """Boxes of cells that cover those that are taken: first cells, and ends."""
+    left = taken.copy()
+    low, high = [], []
+    for cell in np.argwhere(taken):
+        if not left[tuple(cell)]:
+            continue
+        end = cell + 1
+        for axis in range(3):
+            while end[axis] < left.shape[axis]:
+                grown = [slice(a, b) for a, b in zip(cell, end, strict=True)]
+                grown[axis] = slice(end[axis], end[axis] + 1)
+                if not np.all(left[tuple(grown)]):
+                    break
+                end[axis] += 1
+        left[tuple(slice(a, b) for a, b in zip(cell, end, strict=True))] = False
+        low.append(cell)
+        high.append(end)
+    return np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)

@@ -1,0 +1,133 @@
+"""Obstacles made of triangles."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NoReturn
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray, frozen_array, real_array
+from tominpmp.exceptions import SceneError
+from tominpmp.scene.mesh_files import MeshFileError, read_mesh
+from tominpmp.scene.obstacles import Obstacle
+
+# Coordinates beyond this are a mistake [m].
+FARTHEST = 1e6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mesh(Obstacle):
+    """Triangles, from a file or from arrays.
+
+    For distances it is taken as convex pieces that cover it, see ``convex``.
+
+    Attributes:
+        path: File to read (STL or OBJ, or another that the package trimesh knows); None
+            where vertices and triangles are given.
+        vertices: Vertices without the scale [m], shape (k, 3).
+        triangles: Indices of the corners of each triangle, shape (l, 3).
+        scale: What coordinates are multiplied with, along x, y and z, shape (3,).
+        convex: "auto" for convex pieces, "hull" for the convex hull, "none" for the
+            triangles themselves: nothing is added then, but queries are slow, the depth
+            of an overlap is not known, and what is inside touches nothing.
+
+    Raises:
+        SceneError: If the file cannot be read or is no mesh: the message says which
+            file, and what is wrong with it.
+    """
+
+    path: Path | None = None
+    vertices: Array = None  # type: ignore[assignment]
+    triangles: IntArray = None  # type: ignore[assignment]
+    scale: Array = 1.0  # type: ignore[assignment]
+    convex: Literal["auto", "hull", "none"] = "auto"
+
+    def __post_init__(self) -> None:
+        """Read the file, check what was read."""
+        super().__post_init__()
+        if self.convex not in ("auto", "hull", "none"):
+            self._fail(f"convex is {self.convex!r}, expected 'auto', 'hull' or 'none'")
+        object.__setattr__(self, "scale", self._checked_scale())
+        given = self.vertices is not None, self.triangles is not None
+        if given[0] != given[1] or (self.path is None and not given[0]):
+            self._fail("it needs a path, or vertices and triangles")
+        if self.path is not None:
+            self._set_path()
+        if not given[0]:
+            self._read()
+        self._check_triangles()
+
+    def _fail(self, message: str) -> NoReturn:
+        raise SceneError(f"obstacle {self.name!r}: {message}", self.name)
+
+    def _checked_scale(self) -> Array:
+        try:
+            scale = real_array(self.scale)
+        except ValueError:
+            scale = np.empty(0)
+        if scale.shape == ():
+            scale = np.full(3, float(scale))
+        if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
+            self._fail(
+                f"scale is {self.scale!r}, expected one number or three, none zero"
+            )
+        return frozen_array(scale)
+
+    def _set_path(self) -> None:
+        if not isinstance(self.path, (str, os.PathLike)):
+            self._fail(f"path is {self.path!r}, expected the path of a file")
+        path = Path(str(self.path)).expanduser()
+        object.__setattr__(self, "path", path)
+
+    def _read(self) -> None:
+        assert self.path is not None  # noqa: S101
+        path = self.path.absolute()
+        if not path.is_file():
+            why = "has no such file" if path.parent.is_dir() else "does not exist"
+            self._fail(
+                f"the mesh {str(self.path)!r} is not there: the folder {path.parent} "
+                f"{why}"
+            )
+        try:
+            vertices, triangles = read_mesh(path)
+        except MeshFileError as error:
+            self._fail(f"the mesh {path} cannot be read: {error}")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+
+    def _check_triangles(self) -> None:
+        what = "the mesh" if self.path is None else f"the mesh {self.path}"
+        try:
+            vertices = real_array(self.vertices)
+            corners = np.array(self.triangles)
+        except ValueError as error:
+            self._fail(f"{what} is not made of numbers: {error}")
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            self._fail(f"{what} has vertices of shape {vertices.shape}, not (k, 3)")
+        if not np.all(np.abs(vertices) < FARTHEST):
+            self._fail(
+                f"{what} has vertices that are not finite, or {FARTHEST:g} m off"
+            )
+        if corners.dtype.kind not in "iu" or corners.ndim != 2 or corners.shape[1] != 3:
+            self._fail(
+                f"{what} has triangles that are not of shape (l, 3), of integers"
+            )
+        if not len(corners):
+            self._fail(f"{what} has no triangles")
+        if corners.min() < 0 or corners.max() >= len(vertices):
+            self._fail(
+                f"{what} has triangles with corners that are not among its "
+                f"{len(vertices)} vertices"
+            )
+        triangles = corners.astype(np.int64)
+        triangles.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+
+    @property
+    def points(self) -> Array:
+        """Vertices in the axes of the obstacle, scaled [m], shape (k, 3)."""
+        return np.asarray(self.vertices * self.scale)

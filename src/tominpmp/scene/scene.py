@@ -1,0 +1,63 @@
+"""Scenes: obstacles by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from tominpmp.arrays import Record
+from tominpmp.exceptions import SceneError
+from tominpmp.scene.obstacles import Obstacle
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(Record):
+    """The obstacles of a workspace.
+
+    Attributes:
+        obstacles: The obstacles, each with a name of its own; kept as a tuple.
+    """
+
+    obstacles: Sequence[Obstacle] = ()
+
+    def __post_init__(self) -> None:
+        """Check the obstacles and their names."""
+        try:
+            found = tuple(self.obstacles)
+        except TypeError as error:
+            raise SceneError(
+                f"a scene is made from a list of obstacles, not from a "
+                f"{type(self.obstacles).__name__}"
+            ) from error
+        names = set()
+        for item in found:
+            if not isinstance(item, Obstacle):
+                raise SceneError(
+                    "a scene holds obstacles (Sphere, Box, Cylinder, Capsule, Mesh, "
+                    "HeightField, OcTree), not "
+                    f"{type(item).__name__}"
+                )
+            if item.name in names:
+                raise SceneError(f"two obstacles are named {item.name!r}", item.name)
+            names.add(item.name)
+        object.__setattr__(self, "obstacles", found)
+
+    def __iter__(self) -> Iterator[Obstacle]:
+        """Iterate over the obstacles."""
+        return iter(self.obstacles)
+
+    def __len__(self) -> int:
+        """Return how many obstacles there are."""
+        return len(self.obstacles)
+
+    def __getitem__(self, name: str) -> Obstacle:
+        """Return an obstacle by its name.
+
+        Raises:
+            SceneError: If there is none of that name.
+        """
+        for item in self.obstacles:
+            if item.name == name:
+                return item
+        known = ", ".join(item.name for item in self.obstacles) or "none"
+        raise SceneError(f"there is no obstacle {name!r}; there are: {known}", name)
