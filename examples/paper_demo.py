@@ -63,7 +63,7 @@ def options(method: str, intervals: int) -> tm.Options:
         starts=1,
         initial_duration=FIRST_DURATIONS[method],
         max_iterations=1000,
-        max_planning_time=15.0,
+        max_planning_time=20.0,
         # The penalty method ends outside the admissible set; this is near enough.
         feasibility=1e-3 if method == "penalty" else 1e-6,
     )

@@ -292,4 +292,4 @@ def _message(
         return f"{sentence}, {100 * (T / bound.T - 1):.1f} % above what none can beat."
     if best.feasible and best.verification is not None:
         return f"{status.value} {best.verification.message}"
-    return explain(problem, attempts, status, checker=problem.checker)
+    return explain(problem, attempts, status)

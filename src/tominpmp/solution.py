@@ -142,7 +142,8 @@ class Solution:
         return prove_clearance(
             self.problem.checker,
             self._motion(),
-            self.problem.margin,
+            self.problem.margins,
+            slack=0.0,
             deviation=None if found is None else found.deviation,
         )
 

@@ -167,7 +167,7 @@ def test_depth_in_a_mesh_is_that_in_its_hull(
         expected = ConvexHull(differences).equations[:, 3].max()
         pose = place * pin.SE3(R, centre)
         box = Box("o", size=size, position=pose.translation, rotation=pose.rotation)
-        checker = CollisionChecker(arm, Scene([box]))
+        checker = CollisionChecker(arm, Scene([box]), geometry="hull")
         index = list(checker.pairs).index((geometry.removesuffix("_0"), "o"))
         found = checker.distances(q[None])[0, index]
         assert found == pytest.approx(expected, abs=1e-6)
@@ -190,7 +190,7 @@ def test_hulls_against_exact_meshes(
                 Box("crate", size=(0.3, 0.2, 0.25), position=rng.normal(size=3) * 0.5),
             ]
         )
-        checker = CollisionChecker(arm, scene)
+        checker = CollisionChecker(arm, scene, geometry="hull")
         found = iter(checker.distances(q[None])[0])
         items = [g for g in arm.collision_model.geometryObjects if g.parentJoint]
         for obstacle in scene:
@@ -268,7 +268,7 @@ def test_mesh_that_is_flat(
 def test_hulls_are_built_once() -> None:
     arm = load_robot("ur5")
     scene = Scene([Sphere("o", radius=0.1, position=(1, 1, 1))])
-    CollisionChecker(arm, scene)
+    CollisionChecker(arm, scene, geometry="hull")
     mesh = fixed_link(arm, "forearm_link_0").geometry
     before = mesh.convex.points().tobytes()
     first = shapes.convex_hull(mesh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import logging
 import os
 import tempfile
@@ -92,7 +93,7 @@ def _read(path: Path) -> Pieces | None:
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
             return None
-        with np.load(path, allow_pickle=False) as data:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
             points, counts = data["points"], data["counts"]
             outward, inward = data["deviation"].tolist()
     except Exception as error:  # whatever a broken file may raise

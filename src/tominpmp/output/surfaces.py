@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.exceptions import SceneError
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene import (
+    Box,
+    Capsule,
+    Cylinder,
+    HeightField,
+    Mesh,
+    Obstacle,
+    OcTree,
+    Sphere,
+)
 
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
 AROUND = 40
@@ -207,9 +216,38 @@ def obstacle_surface(obstacle: Obstacle) -> Surface:
         return cylinder(obstacle.radius, obstacle.length)
     if isinstance(obstacle, Capsule):
         return capsule(obstacle.radius, obstacle.length)
+    if isinstance(obstacle, Mesh):
+        return Surface(obstacle.points, np.array(obstacle.triangles))
+    if isinstance(obstacle, HeightField):
+        return _joined([_prism(corners) for corners in obstacle.cells])
+    if isinstance(obstacle, OcTree):
+        places = zip(*obstacle.boxes, strict=True)
+        return _joined([_shifted(box(size), centre) for centre, size in places])
     raise SceneError(
         f"obstacle {obstacle.name!r}: a {type(obstacle).__name__} cannot be drawn",
         obstacle.name,
+    )
+
+
+def _prism(corners: Array) -> Surface:
+    """Solid of four corners around the top and the four below them, shape (8, 3)."""
+    faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
+    for here, there in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [[here, here + 4, there + 4], [here, there + 4, there]]
+    return Surface(corners, np.array(faces, dtype=np.int64))
+
+
+def _shifted(surface: Surface, offset: Array) -> Surface:
+    return Surface(surface.vertices + offset, surface.faces)
+
+
+def _joined(surfaces: list[Surface]) -> Surface:
+    """Several surfaces as one."""
+    first = np.cumsum([0, *(len(surface.vertices) for surface in surfaces[:-1])])
+    faces = [s.faces + at for s, at in zip(surfaces, first.tolist(), strict=True)]
+    return Surface(
+        np.concatenate([surface.vertices for surface in surfaces]),
+        np.concatenate(faces),
     )
 
 

@@ -185,7 +185,8 @@ class SlpSolver:
         """
         left = self.violation(trial)
         change = abs(float(iterate.merit.cost @ trial.z) - iterate.duration)
-        if left > RESTORABLE or change > self.options.tolerance * iterate.duration:
+        small = change <= self.options.tolerance * iterate.duration
+        if not small or not self.options.feasibility < left <= RESTORABLE:
             return region
         enough = math.sqrt(CALM * left) / self.options.trust_region
         return replace(region, radius=min(region.radius, max(enough, LEAST_CALM)))

@@ -1,0 +1,455 @@
+"""Tests of meshes: convex pieces, what is kept of them on disk, mesh obstacles."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+from robot_samples import load, one_shape
+from scipy.spatial import ConvexHull
+
+import tominpmp as tm
+from tominpmp.collision import CollisionChecker, store
+from tominpmp.collision.decomposition import CLOSE_HULL, MOST_PIECES, decompose
+from tominpmp.collision.shapes import triangle_mesh
+from tominpmp.exceptions import SceneError
+from tominpmp.output.surfaces import obstacle_surface
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scene import Box, HeightField, Mesh, OcTree, Scene, Sphere
+from tominpmp.scene.mesh_files import read_mesh
+
+BALL = '<sphere radius="0.1"/>'
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4))
+QUADS = (*QUADS, (1, 5, 7, 3))
+CUBE = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of one's own, and nothing in memory."""
+    store._known_pieces.cache_clear()
+    folder = tmp_path / "cache"
+    monkeypatch.setenv(store.FOLDER_VARIABLE, str(folder))
+    return folder
+
+
+def angle_iron(size: float = 0.3, thick: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
+    """An L-shaped bar along z, as one closed surface."""
+    outline = np.array(
+        [[0, 0], [size, 0], [size, thick], [thick, thick], [thick, size], [0, size]]
+    )
+    low = np.column_stack([outline, np.zeros(6)])
+    vertices = np.concatenate([low, low + np.array([0, 0, 0.4])])
+    caps = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
+    triangles = [(c, b, a) for a, b, c in caps]
+    triangles += [(a + 6, b + 6, c + 6) for a, b, c in caps]
+    for i in range(6):
+        k = (i + 1) % 6
+        triangles += [(i, k, k + 6), (i, k + 6, i + 6)]
+    return vertices, np.array(triangles)
+
+
+def depth_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """How far points are outside of a hull, negative inside."""
+    equations = ConvexHull(corners).equations
+    return np.asarray(np.max(points @ equations[:, :3].T + equations[:, 3], axis=1))
+
+
+# Convex pieces
+
+
+def test_a_convex_mesh_stays_whole() -> None:
+    found = decompose(triangle_mesh(CORNERS, CUBE))
+    assert found is not None
+    assert len(found.corners) == 1
+    assert found.outward < 1e-3
+    assert found.inward < 1e-9
+
+
+def test_an_angle_iron_becomes_two_bars(rng: np.random.Generator) -> None:
+    vertices, triangles = angle_iron()
+    found = decompose(triangle_mesh(vertices, triangles))
+    assert found is not None
+    assert 2 <= len(found.corners) <= 4
+    assert found.outward < CLOSE_HULL
+    volume = sum(ConvexHull(corners).volume for corners in found.corners)
+    assert volume == pytest.approx((0.3 + 0.25) * 0.05 * 0.4, rel=0.2)
+    # The pieces contain the bar, inside and out, and not what is between its legs.
+    inside = rng.uniform(size=(300, 3)) * [0.3, 0.05, 0.4]
+    inside = np.concatenate([inside, inside[:, [1, 0, 2]]])
+    beyond = np.min([depth_in(c, inside) for c in found.corners], axis=0)
+    assert beyond.max() < 1e-9
+    between = np.array([[0.15, 0.15, 0.2], [0.2, 0.1, 0.1]])
+    assert np.min([depth_in(c, between) for c in found.corners]) > 0.02
+
+
+def test_a_flat_mesh_has_no_pieces() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    assert decompose(triangle_mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))) is None
+
+
+def mesh_of(arm: Robot, name: str) -> coal.BVHModelBase:
+    for item in arm.collision_model.geometryObjects:
+        if item.name == name:
+            return item.geometry
+    raise LookupError(name)
+
+
+def test_pieces_of_a_real_link(rng: np.random.Generator) -> None:
+    """The forearm of a UR5, whose hull is 37 mm off."""
+    mesh = mesh_of(load_robot("ur5"), "forearm_link_0")
+    found = store.pieces_of(mesh)
+    assert found is not None
+    assert 2 <= len(found.corners) <= MOST_PIECES
+    assert found.outward < 0.012
+    assert found.inward < 1e-9
+    vertices = np.array(mesh.vertices())
+    corners = map(mesh.tri_indices, range(mesh.num_tris))
+    triangles = np.array([[corner[i] for i in range(3)] for corner in corners])
+    weights = rng.dirichlet(np.ones(3), size=len(triangles))
+    points = np.einsum("kc,kci->ki", weights, vertices[triangles])
+    for sample in (vertices[np.unique(triangles)], points):
+        beyond = np.min([depth_in(c, sample) for c in found.corners], axis=0)
+        assert beyond.max() < 1e-9
+
+
+def bar_robot(folder: Path) -> Robot:
+    vertices, triangles = angle_iron()
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles]
+    (folder / "bar.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return load(folder, one_shape('<mesh filename="bar.obj"/>'))
+
+
+def test_links_are_taken_as_pieces(tmp_path: Path) -> None:
+    arm = bar_robot(tmp_path)
+    # Between the legs of the bar, 0.1 m from both, where the hull is.
+    ball = Sphere("o", radius=0.02, position=(1.15, 0.15, 0.2))
+    found = {
+        geometry: CollisionChecker(arm, Scene([ball]), geometry=geometry)
+        for geometry in ("convex", "hull", "mesh")
+    }
+    q = np.zeros((1, 1))
+    assert found["hull"].distances(q).shape == (1, 1)
+    assert found["hull"].distances(q)[0, 0] < 0.0
+    exact = found["mesh"].distances(q)
+    assert exact[0, 0] == pytest.approx(0.08, abs=1e-6)
+    assert len(found["convex"].pairs) >= 2
+    assert found["convex"].distances(q).min() == pytest.approx(0.08, abs=1e-6)
+    assert found["convex"].distances(q, 0.01).min() >= 0.01
+    (only,) = found["convex"].approximations
+    assert (only.link, only.mesh) == ("l1", "l1_0")
+    assert only.pieces == len(found["convex"].pairs)
+    assert only.inward < 1e-9
+    assert only.outward < CLOSE_HULL
+    assert pickle.loads(pickle.dumps(found["mesh"])).geometry == "mesh"
+
+
+def test_bounds_of_triangles(tmp_path: Path, rng: np.random.Generator) -> None:
+    """No plane parts a mesh with dents; its motion counts whatever its direction."""
+    arm = bar_robot(tmp_path)
+    scene = Scene(
+        [
+            Sphere(f"o{i}", radius=0.02, position=p)
+            for i, p in enumerate(
+                np.array([1.15, 0.15, 0.2]) + 0.05 * rng.normal(size=(6, 3))
+            )
+        ]
+    )
+    checker = CollisionChecker(arm, scene, geometry="mesh")
+    cache = checker.cache(20)
+    q = np.linspace(-0.4, 0.4, 20)[:, None]
+    for step in (0.0, 0.1, 0.01):
+        q = q + step * rng.normal(size=q.shape)
+        exact, found = checker.distances(q), cache.distances(q, 0.03)
+        apart = exact > 1e-6
+        assert np.all(found[apart] <= exact[apart] + 1e-8)
+        near = apart & (exact < 0.03)
+        np.testing.assert_allclose(found[near], exact[near], atol=1e-8)
+        assert np.all(found[exact >= 0.03] >= 0.03)
+
+
+# What is kept on disk
+
+
+def test_pieces_are_kept(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = triangle_mesh(*angle_iron())
+    first = store.pieces_of(mesh)
+    (path,) = own_cache.iterdir()
+    assert path.suffix == ".npz"
+    store._known_pieces.cache_clear()
+
+    def unexpected(mesh: object) -> None:
+        raise AssertionError("cut again")
+
+    monkeypatch.setattr(store.decomposition, "decompose", unexpected)
+    again = store.pieces_of(triangle_mesh(*angle_iron()))
+    assert first is not None
+    assert again is not None
+    assert len(again.corners) == len(first.corners)
+    for one, other in zip(first.corners, again.corners, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (again.outward, again.inward) == (first.outward, first.inward)
+    with pytest.raises(AssertionError, match="cut again"):
+        store.pieces_of(triangle_mesh(*angle_iron(0.31)))
+
+
+@pytest.mark.parametrize("content", [b"", b"not a file", b"PK\x03\x04 broken"])
+def test_a_broken_file_is_replaced(
+    content: bytes, own_cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    mesh = triangle_mesh(*angle_iron())
+    path = own_cache / f"{store.Content(mesh).key}.npz"
+    own_cache.mkdir()
+    path.write_bytes(content)
+    with caplog.at_level(logging.WARNING):
+        assert store.pieces_of(mesh) is not None
+    assert "cannot be read" in caplog.text
+    store._known_pieces.cache_clear()
+    caplog.clear()
+    assert store.pieces_of(mesh) is not None
+    assert not caplog.text
+
+
+def test_pieces_that_make_no_sense(own_cache: Path) -> None:
+    mesh = triangle_mesh(*angle_iron())
+    own_cache.mkdir()
+    path = own_cache / f"{store.Content(mesh).key}.npz"
+    np.savez(path, points=np.full((4, 3), np.nan), counts=[4], deviation=[0.0, 0.0])
+    found = store.pieces_of(mesh)
+    assert found is not None
+    assert all(np.all(np.isfinite(corners)) for corners in found.corners)
+
+
+def test_a_folder_that_cannot_be_written(
+    own_cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    own_cache.write_text("in the way", encoding="utf-8")
+    mesh = triangle_mesh(*angle_iron())
+    with caplog.at_level(logging.WARNING):
+        first = store.pieces_of(mesh)
+    assert first is not None
+    assert "cannot be kept" in caplog.text
+    assert store.pieces_of(mesh) is first  # at least in memory
+
+
+def test_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert store.cache_folder() == tmp_path / "cache"
+    monkeypatch.delenv(store.FOLDER_VARIABLE)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert store.cache_folder().name in ("tominpmp", "cache")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert store.cache_folder().is_absolute()
+
+
+# Mesh obstacles
+
+
+def clearance(arm: Robot, *obstacles: tm.Obstacle) -> float:
+    checker = CollisionChecker(arm, Scene(obstacles))
+    return float(checker.distances(np.zeros((1, 1))).min())
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Robot:
+    """A ball of 0.1 m at (1, 0, 0)."""
+    return load(tmp_path, one_shape(BALL))
+
+
+def test_a_mesh_is_where_it_is_put(ball: Robot) -> None:
+    place = {"position": (2.0, 0.0, 0.0), "rotation": (0, 0, 1, 1)}
+    mesh = Mesh("m", vertices=CORNERS, triangles=CUBE, scale=(0.4, 0.6, 0.8), **place)
+    # A quarter turn about z: x of the cube points along y, y along -x.
+    centre = (2.0 - 0.3, 0.2, 0.4)
+    box = Box("b", size=(0.6, 0.4, 0.8), position=centre)
+    assert clearance(ball, mesh) == pytest.approx(clearance(ball, box), abs=1e-9)
+    assert clearance(ball, mesh) == pytest.approx(0.3, abs=1e-9)
+    assert mesh == Mesh(
+        "m", vertices=CORNERS, triangles=CUBE, scale=(0.4, 0.6, 0.8), **place
+    )
+    assert pickle.loads(pickle.dumps(mesh)) == mesh
+
+
+@pytest.mark.parametrize("convex", ["auto", "hull", "none"])
+def test_what_a_mesh_is_taken_as(ball: Robot, convex: str) -> None:
+    vertices, triangles = angle_iron(1.0, 0.05)
+    mesh = Mesh(
+        "m",
+        vertices=vertices,
+        triangles=triangles,
+        convex=convex,  # type: ignore[arg-type]
+        position=(0.6, -0.4, -0.2),
+    )
+    found = clearance(ball, mesh)
+    if convex == "hull":
+        assert found < -0.1
+    else:
+        assert found == pytest.approx(0.35 - 0.1, abs=1e-6)
+
+
+def write_stl(path: Path, points: np.ndarray) -> None:
+    kind = np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    table = np.zeros(len(points), kind)
+    table["v"] = points
+    count = np.array(len(points), "<u4").tobytes()
+    path.write_bytes(b"solid of a kind".ljust(80) + count + table.tobytes())
+
+
+def test_files(tmp_path: Path) -> None:
+    write_stl(tmp_path / "cube.stl", CORNERS[CUBE])
+    text = "solid\n" + "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in CORNERS[CUBE]
+    )
+    (tmp_path / "text.STL").write_text(text + "endsolid\n", encoding="utf-8")
+    lines = [f"v {x} {y} {z} 1 1 1" for x, y, z in CORNERS] + ["vn 0 0 1", "", "# -"]
+    lines += [f"f {a + 1}/1/1 {b + 1}//1 {c - 8} {d + 1}" for a, b, c, d in QUADS]
+    (tmp_path / "cube.obj").write_text("\n".join(lines), encoding="utf-8")
+    for name in ("cube.stl", "text.STL", "cube.obj"):
+        vertices, triangles = read_mesh(tmp_path / name)
+        assert vertices.shape == (8, 3)
+        assert triangles.shape == (12, 3)
+        normal = np.cross(
+            vertices[triangles[:, 1]] - vertices[triangles[:, 0]],
+            vertices[triangles[:, 2]] - vertices[triangles[:, 0]],
+        )
+        volume = np.einsum("ki,ki->", vertices[triangles[:, 0]], normal) / 6.0
+        assert abs(volume) == pytest.approx(1.0)
+        mesh = Mesh("m", path=tmp_path / name, scale=0.1)
+        assert mesh.points.max() == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("m.stl", b"x" * 90, "is no STL file"),
+        ("m.stl", b"solid\nvertex 1 2\n", "line 2: expected three numbers"),
+        ("m.stl", b"solid\nvertex 1 2 3\n", "not a multiple of three"),
+        ("m.stl", b"solid\nendsolid", "has no triangles"),
+        ("m.obj", b"v 1 2 x", "line 1: expected three numbers"),
+        ("m.obj", b"v 1 2 3\nf 1 2 3", "line 2: there is no such vertex"),
+        ("m.obj", b"v 1 2 3\nf 1 1", "line 2: a face has three corners"),
+        ("m.obj", b"v 1 2 3\nf a b c", "line 2: a corner is no number"),
+        ("m.obj", b"v 1 2 nan\nf 1 1 1", "not finite"),
+        ("m.xyz", b"nothing", "cannot be read"),
+    ],
+)
+def test_files_that_are_no_meshes(
+    name: str, content: bytes, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(SceneError, match=message) as caught:
+        Mesh("post", path=path)
+    assert str(path) in str(caught.value)
+    assert caught.value.obstacle == "post"
+
+
+def test_files_that_are_not_there(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"a\.stl' is not there: .* has no such file"):
+        Mesh("post", path=tmp_path / "a.stl")
+    with pytest.raises(SceneError, match="nowhere does not exist"):
+        Mesh("post", path=tmp_path / "nowhere" / "a.stl")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"vertices": None}, "needs a path, or vertices and triangles"),
+        ({"vertices": None, "triangles": None}, "needs a path"),
+        ({"vertices": CORNERS[:, :2]}, "vertices of shape"),
+        ({"vertices": CORNERS * np.nan}, "not finite"),
+        ({"vertices": "abc"}, "not made of numbers"),
+        ({"triangles": CUBE + 1}, "not among its 8 vertices"),
+        ({"triangles": CUBE * 1.0}, "of integers"),
+        ({"triangles": CUBE[:, :2]}, "of integers"),
+        ({"triangles": CUBE[:0]}, "no triangles"),
+        ({"scale": 0.0}, "scale is 0.0"),
+        ({"scale": (1, 2)}, "one number or three"),
+        ({"convex": "maybe"}, "convex is 'maybe'"),
+        ({"path": 3}, "expected the path of a file"),
+    ],
+)
+def test_bad_meshes(change: dict[str, object], message: str) -> None:
+    with pytest.raises(SceneError, match=message) as caught:
+        Mesh("m", **{"vertices": CORNERS, "triangles": CUBE, **change})
+    assert caught.value.obstacle == "m"
+
+
+# Grids
+
+
+def test_height_field(ball: Robot) -> None:
+    heights = np.zeros((3, 5))
+    heights[1, 3] = 0.5  # a peak at x = 1, y = 0
+    ground = HeightField("g", heights=heights, size=(4.0, 2.0), position=(0, 0, -1))
+    assert ground.grid[0].tolist() == [-2, -1, 0, 1, 2]
+    assert ground.cells.shape == (8, 8, 3)
+    assert ground.base == pytest.approx(-0.04)
+    assert clearance(ball, ground) == pytest.approx(1.0 - 0.5 - 0.1, abs=1e-8)
+    flat = HeightField("f", heights=np.full((2, 2), 0.2), size=(4, 4), base=-0.3)
+    box = Box("b", size=(4, 4, 0.5), position=(0, 0, -0.05))
+    assert clearance(ball, flat) == pytest.approx(clearance(ball, box), abs=1e-6)
+    surface = obstacle_surface(ground)
+    used = surface.vertices[surface.faces]
+    assert used[..., 2].max() == 0.5
+    assert pickle.loads(pickle.dumps(ground)) == ground
+
+
+def test_octree(ball: Robot, rng: np.random.Generator) -> None:
+    points = rng.uniform(size=(3000, 3)) * [0.4, 0.4, 0.1] + [0.8, 0.5, 0.0]
+    cloud = OcTree("c", points=points, resolution=0.1)
+    centres, sizes = cloud.boxes
+    assert len(centres) == 1  # 4 x 4 x 1 cubes, all of them taken
+    np.testing.assert_allclose(centres[0], [1.0, 0.7, 0.05])
+    np.testing.assert_allclose(sizes[0], [0.4, 0.4, 0.1])
+    assert clearance(ball, cloud) == pytest.approx(0.4, abs=1e-8)
+    sparse = OcTree("s", points=rng.normal(size=(200, 3)), resolution=0.25)
+    centres, sizes = sparse.boxes
+    beyond = np.abs(sparse.points[:, None] - centres) - 0.5 * sizes
+    inside = np.all(beyond <= 1e-9, axis=2)
+    assert np.all(np.any(inside, axis=1))
+    cubes = len(np.unique(np.floor(sparse.points / 0.25), axis=0))
+    assert np.sum(np.prod(sizes, axis=1)) == pytest.approx(cubes * 0.25**3)
+    surface = obstacle_surface(sparse)
+    assert len(surface.faces) == 12 * len(centres)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"heights": np.zeros(3)}, "two rows and columns at least"),
+        ({"heights": np.zeros((1, 3))}, "two rows and columns at least"),
+        ({"heights": np.full((2, 2), np.nan)}, "no finite number"),
+        ({"heights": "abc"}, "no finite number"),
+        ({"heights": np.zeros((300, 300))}, "more than"),
+        ({"size": (1, 0)}, "two positive extents"),
+        ({"size": 1.0}, "two positive extents"),
+        ({"base": 0.0}, "expected a height below"),
+    ],
+)
+def test_bad_height_fields(change: dict[str, object], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        HeightField("g", **{"heights": np.zeros((2, 2)), "size": (1, 1), **change})
+
+
+@pytest.mark.parametrize(
+    ("points", "resolution", "message"),
+    [
+        (np.zeros((0, 3)), 0.1, "expected \\(k, 3\\)"),
+        (np.zeros(3), 0.1, "expected \\(k, 3\\)"),
+        (np.full((2, 3), np.inf), 0.1, "finite"),
+        (np.zeros((2, 3)), 0.0, "resolution is 0.0"),
+        (np.array([[0, 0, 0], [1e3, 1e3, 1e3]]), 1e-3, "too fine"),
+    ],
+)
+def test_bad_octrees(points: np.ndarray, resolution: float, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        OcTree("c", points=points, resolution=resolution)
