@@ -357,7 +357,7 @@ def test_failed_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     item = fixed_link(arm, "forearm_link_0")
     middle = placement_of(arm, q, item).act(hull_points(item).mean(axis=0))
     can = Cylinder("o", radius=0.15, length=0.3, position=middle, rotation=(1, 2, 3, 4))
-    checker = CollisionChecker(arm, Scene([can]))
+    checker = CollisionChecker(arm, Scene([can]), geometry="hull")
     expected = checker.distances(q[None])
     assert expected.min() < -0.1
     assert expected.max() > 0.01
@@ -388,7 +388,7 @@ def test_no_failure_gets_through(
             position=middle + 0.05 * rng.normal(size=3),
             rotation=random_rotation(rng),
         )
-        checker = CollisionChecker(arm, Scene([can]))
+        checker = CollisionChecker(arm, Scene([can]), geometry="hull")
         assert np.abs(checker.distances(q[None])).max() < 1.0
         assert np.all(np.isfinite(checker.gradients(q, np.arange(7))))
 

@@ -159,7 +159,8 @@ def test_cutoff_by_pair(panda: Robot, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("name", ["panda", "ur5", "planar3r"])
 def test_cache_along_a_changing_motion(name: str, rng: np.random.Generator) -> None:
     arm = load_robot(name)
-    checker = CollisionChecker(arm, clutter(rng), self_collision=True)
+    scene = clutter(rng)
+    checker = CollisionChecker(arm, scene, self_collision=True, geometry="hull")
     cache, q = checker.cache(30), motion(arm, 30, rng)
     for step in (0.0, 0.3, 0.1, 0.01, 1e-3, 2.0):
         q = q + step * rng.normal(size=q.shape)
@@ -230,7 +231,7 @@ def test_gradients_at_several_instants(panda: Robot, rng: np.random.Generator) -
 
 def test_gradients_between_links(rng: np.random.Generator) -> None:
     arm, step = load_robot("ur5"), 1e-6
-    checker = CollisionChecker(arm, Scene(), self_collision=True)
+    checker = CollisionChecker(arm, Scene(), self_collision=True, geometry="hull")
     pairs = np.arange(len(checker.pairs))
     errors = []
     for q in configurations(arm, 6, rng):

@@ -21,7 +21,7 @@ FAR = Scene([Sphere("far", radius=0.1, position=(9, 9, 9))])
 
 
 def own_pairs(arm: Robot) -> set[frozenset[str]]:
-    checker = CollisionChecker(arm, Scene(), self_collision=True)
+    checker = CollisionChecker(arm, Scene(), self_collision=True, geometry="hull")
     assert checker.obstacle_pairs == 0
     return {frozenset(pair) for pair in checker.pairs}
 
@@ -107,9 +107,9 @@ def test_links_that_always_touch_are_left_out(tmp_path: Path) -> None:
 
 def test_obstacles_go_first() -> None:
     arm = load_robot("ur5")
-    both = CollisionChecker(arm, FAR, self_collision=True)
-    alone = CollisionChecker(arm, FAR)
-    own = CollisionChecker(arm, Scene(), self_collision=True)
+    both = CollisionChecker(arm, FAR, self_collision=True, geometry="hull")
+    alone = CollisionChecker(arm, FAR, geometry="hull")
+    own = CollisionChecker(arm, Scene(), self_collision=True, geometry="hull")
     assert both.pairs == alone.pairs + own.pairs
     assert both.obstacle_pairs == len(alone.pairs)
     margins = both.margins(0.1)

@@ -16,7 +16,7 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray
 
 # A hull this close to its mesh is taken as it is, and the mesh is cut until the pieces
 # are at least this close to it [m].
@@ -34,6 +34,8 @@ PROGRESS = 0.9
 ALIGNED = 0.99
 # Points of each surface that are measured.
 SAMPLES = 400
+# Points at a time that are tested for being inside.
+BATCH = 8
 # Nearer points are on the surface [m]; farther ones may be inside.
 TOUCHING = 2e-4
 
@@ -188,6 +190,7 @@ class Measure:
         self._shapes = mesh, coal.Sphere(1e-9)
         self._distance = coal.ComputeDistance(*self._shapes)
         self._triangles = triangles
+        self._corners = np.ascontiguousarray(np.moveaxis(triangles, 1, 0))[:, None]
         self._rng = np.random.default_rng(0)
 
     def part(self, triangles: Array) -> _Part | None:
@@ -201,9 +204,15 @@ class Measure:
         """Largest distance to the mesh of points on a hull that are outside of it."""
         points = self._sample(hull.points[hull.simplices])
         away = self._to_mesh(points)
-        far = np.flatnonzero(away > TOUCHING)
-        away[far[self._inside(points[far])]] = 0.0
-        return float(away.max())
+        farthest = np.argsort(-away)
+        farthest = farthest[away[farthest] > TOUCHING]
+        for start in range(0, farthest.size, BATCH):
+            batch = farthest[start : start + BATCH]
+            outside = batch[~self._inside(points[batch])]
+            if outside.size:
+                return float(away[outside[0]])
+        near = away[away <= TOUCHING]
+        return float(near.max(initial=0.0))
 
     def inward(self, hulls: list[Any]) -> float:
         """Largest distance by which the mesh is outside of all hulls."""
@@ -233,19 +242,18 @@ class Measure:
             out[i] = self._distance(origin, place, request, result)
         return np.maximum(out, 0.0)
 
-    def _inside(self, points: Array) -> IntArray:
-        """Indices of points inside the mesh, by the angle at which they see it.
+    def _inside(self, points: Array) -> BoolArray:
+        """Which points are inside the mesh, by the angle at which they see it.
 
         A point inside sees its surface all around, also if it has small holes
         (Jacobson, Kavan and Sorkine-Hornung, 2013).
         """
-        turns = np.empty(len(points))
-        for i, point in enumerate(points):
-            a, b, c = np.moveaxis(self._triangles - point, 1, 0)
-            la, lb, lc = (np.sqrt(np.einsum("ki,ki->k", x, x)) for x in (a, b, c))
-            volume = np.einsum("ki,ki->k", a, np.cross(b, c))
-            scale = la * lb * lc + np.einsum("ki,ki->k", a, b) * lc
-            scale += np.einsum("ki,ki->k", b, c) * la
-            scale += np.einsum("ki,ki->k", a, c) * lb
-            turns[i] = np.sum(np.arctan2(volume, scale)) / (2.0 * np.pi)
-        return np.flatnonzero(np.abs(turns) > 0.5)
+        corners = self._corners - points[:, None]  # (3, points, triangles, 3)
+        a, b, c = corners
+        la, lb, lc = np.sqrt(np.einsum("spki,spki->spk", corners, corners))
+        ab, bc, ca = (
+            np.einsum("pki,pki->pk", x, y) for x, y in ((a, b), (b, c), (c, a))
+        )
+        volume = np.linalg.det(np.stack([a, b, c], axis=2))
+        angle = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+        return np.asarray(np.abs(np.sum(angle, axis=1)) > np.pi)

@@ -148,6 +148,50 @@ def integrate(
     return None
 
 
+def march(
+    dynamics: Dynamics, x_start: Array, u: Array, held: BoolArray, h: Array
+) -> Array:
+    """Stages of a motion by explicit steps, one after the other: a guess.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State at the start, shape (2n,).
+        u: Torques of the steps, shape (M, n) [N m or N].
+        held: Which joints keep their velocity, shape (M, n).
+        h: Lengths of the steps [s], shape (M,).
+
+    Returns:
+        Shape (M, 3, 2n); not finite where an explicit method does not do.
+    """
+    out = np.empty((h.size, STAGES, x_start.size))
+    x = x_start
+    s = NODES[:, None]
+    for i, step in enumerate(h.tolist()):
+        torque, kept = u[i : i + 1], held[i : i + 1]
+
+        def rate(
+            state: Array, torque: Array = torque, kept: BoolArray = kept
+        ) -> Array:
+            return differentiate_rates(dynamics, state[None], torque, kept).f[0]
+
+        with np.errstate(all="ignore"):
+            # The classical method of order 4, and Hermite's cubic between.
+            k1 = rate(x)
+            k2 = rate(x + 0.5 * step * k1)
+            k3 = rate(x + 0.5 * step * k2)
+            k4 = rate(x + step * k3)
+            end = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            if not np.all(np.isfinite(end)):
+                return np.full_like(out, np.nan)
+            out[i] = (
+                x
+                + (3.0 * s**2 - 2.0 * s**3) * (end - x)
+                + step * s * (1.0 - s) * ((1.0 - s) * k1 - s * k4)
+            )
+        x = end
+    return out
+
+
 def _stage_matrix(h: Array, f_x: Array, count: int, size: int) -> Array:
     """Derivative of the equations of a step by its stages, shape (M, 3s, 3s)."""
     blocks = f_x.reshape(count, STAGES, size, size)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.refinement.arcs import Arcs
-from tominpmp.refinement.flow import NODES, Flow, integrate
+from tominpmp.refinement.flow import NODES, Flow, integrate, march
 from tominpmp.transcription.system import System
 
 # Typical velocities are this times the scale of positions over the duration.
@@ -74,6 +74,7 @@ class ArcProgram:
         arcs: What the joints do.
         steps: Number of integration steps of each arc, shape (K,).
         watched: Limits that are looked at.
+        evaluations: How many motions have been integrated.
     """
 
     def __init__(self, system: System, arcs: Arcs, steps: IntArray) -> None:
@@ -81,6 +82,7 @@ class ArcProgram:
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
         self.watched = Watched.none()
+        self.evaluations = 0
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
         self._held = arcs.held[self.arc_of_step] != 0
@@ -121,6 +123,7 @@ class ArcProgram:
         """The motion of some unknowns; None if it cannot be integrated."""
         if self._last is None or not np.array_equal(self._last[0], y):
             flow = self._integrate(self.unpack(y))
+            self.evaluations += 1
             if flow is not None:
                 self._guess = flow.stages
             shot = None if flow is None else self._differentiate(flow)
@@ -132,6 +135,14 @@ class ArcProgram:
         h = (arcs.lengths / self.steps)[of]
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         return integrate(system.dynamics, self._start, u, self._held, h, self._guess)
+
+    def march(self) -> None:
+        """Take an explicit integration of the arcs as a guess."""
+        system, of = self.system, self.arc_of_step
+        h = (self.arcs.lengths / self.steps)[of]
+        u = system.effort_middle + system.effort_half * self.arcs.levels[of]
+        stages = march(system.dynamics, self._start, u, self._held, h)
+        self._guess, self._last = stages, None
 
     def propagate(self, flow: Flow) -> Array:
         """Derivatives of the states by the unknowns, shape (M + 1, 2n, size)."""

@@ -50,8 +50,11 @@ SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
 BROKEN = 1e3
-# Iterations of sequential quadratic programming for one motion at most.
-SHOTS = 600
+# Motions that are integrated for one start at most.
+SHOTS = 1500
+# Relative progress and misses that count as none, and how often in a row.
+STILL = 1e-10
+CALM = 2
 
 
 class Budget:
@@ -73,13 +76,13 @@ class Budget:
         """Whether there is nothing left."""
         return self.shots <= 0 or self._stop()
 
-    def pay(self, record: object = None) -> None:
-        """Pay for an iteration.
+    def pay(self, shots: int) -> None:
+        """Pay for motions.
 
         Raises:
             StopIteration: If there is nothing left.
         """
-        self.shots -= 1
+        self.shots -= shots
         if self.spent:
             raise StopIteration
 
@@ -151,6 +154,9 @@ def solve_lengths(
     program.begin(states(times.ravel()).reshape(*times.shape, -1))
     y = program.pack()
     shot = program.shoot(y)
+    if shot is None:
+        program.march()
+        shot = program.shoot(y)
     excess = np.inf
     for _ in range(LOOKS):
         if shot is None or budget.spent:
@@ -163,11 +169,15 @@ def solve_lengths(
             break
     if shot is None:
         return None
-    miss = max(
+    return Settled(program, y, shot, _miss(shot), excess)
+
+
+def _miss(shot: Shot) -> float:
+    """What the goal is missed by, and limits passed by beyond the slack."""
+    return max(
         float(np.max(np.abs(shot.equal), initial=0.0)),
         float(np.max(-shot.room, initial=0.0)) - SLACK,
     )
-    return Settled(program, y, shot, miss, excess)
 
 
 def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
@@ -195,12 +205,20 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
         )
     low = np.concatenate([np.zeros(count), -np.ones(size - count)])
     high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
-    last = y
+    last, calm, paid = y, 0, program.evaluations
 
     def follow(z: Array) -> None:
-        nonlocal last
+        # SLSQP's own test asks for more digits than there are.
+        nonlocal last, calm, paid
+        shot = program.shoot(z)
+        step = abs(float(cost @ (z - last)))
+        still = shot is not None and step < STILL and _miss(shot) < STILL
+        calm = calm + 1 if still else 0
         last = z.copy()
-        budget.pay()
+        budget.pay(program.evaluations - paid)
+        paid = program.evaluations
+        if calm >= CALM:
+            raise StopIteration
 
     try:
         found = minimize(
@@ -211,7 +229,7 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
             bounds=list(zip(low, high, strict=True)),
             constraints=constraints,
             callback=follow,
-            options={"maxiter": ITERATIONS, "ftol": 1e-12},
+            options={"maxiter": ITERATIONS, "ftol": 1e-11},
         )
     except StopIteration:
         return np.clip(last, low, high)
@@ -308,7 +326,7 @@ def sharpen(system: System, settled: Settled, budget: Budget) -> Settled:
         budget: How much may be spent; this takes little, and its end is paid for.
     """
     total = STEPS
-    reserve = Budget(max(budget.shots, ITERATIONS))
+    reserve = Budget(max(budget.shots, SHOTS // 4))
     while total < MOST_STEPS:
         total *= 2
         finer = polish(system, settled, reserve, total)
