@@ -23,7 +23,7 @@ MAX_LINES = 400
 NOT_AT_IMPORT = {"casadi", "matplotlib", "meshcat", "ompl"}
 
 # Distributions that are named unlike the package in them.
-DISTRIBUTIONS = {"pinocchio": "pin", "umsgpack": "u-msgpack-python"}
+DISTRIBUTIONS = {"yaml": "pyyaml", "pinocchio": "pin", "umsgpack": "u-msgpack-python"}
 
 
 def name_of(path: Path) -> str:

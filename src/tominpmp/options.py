@@ -40,7 +40,7 @@ class Tolerances:
     goal: float = 1e-3
     speed: float = 1e-2
     limits: float = 5e-3
-    contact: float = 1e-4
+    contact: float = 1e-5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -238,4 +238,4 @@ def test_planning_for_a_real_arm(run: Run) -> None:
 def test_no_plan_found_in_no_time(run: Run) -> None:
     result = run(*PLAN, "--max-time", 1e-6)
     assert result.exit_code in (0, 1)  # the first guess may do
-    assert Status.TIME_LIMIT.value in result.stdout
+    assert "planning time was used up" in result.stdout

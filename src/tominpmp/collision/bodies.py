@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import coal
@@ -10,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.collision.decomposition import Pieces
 from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shape
 from tominpmp.collision.store import pieces_of
 from tominpmp.robot import Robot
@@ -63,7 +65,13 @@ def _pieces(shape: Any, geometry: Geometry) -> list[Any]:
     pieces = pieces_of(shape) if geometry == "convex" else None
     if pieces is None or len(pieces.corners) == 1:
         return [convex_hull(shape)]
-    return [hull_of(corners) for corners in pieces.corners]
+    return list(_hulls(pieces))
+
+
+# Every checker of a robot has the same pieces, and takes milliseconds for each hull.
+@lru_cache(maxsize=256)
+def _hulls(pieces: Pieces) -> tuple[Any, ...]:
+    return tuple(hull_of(corners) for corners in pieces.corners)
 
 
 @dataclass(frozen=True)

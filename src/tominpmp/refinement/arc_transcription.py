@@ -38,7 +38,9 @@ class ArcTranscription:
         parts = [_equations("goal", goals), _equations("speed", equations - goals)]
         parts.append(_limits("goal region", bounds))
         kinds = program.watched.kind  # sorted
-        parts += [_limits(name, int((kinds == k).sum())) for k, name in enumerate(KINDS)]
+        parts += [
+            _limits(name, int((kinds == k).sum())) for k, name in enumerate(KINDS)
+        ]
         self._rows = Rows.stack([part for part in parts if part[1].size])
 
     @property

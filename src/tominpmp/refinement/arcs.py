@@ -136,9 +136,7 @@ class Stretch:
     held: int
 
 
-def read_arcs(
-    lengths: Array, shares: Array, speeds: Array, driven: BoolArray
-) -> Arcs:
+def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -> Arcs:
     """Read arcs off a motion whose torques are constant on intervals.
 
     Args:

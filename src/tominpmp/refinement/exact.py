@@ -11,6 +11,7 @@ import numpy as np
 
 from tominpmp.options import Options
 from tominpmp.refinement.arc_transcription import ArcTranscription
+from tominpmp.refinement.explore import explore
 from tominpmp.refinement.reading import arcs_of, states_of
 from tominpmp.refinement.switching import Budget, Settled, refine_arcs
 from tominpmp.solution import IterationRecord, Status
@@ -20,6 +21,7 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.system import System
 
@@ -33,6 +35,11 @@ GRIDS = (60, 90)
 GRID_ITERATIONS = 30
 # A motion this much longer than the plan is none, relatively.
 LONGER = 1e-6
+# Random structures that are tried, motions that may be integrated for them, and up to
+# how many motors there is any hope of finding something.
+TRIES = 14
+EXPLORING = 1500
+EXPLORED_MOTORS = 3
 
 
 class Monitor(Protocol):
@@ -73,32 +80,52 @@ def refine_switching(
     best: Settled | None = None
     for trajectory in _motions(system, options, transcription, result, lp, watch):
         found = _refined(system, trajectory, watch)
-        if found is None or found.duration > limit:
-            continue
-        if best is None or found.duration < best.duration:
+        if found is not None and found.duration <= limit:
             best = found
-        break
+            break
+    best = _explored(system, options, best, iterate.duration, limit, watch)
     if best is None:
         return transcription, result
     arcs = ArcTranscription(best.program, best.shot)
     values = arcs.evaluate(best.y)
     merit = replace(
-        iterate.merit, cost=arcs.cost, rows=arcs.rows, weights=np.ones(len(arcs.rows.kinds))
+        iterate.merit,
+        cost=arcs.cost,
+        rows=arcs.rows,
+        weights=np.ones(len(arcs.rows.kinds)),
     )
-    refined = Iterate(
-        best.y, values, merit, iterate.region, np.zeros(arcs.rows.size)
-    )
+    refined = Iterate(best.y, values, merit, iterate.region, np.zeros(arcs.rows.size))
     return arcs, SlpResult(Status.CONVERGED, refined, refined, result.history)
 
 
-def _refined(
-    system: System, trajectory: Trajectory, watch: Monitor
-) -> Settled | None:
+def _refined(system: System, trajectory: Trajectory, watch: Monitor) -> Settled | None:
     arcs = arcs_of(system, trajectory)
     if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS:
         return None
     budget = Budget(stop=lambda: watch.over)
     return refine_arcs(system, arcs, states_of(trajectory), budget)
+
+
+def _explored(
+    system: System,
+    options: Options,
+    best: Settled | None,
+    duration: float,
+    limit: float,
+    watch: Monitor,
+) -> Settled | None:
+    """The best motion after a look at others."""
+    motors = driven_joints(system).size
+    tries = TRIES if options.starts is None else options.starts - 1
+    if motors > EXPLORED_MOTORS or (best is not None and best.at_limits):
+        return best
+    rng = np.random.default_rng(options.seed)
+    budget = Budget(EXPLORING, lambda: watch.over)
+    duration = duration if best is None else best.duration
+    for found in explore(system, duration, rng, tries, budget):
+        if found.duration <= limit:
+            best = found
+    return best
 
 
 def _motions(
@@ -113,9 +140,7 @@ def _motions(
     iterate = result.iterate if result.best is None else result.best
     plan = transcription.trajectory(iterate.z)
     yield plan
-    few = replace(
-        options, max_iterations=min(options.max_iterations, GRID_ITERATIONS)
-    )
+    few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
     for intervals in GRIDS:
         if watch.over:
             return

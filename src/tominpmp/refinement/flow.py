@@ -26,17 +26,21 @@ _R = math.sqrt(6.0)
 NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
 WEIGHTS = np.array(
     [
-        [(88.0 - 7.0 * _R) / 360.0, (296.0 - 169.0 * _R) / 1800.0, (3.0 * _R - 2) / 225],
+        [
+            (88.0 - 7.0 * _R) / 360.0,
+            (296.0 - 169.0 * _R) / 1800.0,
+            (3.0 * _R - 2) / 225,
+        ],
         [(296.0 + 169.0 * _R) / 1800.0, (88.0 + 7.0 * _R) / 360.0, -(3 * _R + 2) / 225],
         [(16.0 - _R) / 36.0, (16.0 + _R) / 36.0, 1.0 / 9.0],
     ]
 )
 STAGES = 3
-NEWTON_STEPS = 25
+NEWTON_STEPS = 15
 # Relative size of a Newton step after which rounding is reached.
 ROUNDING = 1e-12
 # Steps are halved as long as this many times when they make the residual grow.
-HALVINGS = 6
+HALVINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,9 @@ class Flow:
         f_u = self.rates.f_u.reshape(count, STAGES, size, n)
         by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u) * self.h[:, None, None, None]
         by_h = np.einsum("ij,mja->mia", WEIGHTS, f)
-        both = np.broadcast_to(np.tile(np.eye(size), (STAGES, 1)), (count, 3 * size, size))
+        both = np.broadcast_to(
+            np.tile(np.eye(size), (STAGES, 1)), (count, 3 * size, size)
+        )
         right = np.concatenate(
             [
                 both,
@@ -169,9 +175,7 @@ def march(
     for i, step in enumerate(h.tolist()):
         torque, kept = u[i : i + 1], held[i : i + 1]
 
-        def rate(
-            state: Array, torque: Array = torque, kept: BoolArray = kept
-        ) -> Array:
+        def rate(state: Array, torque: Array = torque, kept: BoolArray = kept) -> Array:
             return differentiate_rates(dynamics, state[None], torque, kept).f[0]
 
         with np.errstate(all="ignore"):

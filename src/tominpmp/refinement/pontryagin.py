@@ -108,7 +108,9 @@ def torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> A
     return out * program.system.effort_half * program.duration
 
 
-def find_changes(program: ArcProgram, y: Array, shot: Shot, least: float) -> list[Change]:
+def find_changes(
+    program: ArcProgram, y: Array, shot: Shot, least: float
+) -> list[Change]:
     """Changes of the structure that promise to gain something, the best of each arc.
 
     Args:

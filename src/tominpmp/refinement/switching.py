@@ -68,13 +68,21 @@ class Budget:
     def __init__(
         self, shots: int = SHOTS, stop: Callable[[], bool] = lambda: False
     ) -> None:
-        self.shots = shots
+        self.shots = self._first = shots
         self._stop = stop
 
     @property
     def spent(self) -> bool:
         """Whether there is nothing left."""
         return self.shots <= 0 or self._stop()
+
+    def part(self, shots: int) -> Budget:
+        """A small part of it, to be taken off when it is used."""
+        return Budget(min(shots, self.shots), self._stop)
+
+    def take(self, part: Budget) -> None:
+        """Take off what was used of a part."""
+        self.shots -= part._first - part.shots
 
     def pay(self, shots: int) -> None:
         """Pay for motions.
@@ -120,6 +128,11 @@ class Settled:
         """Whether goal and limits are kept."""
         return self.miss <= EXACT and self.excess <= SLACK
 
+    @property
+    def at_limits(self) -> bool:
+        """Whether limits other than those of the torques rule."""
+        return bool(np.any(self.arcs.held)) or bool(np.any(self.shot.room < EXACT))
+
     def states(self, times: Array) -> Array:
         """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
         arcs, flow = self.arcs, self.shot.flow
@@ -135,14 +148,19 @@ def steps_of(arcs: Arcs, total: int) -> IntArray:
 
 
 def solve_lengths(
-    system: System, arcs: Arcs, states: States, budget: Budget, total: int = STEPS
+    system: System,
+    arcs: Arcs,
+    states: States | None,
+    budget: Budget,
+    total: int = STEPS,
 ) -> Settled | None:
     """Find optimal lengths and free torques for arcs of given kinds.
 
     Args:
         system: The functions of the problem.
         arcs: The arcs, with rough lengths.
-        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
+        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n); None
+            integrates the arcs.
         budget: How much may be spent.
         total: Integration steps over the whole motion.
 
@@ -151,9 +169,10 @@ def solve_lengths(
     """
     program = ArcProgram(system, arcs, steps_of(arcs, total))
     times = program.sample_times(arcs)
-    program.begin(states(times.ravel()).reshape(*times.shape, -1))
-    y = program.pack()
-    shot = program.shoot(y)
+    y, shot = program.pack(), None
+    if states is not None:
+        program.begin(states(times.ravel()).reshape(*times.shape, -1))
+        shot = program.shoot(y)
     if shot is None:
         program.march()
         shot = program.shoot(y)

@@ -1,0 +1,197 @@
+"""Descriptions made of others: with one more link, or of several robots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from tominpmp.description.links import write_numbers
+from tominpmp.description.urdf import UrdfDescription
+
+Array = NDArray[np.float64]
+
+# The link that the bases of several robots are fixed to.
+WORLD = "world"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape of a link.
+
+    Attributes:
+        kind: "box", "sphere", "cylinder" or "capsule".
+        sizes: Numbers by attribute, as URDF has them [m].
+        placement: Placement shape_to_link.
+    """
+
+    kind: str
+    sizes: Mapping[str, Sequence[float]]
+    placement: pin.SE3
+
+
+@dataclass(frozen=True)
+class LinkParts:
+    """A link to be added.
+
+    Attributes:
+        name: Its name.
+        mass: Mass [kg].
+        com: Centre of mass, shape (3,) [m].
+        inertia: Inertia about it, shape (3, 3) [kg m^2].
+        shapes: Shapes, for collisions and to look at.
+    """
+
+    name: str
+    mass: float
+    com: Array
+    inertia: Array
+    shapes: tuple[Shape, ...]
+
+
+def carrying_link(description: UrdfDescription, frame: str) -> str:
+    """Link that a frame belongs to: the one of its name, or the child of that joint."""
+    if frame in description.links:
+        return frame
+    for joint in fromstring(description.xml).iter("joint"):
+        if joint.get("name") == frame:
+            return _end(joint, "child")
+    return description.links[0]
+
+
+def with_link(
+    description: UrdfDescription, link: LinkParts, parent: str
+) -> UrdfDescription:
+    """Fix one more link to a link of a description."""
+    robot = fromstring(description.xml)
+    new = SubElement(robot, "link", name=link.name)
+    inertial = SubElement(new, "inertial")
+    _origin(inertial, pin.SE3(np.eye(3), np.array(link.com)))
+    write_numbers(SubElement(inertial, "mass"), "value", [link.mass])
+    inertia = SubElement(inertial, "inertia")
+    for i, one in enumerate("xyz"):
+        for k in range(i, 3):
+            write_numbers(inertia, f"i{one}{'xyz'[k]}", [link.inertia[i, k]])
+    checking = Element("collision_checking")
+    for number, shape in enumerate(link.shapes):
+        _add_shape(SubElement(new, "collision", name=str(number)), shape)
+        _add_shape(SubElement(new, "visual"), shape)
+        if shape.kind == "capsule":
+            SubElement(checking, "capsule", name=str(number))
+    if len(checking):
+        new.append(checking)
+    _fix(robot, f"{link.name}_joint", parent, link.name, pin.SE3.Identity())
+    return replace(
+        description,
+        xml=tostring(robot, encoding="unicode"),
+        links=(*description.links, link.name),
+    )
+
+
+def _add_shape(element: Element, shape: Shape) -> None:
+    _origin(element, shape.placement)
+    # URDF knows no capsule; those to collide with are marked as such.
+    tag = "cylinder" if shape.kind == "capsule" else shape.kind
+    copy = SubElement(SubElement(element, "geometry"), tag)
+    for attribute, values in shape.sizes.items():
+        write_numbers(copy, attribute, values)
+
+
+def joined(
+    parts: Mapping[str, tuple[UrdfDescription, pin.SE3]],
+) -> UrdfDescription:
+    """Several robots in one description, with the part before every name.
+
+    Args:
+        parts: Description and placement base_to_world of each part by its name.
+
+    Returns:
+        A description whose base is the world.
+    """
+    name = "+".join(parts)
+    robot = Element("robot", name=name)
+    SubElement(robot, "link", name=WORLD)
+    links, joints = [WORLD], []
+    for number, (part, (description, base)) in enumerate(parts.items()):
+        for element in fromstring(description.xml):
+            robot.append(_renamed(element, part))
+        # Parsers sort joints by name: the number keeps the order of the parts.
+        mount = f"mount{number:03d}/{part}"
+        _fix(robot, mount, WORLD, f"{part}/{_root(description)}", base)
+        links += [f"{part}/{link}" for link in description.links]
+        for joint in description.joints:
+            mimic = joint.mimic
+            if mimic is not None:
+                mimic = replace(mimic, leader=f"{part}/{mimic.leader}")
+            joints.append(replace(joint, name=f"{part}/{joint.name}", mimic=mimic))
+    first = next(iter(parts.values()))[0]
+    folders = [folder for one, _ in parts.values() for folder in one.package_dirs]
+    return UrdfDescription(
+        name=name,
+        xml=tostring(robot, encoding="unicode"),
+        links=tuple(links),
+        joints=tuple(joints),
+        gravity=None,
+        path=first.path,
+        package_dirs=tuple(dict.fromkeys(folders)),
+        parts=tuple(parts),
+    )
+
+
+def _renamed(element: Element, part: str) -> Element:
+    """Put the name of a part before the names of a link or a joint, in place."""
+    element.set("name", f"{part}/{element.get('name')}")
+    for end in ("parent", "child"):
+        for found in element.findall(end):
+            found.set("link", f"{part}/{found.get('link')}")
+    for material in element.iter("material"):
+        # Parsers take materials of one name for the same.
+        material.set("name", f"{part}/{material.get('name')}")
+    return element
+
+
+def _root(description: UrdfDescription) -> str:
+    """The link without a parent."""
+    robot = fromstring(description.xml)
+    children = {_end(joint, "child") for joint in robot.findall("joint")}
+    return next(link for link in description.links if link not in children)
+
+
+def _end(joint: Element, end: str) -> str:
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def _fix(robot: Element, name: str, parent: str, child: str, placement: pin.SE3) -> None:
+    joint = SubElement(robot, "joint", name=name, type="fixed")
+    _origin(joint, placement)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+
+
+def _origin(element: Element, placement: pin.SE3) -> None:
+    origin = SubElement(element, "origin")
+    write_numbers(origin, "xyz", placement.translation.tolist())
+    write_numbers(origin, "rpy", roll_pitch_yaw(np.array(placement.rotation)))
+
+
+def roll_pitch_yaw(rotation: Array) -> list[float]:
+    """Angles of a rotation about the fixed axes x, y and z [rad].
+
+    Exact to rounding also where the pitch is a right angle; there the roll is zero.
+    """
+    level = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = float(np.arctan2(-rotation[2, 0], level))
+    if level < 1e-9:
+        yaw = float(np.arctan2(-rotation[0, 1], rotation[1, 1]))
+        return [0.0, pitch, yaw]
+    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    # What is left once yaw and pitch are undone turns about x.
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    across = sine * rotation[0, 2] - cosine * rotation[1, 2]
+    along = cosine * rotation[1, 1] - sine * rotation[0, 1]
+    return [float(np.arctan2(across, along)), pitch, yaw]

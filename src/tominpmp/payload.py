@@ -1,0 +1,172 @@
+"""Payloads: what an arm carries, as part of its description.
+
+A payload becomes a link that is fixed to the one that carries it: its mass is part of
+the dynamics, its shapes of collisions and pictures, and its name is that of a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
+from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
+from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.urdf import UrdfDescription
+from tominpmp.exceptions import ProblemError
+from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Sphere
+
+# A moment of inertia may exceed the sum of the other two by this share: files round.
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(Record):
+    """A body fixed to a frame of a robot.
+
+    Attributes:
+        mass: Mass [kg].
+        frame: Name of the frame that carries it.
+        com: Centre of mass in the frame, shape (3,) [m].
+        inertia: Inertia about the centre of mass, in the axes of the frame, shape (3,
+            3) [kg m^2]; None for a point mass.
+        geometry: Its shapes, with positions and rotations in the frame instead of the
+            world.
+        name: Name of the link that it becomes, and so in pairs of bodies.
+    """
+
+    mass: float
+    frame: str
+    com: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    inertia: Array | None = None
+    geometry: Sequence[Obstacle] = ()
+    name: str = "payload"
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        for key in ("frame", "name"):
+            if not isinstance(getattr(self, key), str) or not getattr(self, key):
+                raise ProblemError(
+                    f"payload.{key} is {getattr(self, key)!r}, expected a name",
+                    f"payload.{key}",
+                )
+        object.__setattr__(self, "mass", self._checked_mass())
+        com = _numbers(self.com, (3,))
+        if com is None:
+            raise ProblemError(
+                f"payload.com is {self.com!r}, expected three coordinates [m]",
+                "payload.com",
+            )
+        object.__setattr__(self, "com", com)
+        if self.inertia is not None:
+            object.__setattr__(self, "inertia", _checked_inertia(self.inertia))
+        object.__setattr__(self, "geometry", self._checked_geometry())
+
+    def _checked_mass(self) -> float:
+        try:
+            mass = real_number(self.mass)
+        except ValueError:
+            mass = np.nan
+        if not (np.isfinite(mass) and mass >= 0.0):
+            raise ProblemError(
+                f"payload.mass is {self.mass!r}, expected a mass >= 0 [kg]",
+                "payload.mass",
+            )
+        return mass
+
+    def _checked_geometry(self) -> tuple[Obstacle, ...]:
+        known = (Box, Sphere, Cylinder, Capsule)
+        shapes = () if isinstance(self.geometry, Obstacle) else tuple(self.geometry)
+        if not shapes and self.geometry != ():
+            shapes = (self.geometry,)  # type: ignore[assignment]
+        for item in shapes:
+            if not isinstance(item, known):
+                raise ProblemError(
+                    f"payload.geometry holds a {type(item).__name__}, expected Box, "
+                    "Sphere, Cylinder or Capsule",
+                    "payload.geometry",
+                )
+        return shapes
+
+
+def _numbers(value: object, shape: tuple[int, ...]) -> Array | None:
+    try:
+        array = real_array(value)
+    except ValueError:
+        return None
+    return array if array.shape == shape and np.all(np.isfinite(array)) else None
+
+
+def _checked_inertia(value: object) -> Array:
+    """Check that a body can have such an inertia."""
+    array = _numbers(value, (3, 3))
+    if array is None or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
+        raise ProblemError(
+            f"payload.inertia is {value!r}, expected a symmetric matrix of 3x3 numbers "
+            "[kg m^2]",
+            "payload.inertia",
+        )
+    moments = np.linalg.eigvalsh(array)
+    slack = ROUNDING * float(np.abs(moments).max())
+    if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
+        raise ProblemError(
+            f"payload.inertia has the principal moments {moments.tolist()}, expected "
+            "none below 0 or above the sum of the other two",
+            "payload.inertia",
+        )
+    return frozen_array(0.5 * (array + array.T))
+
+
+def attach(
+    payload: Payload,
+    description: UrdfDescription,
+    srdf: SemanticDescription | None,
+    neighbours: Sequence[str],
+) -> tuple[UrdfDescription, SemanticDescription | None]:
+    """Make a payload part of the descriptions of a robot.
+
+    Args:
+        payload: The payload.
+        description: What the URDF file says.
+        srdf: What the SRDF file says.
+        neighbours: Links that the payload may touch: those of the joint that carries it
+            and of the joints beside that one.
+
+    Returns:
+        Both descriptions, with the payload.
+
+    Raises:
+        ProblemError: If its name is that of another link.
+    """
+    if payload.name in description.links:
+        raise ProblemError(
+            f"payload.name is {payload.name!r}, which is a link of the robot already; "
+            "give the payload another name",
+            "payload.name",
+        )
+    link = carrying_link(description, payload.frame)
+    inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
+    shapes = tuple(_shape(item) for item in payload.geometry)
+    parts = LinkParts(payload.name, payload.mass, payload.com, inertia, shapes)
+    described = with_link(description, parts, link)
+    if srdf is None or not srdf.disabled_pairs:
+        return described, srdf
+    pairs = {(min(pair), max(pair)) for pair in product([payload.name], neighbours)}
+    pairs = {pair: None for pair in (*srdf.disabled_pairs, *sorted(pairs))}
+    return described, replace(srdf, disabled_pairs=tuple(pairs))
+
+
+def _shape(item: Obstacle) -> Shape:
+    placement = pin.SE3(np.array(item.rotation), np.array(item.position))
+    if isinstance(item, Box):
+        return Shape("box", {"size": item.size.tolist()}, placement)
+    sizes = {
+        key: [float(getattr(item, key))]
+        for key in ("radius", "length")
+        if hasattr(item, key)
+    }
+    return Shape(type(item).__name__.lower(), sizes, placement)
