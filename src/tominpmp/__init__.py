@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options, Tolerances
     from tominpmp.output.export import load_motion
+    from tominpmp.payload import Payload
     from tominpmp.planner import plan
     from tominpmp.problem import Problem
     from tominpmp.robot import JointLimits, Robot, load_robot
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
         prove_clearance,
         verify,
     )
+    from tominpmp.workcell import combine_robots
 
 # Where the public names are: a module is imported when one of its names is first used,
 # so that the command line shows its help without loading the robotics libraries.
@@ -108,6 +110,7 @@ _HOMES = {
         "Tolerances",
     ),
     "output.export": ("load_motion",),
+    "payload": ("Payload",),
     "planner": ("plan",),
     "problem": ("Problem",),
     "robot": (
@@ -157,6 +160,7 @@ _HOMES = {
         "prove_clearance",
         "verify",
     ),
+    "workcell": ("combine_robots",),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -186,6 +190,7 @@ __all__ = [
     "OcTree",
     "Options",
     "OptionsError",
+    "Payload",
     "PlanningFailed",
     "PoseGoal",
     "PositionGoal",
@@ -209,6 +214,7 @@ __all__ = [
     "TominpmpWarning",
     "Trajectory",
     "Verification",
+    "combine_robots",
     "load_joint_limits",
     "load_motion",
     "load_moveit",

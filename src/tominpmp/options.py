@@ -20,6 +20,7 @@ METHODS = ("auto", "inverse", "collocation", "adjoint", "penalty")
 STEP_RULES = ("adaptive", "paper")
 GRIDS = ("cosine", "uniform")
 CONTROLS = ("auto", "constant", "linear", "spline")
+REFINEMENTS = ("grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
 OPTIONAL = ("max_planning_time", "initial_duration", "starts")
@@ -59,6 +60,10 @@ class Options(Record):
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes
             "linear" where the problem has motion limits that need it, else "constant".
+        refine: What follows the first solve: None; "grid" (intervals are split where
+            the motion needs it, until its replay meets the tolerances); "switching"
+            (the instants at which torques switch are placed exactly, for small arms,
+            and other orders of the switches are looked for unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
             free. None takes 1e-4 T for "inverse" and "collocation", 0 for "adjoint".
@@ -98,6 +103,7 @@ class Options(Record):
     intervals: int = 40
     grid: Literal["cosine", "uniform"] = "cosine"
     control: Control = "auto"
+    refine: Literal["grid", "switching"] | None = None
     smoothing: float | None = None
     starts: int | None = None
     seed: int = 0
@@ -125,6 +131,8 @@ class Options(Record):
         self._one_of("step_rule", STEP_RULES)
         self._one_of("control", CONTROLS)
         self._one_of("grid", GRIDS)
+        if self.refine is not None:
+            self._one_of("refine", REFINEMENTS)
         for name, least in (
             ("intervals", 4),
             ("max_iterations", 1),
@@ -172,10 +180,12 @@ class Options(Record):
         value = getattr(self, name)
         raise OptionsError(f"{name} is {value!r}, expected {expected}", option=name)
 
-    def _one_of(self, name: str, known: tuple[str, ...]) -> None:
+    def _one_of(self, name: str, known: tuple[str | None, ...]) -> None:
         value = getattr(self, name)
-        if not isinstance(value, str) or value not in known:
-            self._fail(name, f"one of: {', '.join(known)}")
+        if value is None or isinstance(value, str):
+            if value in known:
+                return
+        self._fail(name, f"one of: {', '.join(map(str, known))}")
 
     def _integer(self, name: str, least: int) -> None:
         value = getattr(self, name)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,8 +17,8 @@ from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import ProblemError
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.exceptions import FrameNotFound, ProblemError
+from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # A moment of inertia may exceed the sum of the other two by this share: files round.
 ROUNDING = 1e-6
@@ -79,18 +79,22 @@ class Payload(Record):
         return mass
 
     def _checked_geometry(self) -> tuple[Obstacle, ...]:
-        known = (Box, Sphere, Cylinder, Capsule)
-        shapes = () if isinstance(self.geometry, Obstacle) else tuple(self.geometry)
-        if not shapes and self.geometry != ():
-            shapes = (self.geometry,)  # type: ignore[assignment]
-        for item in shapes:
-            if not isinstance(item, known):
+        expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
+        if not isinstance(self.geometry, Sequence):
+            raise ProblemError(
+                f"payload.geometry is a {type(self.geometry).__name__}, expected "
+                f"{expected}",
+                "payload.geometry",
+            )
+        for item in self.geometry:
+            known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
+            if not known or (isinstance(item, Mesh) and item.path is None):
                 raise ProblemError(
-                    f"payload.geometry holds a {type(item).__name__}, expected Box, "
-                    "Sphere, Cylinder or Capsule",
+                    f"payload.geometry holds a {type(item).__name__}, expected "
+                    f"{expected}",
                     "payload.geometry",
                 )
-        return shapes
+        return tuple(self.geometry)
 
 
 def _numbers(value: object, shape: tuple[int, ...]) -> Array | None:
@@ -125,45 +129,84 @@ def attach(
     payload: Payload,
     description: UrdfDescription,
     srdf: SemanticDescription | None,
-    neighbours: Sequence[str],
+    model: pin.Model,
+    geometry: pin.GeometryModel,
 ) -> tuple[UrdfDescription, SemanticDescription | None]:
     """Make a payload part of the descriptions of a robot.
 
     Args:
         payload: The payload.
         description: What the URDF file says.
-        srdf: What the SRDF file says.
-        neighbours: Links that the payload may touch: those of the joint that carries it
-            and of the joints beside that one.
+        srdf: What the SRDF file says; where it disables pairs of links, the payload may
+            touch those beside the joint that carries it, too.
+        model: The robot without the payload.
+        geometry: Its collision geometry.
 
     Returns:
         Both descriptions, with the payload.
 
     Raises:
         ProblemError: If its name is that of another link.
+        FrameNotFound: If there is no such frame.
     """
-    if payload.name in description.links:
+    if not isinstance(payload, Payload):
         raise ProblemError(
-            f"payload.name is {payload.name!r}, which is a link of the robot already; "
-            "give the payload another name",
+            f"payload is a {type(payload).__name__}, expected a Payload", "payload"
+        )
+    names = [frame.name for frame in model.frames[1:]]
+    if payload.name in names:
+        raise ProblemError(
+            f"payload.name is {payload.name!r}, which is a frame of the robot already; "
+            "expected another name",
             "payload.name",
         )
     link = carrying_link(description, payload.frame)
+    if link is None:
+        raise FrameNotFound(payload.frame, names)
     inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
     shapes = tuple(_shape(item) for item in payload.geometry)
     parts = LinkParts(payload.name, payload.mass, payload.com, inertia, shapes)
     described = with_link(description, parts, link)
     if srdf is None or not srdf.disabled_pairs:
         return described, srdf
-    pairs = {(min(pair), max(pair)) for pair in product([payload.name], neighbours)}
-    pairs = {pair: None for pair in (*srdf.disabled_pairs, *sorted(pairs))}
-    return described, replace(srdf, disabled_pairs=tuple(pairs))
+    beside = _links_beside(model, geometry, int(model.getBodyId(link)))
+    pairs = [(min(name, payload.name), max(name, payload.name)) for name in beside]
+    pairs = [*srdf.disabled_pairs, *pairs]
+    return described, replace(srdf, disabled_pairs=tuple(dict.fromkeys(pairs)))
+
+
+def _links_beside(
+    model: pin.Model, geometry: pin.GeometryModel, body: int
+) -> list[str]:
+    """Links with shapes on the joint of a link and on those next to it."""
+    carriers = {int(item.parentJoint) for item in geometry.geometryObjects}
+    joint = int(model.frames[body].parentJoint)
+    near = {joint}
+    for child in carriers:
+        parent = int(model.parents[child])
+        while parent not in carriers and parent != joint and parent:
+            parent = int(model.parents[parent])
+        if parent == joint:
+            near.add(child)
+    parent = int(model.parents[joint])
+    while parent not in carriers and parent:
+        parent = int(model.parents[parent])
+    near.add(parent)
+    found = (
+        model.frames[item.parentFrame].name
+        for item in geometry.geometryObjects
+        if int(item.parentJoint) in near
+    )
+    return sorted(set(found))
 
 
 def _shape(item: Obstacle) -> Shape:
     placement = pin.SE3(np.array(item.rotation), np.array(item.position))
     if isinstance(item, Box):
         return Shape("box", {"size": item.size.tolist()}, placement)
+    if isinstance(item, Mesh):
+        file = str(Path(str(item.path)).absolute())
+        return Shape("mesh", {"scale": item.scale.tolist()}, placement, file)
     sizes = {
         key: [float(getattr(item, key))]
         for key in ("radius", "length")

@@ -39,7 +39,8 @@ class Problem(Record):
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
         motion_limits: Limits beyond those of the robot's description, if any.
         self_collision: Whether the links keep clear of each other, and of what is fixed
-            to the base, too, without a margin; None where there are obstacles.
+            to the base, too, without a margin; None where there are obstacles or
+            several robots.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
@@ -98,7 +99,8 @@ class Problem(Record):
     def checker(self) -> CollisionChecker:
         """Distances of the links to the obstacles and to each other."""
         own = self.self_collision
-        own = bool(len(self.scene)) if own is None else own
+        if own is None:
+            own = bool(len(self.scene)) or len(self.robot.parts) > 1
         return CollisionChecker(self.robot, self.scene, self_collision=own)
 
     @cached_property

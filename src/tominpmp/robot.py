@@ -15,9 +15,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.arrays import Record, comparable
+from tominpmp.description.assembly import stack_parts
 from tominpmp.description.files import check_folders, find_robot
 from tominpmp.description.joint_table import JointLimits, JointTable, read_only
-from tominpmp.description.joint_values import JointValues
+from tominpmp.description.joint_values import JointValues, check_gravity
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import (
     build_geometry,
@@ -26,14 +27,10 @@ from tominpmp.description.model import (
     configured_model,
     expansion,
 )
-from tominpmp.description.srdf import SemanticDescription, read_srdf
+from tominpmp.description.srdf import SemanticDescription, read_semantics
 from tominpmp.description.urdf import UrdfDescription, read_urdf
-from tominpmp.exceptions import (
-    FrameNotFound,
-    OptionsError,
-    ProblemError,
-    RobotLoadError,
-)
+from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError
+from tominpmp.payload import Payload, attach
 
 __all__ = ["JointLimits", "Robot", "load_robot"]
 
@@ -251,16 +248,7 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
-        limits = self.limits
-        table = JointTable(
-            self.joint_names,
-            limits.position_lower,
-            limits.position_upper,
-            limits.velocity,
-            np.column_stack([limits.effort_lower, limits.effort_upper]),
-            self.damping,
-            self.armature,
-        ).overridden(
+        table = self._table().overridden(
             Linkage.resolve(self.description.joints, self.locked_joints).reasons(),
             damping=damping,
             armature=armature,
@@ -269,7 +257,7 @@ class Robot(Record):
             position_lower=position_lower,
             position_upper=position_upper,
         )
-        changed = _check_gravity(self.gravity if gravity is None else gravity)
+        changed = check_gravity(self.gravity if gravity is None else gravity)
         expansion_pair = self.expansion_matrix, self.expansion_offset
         robot = replace(
             self,
@@ -285,6 +273,38 @@ class Robot(Record):
             if name in self.__dict__:
                 robot.__dict__[name] = self.__dict__[name]
         return robot
+
+    def with_payload(self, payload: Payload) -> Robot:
+        """Make a robot that carries a body on one of its frames.
+
+        Raises:
+            ProblemError: If its name is taken.
+            FrameNotFound: If there is no such frame.
+        """
+        description, srdf = attach(
+            payload, self.description, self.srdf, self.model, self.collision_model
+        )
+        plain = build_model(description, self.locked_joints)
+        ties = self.expansion_matrix, self.expansion_offset
+        model = configured_model(plain, self._table(), self.gravity, *ties)
+        return replace(self, model=model, description=description, srdf=srdf)
+
+    def _table(self) -> JointTable:
+        given = self.limits, self.damping, self.armature
+        return JointTable.of_limits(self.joint_names, *given)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the robots that this one was combined from; mostly none."""
+        return self.description.parts
+
+    def stack(self, **parts: ArrayLike) -> Array:
+        """Join values of the joints of all robots combined, by name: shape (n,).
+
+        Raises:
+            ProblemError: If a robot is missing or unknown, or a length is wrong.
+        """
+        return stack_parts(self.joint_names, self.parts, parts)
 
 
 def load_robot(
@@ -357,7 +377,7 @@ def load_robot(
     table.check_complete(files.urdf)
     if gravity is None:
         gravity = description.gravity or DEFAULT_GRAVITY
-    checked = _check_gravity(gravity)
+    checked = check_gravity(gravity)
     robot = Robot(
         name=files.name or description.name,
         model=configured_model(model, table, checked, matrix, offset),
@@ -369,32 +389,9 @@ def load_robot(
         expansion_matrix=matrix,
         expansion_offset=offset,
         locked_joints=linkage.locked,
-        srdf=_read_semantics(files.srdf if srdf is None else srdf, description),
+        srdf=read_semantics(files.srdf if srdf is None else srdf, description),
         description=description,
     )
     check_inertia(robot.model, table, matrix, offset, files.urdf)
     _ = robot.collision_model  # a mesh that cannot be read is to be told of now
     return robot
-
-
-def _read_semantics(
-    path: str | os.PathLike[str] | None, description: UrdfDescription
-) -> SemanticDescription | None:
-    if path is None:
-        return None
-    joints = [joint.name for joint in description.joints]
-    return read_srdf(Path(path).expanduser().absolute(), description.links, joints)
-
-
-def _check_gravity(gravity: ArrayLike) -> Array:
-    """Check that gravity is a vector."""
-    try:
-        vector = np.asarray(gravity, dtype=np.float64)
-    except (TypeError, ValueError):
-        vector = np.full(1, np.nan)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise OptionsError(
-            f"gravity: got {gravity!r}, expected three finite numbers [m/s^2]",
-            "gravity",
-        )
-    return vector

@@ -54,6 +54,11 @@ BAD = {
     ],
     "lp_solver": ["", None, 3, ["highs"], object()],
     "processes": [*NO_INTEGERS, 0, -2],
+    "refine": ["mesh", 3, True],
+    "goal_tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
+    "speed_tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
+    "limit_tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
+    "contact_tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
     "callback": ["print", 3, []],
 }
 
@@ -78,6 +83,11 @@ GOOD = {
     "initial_control": [(None, None)],
     "lp_solver": [(value, value) for value in (*LP_SOLVERS, "clarabel")],
     "processes": [(1, 1), (8, 8)],
+    "refine": [(None, None), ("grid", "grid"), ("switching", "switching")],
+    "goal_tolerance": [(1, 1.0), (1e-3, 1e-3)],
+    "speed_tolerance": [(1, 1.0), (1e-3, 1e-3)],
+    "limit_tolerance": [(1, 1.0), (1e-3, 1e-3)],
+    "contact_tolerance": [(1, 1.0), (1e-3, 1e-3)],
     "callback": [(None, None), (print, print)],
 }
 

@@ -219,7 +219,7 @@ def test_bad_time(time: object) -> None:
         ("q", np.zeros((3, 2)), r"'q' has shape \(3, 2\), expected \(4, 2\)"),
         ("v", np.zeros((4, 1)), r"'v' has shape \(4, 1\), expected \(4, 2\)"),
         ("u", np.zeros(4), r"'u' has shape \(4,\), expected \(4, 2\)"),
-        ("a", np.zeros((4, 2)), r"'a' has shape \(4, 2\), expected \(3, 2\)"),
+        ("a", np.zeros((5, 2)), r"'a' has shape \(5, 2\), expected \(3, 2\)"),
         ("t", np.zeros((4, 1)), r"'t' has shape \(4, 1\), expected \(4,\)"),
         ("t", [0.0, 0.25, 0.25, 1.0], "increase from 0"),
         ("t", [0.0, 0.4, 0.25, 1.0], "increase from 0"),

@@ -10,8 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from tominpmp.arrays import real_array
 from tominpmp.description.links import write_numbers
 from tominpmp.description.urdf import UrdfDescription
+from tominpmp.exceptions import ProblemError
 
 Array = NDArray[np.float64]
 
@@ -24,14 +26,16 @@ class Shape:
     """A shape of a link.
 
     Attributes:
-        kind: "box", "sphere", "cylinder" or "capsule".
+        kind: "box", "sphere", "cylinder", "capsule" or "mesh".
         sizes: Numbers by attribute, as URDF has them [m].
         placement: Placement shape_to_link.
+        file: File of a mesh.
     """
 
     kind: str
     sizes: Mapping[str, Sequence[float]]
     placement: pin.SE3
+    file: str | None = None
 
 
 @dataclass(frozen=True)
@@ -53,14 +57,14 @@ class LinkParts:
     shapes: tuple[Shape, ...]
 
 
-def carrying_link(description: UrdfDescription, frame: str) -> str:
-    """Link that a frame belongs to: the one of its name, or the child of that joint."""
+def carrying_link(description: UrdfDescription, frame: str) -> str | None:
+    """Link whose axes a frame has: the one of its name, or the child of that joint."""
     if frame in description.links:
         return frame
     for joint in fromstring(description.xml).iter("joint"):
         if joint.get("name") == frame:
             return _end(joint, "child")
-    return description.links[0]
+    return None
 
 
 def with_link(
@@ -97,6 +101,8 @@ def _add_shape(element: Element, shape: Shape) -> None:
     # URDF knows no capsule; those to collide with are marked as such.
     tag = "cylinder" if shape.kind == "capsule" else shape.kind
     copy = SubElement(SubElement(element, "geometry"), tag)
+    if shape.file is not None:
+        copy.set("filename", shape.file)
     for attribute, values in shape.sizes.items():
         write_numbers(copy, attribute, values)
 
@@ -166,7 +172,9 @@ def _end(joint: Element, end: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _fix(robot: Element, name: str, parent: str, child: str, placement: pin.SE3) -> None:
+def _fix(
+    robot: Element, name: str, parent: str, child: str, placement: pin.SE3
+) -> None:
     joint = SubElement(robot, "joint", name=name, type="fixed")
     _origin(joint, placement)
     SubElement(joint, "parent", link=parent)
@@ -195,3 +203,37 @@ def roll_pitch_yaw(rotation: Array) -> list[float]:
     across = sine * rotation[0, 2] - cosine * rotation[1, 2]
     along = cosine * rotation[1, 1] - sine * rotation[0, 1]
     return [float(np.arctan2(across, along)), pitch, yaw]
+
+
+def stack_parts(
+    joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
+) -> Array:
+    """Put values of the joints of several robots into one array.
+
+    Args:
+        joints: Names of the joints, that of the robot before each.
+        names: Names of the robots.
+        values: Values by the name of the robot.
+
+    Raises:
+        ProblemError: If a robot is missing or unknown, or a length is wrong.
+    """
+    known = ", ".join(names) or "none; it was not combined from several"
+    for name in (*values, *names):
+        if name not in names or name not in values:
+            state = "given" if name not in names else "missing"
+            raise ProblemError(
+                f"values for {name!r} are {state}; the robots are: {known}", name
+            )
+    out = np.empty(len(joints))
+    for name in names:
+        rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
+        given = real_array(values[name])
+        if given.shape != (len(rows),):
+            raise ProblemError(
+                f"{name} has shape {given.shape}, expected {len(rows)} numbers, one "
+                f"for each of: {', '.join(joints[i] for i in rows)}",
+                name,
+            )
+        out[rows] = given
+    return out

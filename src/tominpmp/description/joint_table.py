@@ -125,6 +125,25 @@ class JointTable:
             armature=table[:, 6],
         )
 
+    @classmethod
+    def of_limits(
+        cls,
+        joint_names: Sequence[str],
+        limits: JointLimits,
+        damping: Array,
+        armature: Array,
+    ) -> JointTable:
+        """Table of a robot as it is."""
+        return cls(
+            tuple(joint_names),
+            limits.position_lower,
+            limits.position_upper,
+            limits.velocity,
+            np.column_stack([limits.effort_lower, limits.effort_upper]),
+            damping,
+            armature,
+        )
+
     def overridden(
         self, not_free: Mapping[str, str], **values: JointValues | None
     ) -> JointTable:

@@ -127,3 +127,17 @@ def check_order(
                 f"limit {b:g}, expected the lower one to be less",
                 option,
             )
+
+
+def check_gravity(gravity: ArrayLike) -> Array:
+    """Check that gravity is a vector."""
+    try:
+        vector = np.asarray(gravity, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(1, np.nan)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise OptionsError(
+            f"gravity: got {gravity!r}, expected three finite numbers [m/s^2]",
+            "gravity",
+        )
+    return vector

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.xml_reader import XmlContext, read_xml
 from tominpmp.exceptions import RobotLoadError
 
@@ -90,3 +92,17 @@ def read_srdf(
                 context.text(joint, "value", where)
                 state[joint_name] = context.number(joint, "value", where)
     return SemanticDescription(tuple(pairs), states, path)
+
+
+def read_semantics(
+    path: str | os.PathLike[str] | None, description: UrdfDescription
+) -> SemanticDescription | None:
+    """Read the SRDF file that belongs to a description, if there is one.
+
+    Raises:
+        RobotLoadError: As :func:`read_srdf`.
+    """
+    if path is None:
+        return None
+    joints = [joint.name for joint in description.joints]
+    return read_srdf(Path(path).expanduser().absolute(), description.links, joints)

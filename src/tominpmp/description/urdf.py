@@ -89,6 +89,7 @@ class UrdfDescription:
         gravity: Gravity [m/s^2], if the file gives one.
         path: The file.
         package_dirs: Folders given for ``package://``.
+        parts: Names of the robots that it was put together from; mostly none.
     """
 
     name: str
@@ -98,6 +99,7 @@ class UrdfDescription:
     gravity: tuple[float, ...] | None
     path: Path
     package_dirs: tuple[Path, ...]
+    parts: tuple[str, ...] = ()
 
 
 def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:

@@ -2,6 +2,42 @@
 
 from __future__ import annotations
 
+from tominpmp.options import Options
 from tominpmp.refinement.exact import refine_switching
+from tominpmp.refinement.grid import refine_grid
+from tominpmp.refinement.monitor import Monitor
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.lp import LpSolver
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.system import System
 
-__all__ = ["refine_switching"]
+__all__ = ["refine", "refine_grid", "refine_switching"]
+
+
+def refine(
+    system: System,
+    options: Options,
+    transcription: Transcription,
+    result: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> tuple[Transcription, SlpResult]:
+    """Refine a motion as ``options.refine`` says.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        transcription: The program of the motion.
+        result: Its solution.
+        lp: Solver of linear programs.
+        watch: Time limit and callback.
+
+    Returns:
+        Program and solution of the refined motion; what was given where nothing better
+        was found. The motion is never slower, unless its replay was not all right.
+    """
+    if options.refine == "grid":
+        return refine_grid(system, options, transcription, result, lp, watch)
+    if options.refine == "switching":
+        return refine_switching(system, options, transcription, result, lp, watch)
+    return transcription, result

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.refinement.flow import NODES
 from tominpmp.refinement.hybrid import differentiate_rates
 from tominpmp.refinement.shooting import ArcProgram, Shot
@@ -38,9 +38,8 @@ class ArcTranscription:
         parts = [_equations("goal", goals), _equations("speed", equations - goals)]
         parts.append(_limits("goal region", bounds))
         kinds = program.watched.kind  # sorted
-        parts += [
-            _limits(name, int((kinds == k).sum())) for k, name in enumerate(KINDS)
-        ]
+        for kind, name in enumerate(KINDS):
+            parts.append(_limits(name, int((kinds == kind).sum())))
         self._rows = Rows.stack([part for part in parts if part[1].size])
 
     @property
@@ -154,11 +153,11 @@ class ArcTranscription:
         )
 
 
-def _equations(name: str, count: int) -> tuple[str, Array, Array, Array]:
+def _equations(name: str, count: int) -> tuple[str, Array, Array, IntArray]:
     zero = np.zeros(count)
     return name, zero, zero, zero.astype(np.int64)
 
 
-def _limits(name: str, count: int) -> tuple[str, Array, Array, Array]:
+def _limits(name: str, count: int) -> tuple[str, Array, Array, IntArray]:
     zero = np.zeros(count)
     return name, zero, np.full(count, np.inf), zero.astype(np.int64)

@@ -8,6 +8,7 @@ an interval of a grid is a compromise.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -183,7 +184,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
     code = np.where(inside, 0, code)
     code = np.where(forwards, 2, np.where(backwards, -2, code))
     starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [code.size]])
-    runs = [(int(a), int(b), int(code[a])) for a, b in zip(starts, starts[1:])]
+    runs = [(int(a), int(b), int(code[a])) for a, b in pairwise(starts)]
     out: list[Stretch] = []
     for index, (a, b, kind) in enumerate(runs):
         end = float(t[b])
@@ -198,7 +199,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
         else:
             pieces = min(PIECES, (b - a) // 2)
             cuts = np.unique(np.linspace(a, b, pieces + 1).round().astype(int))
-            for first, last in zip(cuts[:-1], cuts[1:]):
+            for first, last in pairwise(cuts):
                 h = np.diff(t[first : last + 1])
                 level = float(h @ shares[first:last] / h.sum())
                 out.append(Stretch(float(t[last]), level, True, 0))

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from tominpmp.options import Options
 from tominpmp.refinement.arc_transcription import ArcTranscription
 from tominpmp.refinement.explore import explore
+from tominpmp.refinement.monitor import Monitor
 from tominpmp.refinement.reading import arcs_of, states_of
 from tominpmp.refinement.switching import Budget, Settled, refine_arcs
-from tominpmp.solution import IterationRecord, Status
+from tominpmp.solution import Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.lp import LpSolver
 from tominpmp.solvers.slp import SlpSolver
@@ -40,17 +40,6 @@ LONGER = 1e-6
 TRIES = 14
 EXPLORING = 1500
 EXPLORED_MOTORS = 3
-
-
-class Monitor(Protocol):
-    """What tells when to stop; see :class:`~tominpmp.attempts.Watch`."""
-
-    @property
-    def over(self) -> bool:
-        """Whether the planning time is used up."""
-
-    def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
 
 
 def refine_switching(
@@ -88,12 +77,8 @@ def refine_switching(
         return transcription, result
     arcs = ArcTranscription(best.program, best.shot)
     values = arcs.evaluate(best.y)
-    merit = replace(
-        iterate.merit,
-        cost=arcs.cost,
-        rows=arcs.rows,
-        weights=np.ones(len(arcs.rows.kinds)),
-    )
+    weights = np.ones(len(arcs.rows.kinds))
+    merit = replace(iterate.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
     refined = Iterate(best.y, values, merit, iterate.region, np.zeros(arcs.rows.size))
     return arcs, SlpResult(Status.CONVERGED, refined, refined, result.history)
 

@@ -26,13 +26,9 @@ _R = math.sqrt(6.0)
 NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
 WEIGHTS = np.array(
     [
-        [
-            (88.0 - 7.0 * _R) / 360.0,
-            (296.0 - 169.0 * _R) / 1800.0,
-            (3.0 * _R - 2) / 225,
-        ],
-        [(296.0 + 169.0 * _R) / 1800.0, (88.0 + 7.0 * _R) / 360.0, -(3 * _R + 2) / 225],
-        [(16.0 - _R) / 36.0, (16.0 + _R) / 36.0, 1.0 / 9.0],
+        [(88 - 7 * _R) / 360, (296 - 169 * _R) / 1800, (3 * _R - 2) / 225],
+        [(296 + 169 * _R) / 1800, (88 + 7 * _R) / 360, -(3 * _R + 2) / 225],
+        [(16 - _R) / 36, (16 + _R) / 36, 1 / 9],
     ]
 )
 STAGES = 3
@@ -76,12 +72,9 @@ class Flow:
         f_u = self.rates.f_u.reshape(count, STAGES, size, n)
         by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u) * self.h[:, None, None, None]
         by_h = np.einsum("ij,mja->mia", WEIGHTS, f)
-        both = np.broadcast_to(
-            np.tile(np.eye(size), (STAGES, 1)), (count, 3 * size, size)
-        )
         right = np.concatenate(
             [
-                both,
+                _repeated(count, size),
                 by_u.reshape(count, STAGES * size, n),
                 by_h.reshape(count, STAGES * size, 1),
             ],
@@ -116,7 +109,7 @@ def integrate(
     count, _, size = guess.shape
     torque = np.repeat(u, STAGES, axis=0)
     kept = np.repeat(held, STAGES, axis=0)
-    both = np.broadcast_to(np.tile(np.eye(size), (STAGES, 1)), (count, 3 * size, size))
+    both = _repeated(count, size)
 
     def residual_at(stages: Array) -> tuple[Rates, Array]:
         rates = differentiate_rates(dynamics, stages.reshape(-1, size), torque, kept)
@@ -176,7 +169,9 @@ def march(
         torque, kept = u[i : i + 1], held[i : i + 1]
 
         def rate(state: Array, torque: Array = torque, kept: BoolArray = kept) -> Array:
-            return differentiate_rates(dynamics, state[None], torque, kept).f[0]
+            return np.asarray(
+                differentiate_rates(dynamics, state[None], torque, kept).f[0]
+            )
 
         with np.errstate(all="ignore"):
             # The classical method of order 4, and Hermite's cubic between.
@@ -204,10 +199,16 @@ def _stage_matrix(h: Array, f_x: Array, count: int, size: int) -> Array:
     return np.asarray(np.eye(STAGES * size) - h[:, None, None] * coupling)
 
 
+def _repeated(count: int, size: int) -> Array:
+    """Derivative of the equations of steps by their starts, with its sign changed."""
+    block = np.tile(np.eye(size), (STAGES, 1))
+    return np.broadcast_to(block, (count, STAGES * size, size))
+
+
 def _follow(parts: Array) -> Array:
     """Changes of all stages, each step starting where the one before it ends."""
     size = parts.shape[2] - 1
     own, by_start = parts[..., 0].copy(), parts[..., 1:]
     for k in range(1, own.shape[0]):
         own[k] += by_start[k] @ own[k - 1, -size:]
-    return own
+    return np.asarray(own)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.refinement.arcs import Arcs
 from tominpmp.refinement.shooting import POSITION, VELOCITY, ArcProgram, Shot
 
@@ -96,7 +96,7 @@ def torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> A
         (VELOCITY, n, speed),
     ):
         rows = (watched.kind == kind) & (weights != 0.0)
-        index = watched.index[rows]
+        index = watched.which[rows]
         at = (watched.node[rows], offset + index)
         np.add.at(push, at, weights[rows] / scale[index])
     out = np.empty((A.shape[0], n))
@@ -156,7 +156,7 @@ def _touches(program: ArcProgram, shot: Shot, limits: Array) -> list[Change]:
     out = []
     first = np.cumsum(program.steps) - program.steps
     for row in np.flatnonzero((watched.kind == VELOCITY) & (weights > 1e-6)).tolist():
-        step, joint = int(watched.node[row]) - 1, int(watched.index[row])
+        step, joint = int(watched.node[row]) - 1, int(watched.which[row])
         arc = int(program.arc_of_step[step])
         share = (step + 1 - int(first[arc])) / int(program.steps[arc])
         gain, sign = float(weights[row]) * program.duration, int(watched.sign[row])
@@ -164,7 +164,7 @@ def _touches(program: ArcProgram, shot: Shot, limits: Array) -> list[Change]:
     return out
 
 
-def _runs(flags: Array) -> list[tuple[int, int]]:
+def _runs(flags: BoolArray) -> list[tuple[int, int]]:
     """Beginnings and ends of stretches that are true."""
     edges = np.diff(np.concatenate([[0], np.asarray(flags, dtype=np.int64), [0]]))
     starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)

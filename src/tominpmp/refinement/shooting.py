@@ -27,13 +27,13 @@ class Watched(NamedTuple):
     Attributes:
         kind: Which limit, shape (r,).
         node: At the end of which step, counted from 1, shape (r,).
-        index: Joint or pair, shape (r,).
+        which: Joint or pair, shape (r,).
         sign: 1 for an upper limit, -1 for a lower one, shape (r,).
     """
 
     kind: IntArray
     node: IntArray
-    index: IntArray
+    which: IntArray
     sign: IntArray
 
     @classmethod
@@ -258,7 +258,7 @@ class ArcProgram:
         """Ends of steps at which a joint is held, or begins to be, shape (M, n)."""
         kept = self._held.copy()
         kept[:-1] |= self._held[1:]
-        return kept
+        return np.asarray(kept)
 
     def _rooms(self, flow: Flow, by: Array) -> tuple[Array, Array]:
         """What is left to the watched limits, with derivatives."""
@@ -268,7 +268,7 @@ class ArcProgram:
         limits = system.problem.robot.limits
         for kind in np.unique(watched.kind).tolist():
             rows = np.flatnonzero(watched.kind == kind)
-            node, index = watched.node[rows], watched.index[rows]
+            node, index = watched.node[rows], watched.which[rows]
             sign = watched.sign[rows]
             high, low = self._values(flow, kind)
             room[rows] = np.where(sign > 0, high[node - 1, index], low[node - 1, index])
@@ -307,7 +307,7 @@ class ArcProgram:
         for kind in np.unique(passed.kind).tolist():
             high, low = self._values(flow, kind)
             rows = passed.kind == kind
-            at = passed.node[rows] - 1, passed.index[rows]
+            at = passed.node[rows] - 1, passed.which[rows]
             room = np.where(passed.sign[rows] > 0, high[at], low[at])
             worst = max(worst, float(np.max(-room)))
         return worst

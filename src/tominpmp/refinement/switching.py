@@ -1,10 +1,10 @@
 """Exact switching: arcs of exact length in place of intervals of a grid.
 
-A structure of arcs is read off a motion; the lengths are optimised (sequential quadratic
-programming; Kraft, 1988), arcs that vanish are dropped and others put in where
-Pontryagin's conditions are violated, until there is nothing left to change. Integration
-steps are halved until the duration no longer notices: lengths are never traded for
-errors of integration.
+A structure of arcs is read off a motion; the lengths are optimised by sequential
+quadratic programming (Kraft, 1988), arcs that vanish are dropped and others put in
+where Pontryagin's conditions are violated, until there is nothing left to change.
+Integration steps are halved until the duration no longer notices: lengths are never
+traded for errors of integration.
 """
 
 from __future__ import annotations
@@ -211,7 +211,9 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
 
         def function(z: Array) -> Array:
             shot = program.shoot(z)
-            return np.full(shape, missing) if shot is None else getattr(shot, name)
+            if shot is None:
+                return np.full(shape, missing)
+            return np.asarray(getattr(shot, name))
 
         return function
 
@@ -251,9 +253,9 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
             options={"maxiter": ITERATIONS, "ftol": 1e-11},
         )
     except StopIteration:
-        return np.clip(last, low, high)
+        return np.asarray(np.clip(last, low, high))
     logger.debug("%s after %d iterations", found.message, found.nit)
-    return np.clip(np.asarray(found.x), low, high)
+    return np.asarray(np.clip(found.x, low, high))
 
 
 def polish(
