@@ -10,6 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.refinement import refine
 from tominpmp.seeding.guess import Guess
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import SlpResult
@@ -133,7 +134,11 @@ class Attempt:
 
     @classmethod
     def of(
-        cls, name: str, transcription: Transcription, initial: Array, result: SlpResult
+        cls,
+        name: str,
+        transcription: Transcription,
+        initial: Array | Trajectory,
+        result: SlpResult,
     ) -> Attempt:
         """Attempt from the iterate it began with and the outcome of a solver."""
         feasible = result.best is not None
@@ -149,7 +154,9 @@ class Attempt:
             result.status,
             feasible,
             transcription.trajectory(iterate.z),
-            transcription.trajectory(initial),
+            initial
+            if isinstance(initial, Trajectory)
+            else transcription.trajectory(initial),
             violations,
             result.history,
         )
@@ -231,10 +238,13 @@ def solve_from_guess(
         return solve_smooth(system, options, guess, smoothing, watch)
     transcription = InverseTranscription(system, shares, guess.duration)
     start = transcription.start(guess.position, duration)
-    transcription, result = exchange(
+    initial = transcription.trajectory(start)
+    found: tuple[Transcription, SlpResult] = exchange(
         transcription, start, options, smoothing, lp, watch
     )
-    return Attempt.of(guess.name, transcription, start, result)
+    if options.refine is not None and found[1].status not in STOPPED:
+        found = refine(system, options, *found, lp, watch)
+    return Attempt.of(guess.name, found[0], initial, found[1])
 
 
 def solve_smooth(

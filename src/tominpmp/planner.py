@@ -99,12 +99,6 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             "method",
         )
     control = resolve_control(problem, options.control, method)
-    if options.refine == "switching":
-        raise OptionsError(
-            "refine is 'switching', and exact switching times are not there yet: "
-            "expected None or 'grid'",
-            "refine",
-        )
     lp_solver = options.lp_solver
     if lp_solver == "auto":
         lp_solver = LP_SOLVERS[method]

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.options import Options, Tolerances
 from tominpmp.refinement.flow import march
 from tominpmp.refinement.monitor import Monitor
@@ -37,11 +37,11 @@ logger = logging.getLogger(__name__)
 ROUNDS = 4
 MOST_INTERVALS = 200
 # Relative gain of a round below which the next is spared if the replay is all right.
-SETTLED = 2e-3
+SETTLED = 1e-3
 # Shares of all intervals that are split at least and at most in a round.
 FEWEST, MOST = 0.1, 0.5
 # Intervals are split that lose this share of what the worst one loses.
-WORST_SHARE = 0.25
+WORST_SHARE = 0.15
 # Losses below this share of the duration are none.
 LITTLE = 1e-6
 # Rounds of adding rows between the nodes, iterations of each solve.
@@ -246,7 +246,7 @@ def split_intervals(
 
 
 def _split_spline(
-    transcription: InverseTranscription, z: Array, parts: Array
+    transcription: InverseTranscription, z: Array, parts: IntArray
 ) -> tuple[InverseTranscription, Array]:
     spline = transcription.spline(z)
     index = np.repeat(np.arange(parts.size), parts)
