@@ -23,6 +23,7 @@ from tominpmp.transcription.adjoint import AdjointTranscription, Instants
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
@@ -166,6 +167,13 @@ class Attempt:
         """Largest violation."""
         return max(self.violations.values(), default=0.0)
 
+    def after(self, former: Attempt) -> Attempt:
+        """This attempt as what another one that it goes on from has led to."""
+        count = len(former.history)
+        more = (replace(r, iteration=r.iteration + count) for r in self.history)
+        history = (*former.history, *more)
+        return replace(self, initial=former.initial, history=history)
+
     @property
     def found(self) -> bool:
         """Whether the motion keeps all constraints, in the replay too."""
@@ -203,11 +211,10 @@ def solve_and_verify(
             break
         options = replace(options, intervals=2 * options.intervals)
         finer = solve_from_guess(system, options, attempt.as_guess(), watch)
-        finer = replace(finer, history=attempt.history + finer.history)
         finer = finer.verified(problem, options)
         if not finer.feasible:
             break
-        attempt = replace(finer, initial=attempt.initial)
+        attempt = finer.after(attempt)
     return attempt
 
 
@@ -302,20 +309,40 @@ def exchange(
 
 
 def solve_by_shooting(system: System, options: Options, watch: Watch) -> Attempt:
-    """Improve torques from the paper's kind of start, which need reach nothing."""
+    """Improve torques from the paper's kind of start, which need reach nothing.
+
+    Where the replay fails, go on with shorter steps of the integration.
+    """
     n, N = system.n, options.intervals
-    shares = interval_shares(options.grid, N)
-    duration = options.initial_duration or FIRST_DURATION
+    control = options.initial_control
+    control = np.zeros(n) if control is None else control
+    duration = np.array([options.initial_duration or FIRST_DURATION])
+    shares = torque_shares(system, np.broadcast_to(control, (N, n)))
+    z = np.concatenate([shares.ravel(), duration])
+    attempt, z = shoot(system, options, watch, z, substeps=1)
+    for refinement in range(REFINEMENTS):
+        if attempt.found or not attempt.feasible or attempt.status in STOPPED:
+            break
+        finer, z = shoot(system, options, watch, z, substeps=2 ** (refinement + 1))
+        if not finer.feasible:
+            break
+        attempt = finer.after(attempt)
+    return attempt
+
+
+def shoot(
+    system: System, options: Options, watch: Watch, z: Array, substeps: int
+) -> tuple[Attempt, Array]:
+    """Improve torques and duration with so many integration steps an interval."""
+    shares = interval_shares(options.grid, options.intervals)
     paper = options.step_rule == "paper" and options.method == "adjoint"
     transcription = AdjointTranscription(
         system,
         shares,
-        duration,
+        float(z[-1]),
+        substeps=substeps,
         instants=INSTANTS["paper" if paper else options.method],
     )
-    control = options.initial_control
-    control = np.zeros(n) if control is None else control
-    z = transcription.pack(np.broadcast_to(control, (N, n)), np.array([duration]))
     lp = make_solver(options.lp_solver)
     solver: PaperSolver | PenaltySolver | SlpSolver
     if options.method == "penalty":
@@ -325,4 +352,7 @@ def solve_by_shooting(system: System, options: Options, watch: Watch) -> Attempt
     else:
         smoothing = options.smoothing or 0.0
         solver = SlpSolver(transcription, options, smoothing, lp, watch)
-    return Attempt.of("shooting", transcription, z, solver.run(z))
+    result = solver.run(z)
+    attempt = Attempt.of("shooting", transcription, z, result)
+    found = result.iterate if result.best is None else result.best
+    return attempt.verified(system.problem, options), found.z

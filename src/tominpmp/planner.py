@@ -144,8 +144,7 @@ def resolve_control(problem: Problem, control: Control, method: str) -> Control:
 def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
     """Solve from one initial guess after the other."""
     if options.method in ("adjoint", "penalty"):
-        attempt = solve_by_shooting(system, options, watch)
-        yield attempt.verified(system.problem, options)
+        yield solve_by_shooting(system, options, watch)
         return
     rng = np.random.default_rng(options.seed)
     wanted = options.starts

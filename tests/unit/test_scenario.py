@@ -286,7 +286,7 @@ joint_limits:
             "start.v",
             "2 numbers, expected 3",
         ),
-        (('"joint"', '"joints"'), "goal.type", "no goal 'joints'; there are: joint"),
+        (('"joint"', '"joints"'), "goal.type", "no goal 'joints'; there are: .*joint"),
         (('type = "joint"', ""), "goal.type", "is missing"),
         (('"joint"', '"joint"\nframe = "tip"'), "goal.frame", "no such key"),
         (

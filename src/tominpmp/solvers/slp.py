@@ -158,7 +158,7 @@ class SlpSolver:
         promised = self.promised(iterate, program, program.step(solution))
         merit = merit.raised(multipliers, iterate.values, promised)
         region = iterate.region.after(outcome.ratio, outcome.trial.damping)
-        region = self.calmed(region, iterate, outcome.trial)
+        region = self.calmed(region, iterate, outcome.trial, program.step(solution))
         if outcome.accepted:
             iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
         iterate = replace(
@@ -175,7 +175,7 @@ class SlpSolver:
         return iterate, outcome
 
     def calmed(
-        self, region: TrustRegion, iterate: Iterate, trial: Trial
+        self, region: TrustRegion, iterate: Iterate, trial: Trial, step: Array
     ) -> TrustRegion:
         """Trust region for removing the last violation once the duration has settled.
 
@@ -184,8 +184,9 @@ class SlpSolver:
         violation, which a step of its size removes.
         """
         left = self.violation(trial)
-        change = abs(float(iterate.merit.cost @ trial.z) - iterate.duration)
-        small = change <= self.options.tolerance * iterate.duration
+        cost, little = iterate.merit.cost, self.options.tolerance * iterate.duration
+        change = abs(float(cost @ trial.z) - iterate.duration)
+        small = max(change, abs(float(cost @ step))) <= little
         if not small or not self.options.feasibility < left <= RESTORABLE:
             return region
         enough = math.sqrt(CALM * left) / self.options.trust_region
