@@ -78,7 +78,7 @@ class SlpSolver:
     smoothing: float
     lp: LpSolver
     monitor: Monitor = field(default=lambda record: None)
-    corrections: int = 1
+    corrections: int = 4
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.

@@ -40,7 +40,7 @@ class TrustRegion:
             The next trust region.
         """
         if damping < 1.0:
-            factor = max(damping, 0.1)
+            factor = max(damping, 0.3)
         else:
             # The loss 1 - ratio is proportional to the radius.
             factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
