@@ -239,16 +239,43 @@ def test_velocity_at_the_end_counts() -> None:
     assert found.speed_error == pytest.approx(0.5)
 
 
-def test_unstable_motion_has_small_defects() -> None:
+def standing(off: float) -> tuple[Problem, Trajectory]:
+    """A rod that is to stand still for 8 s so far from upright, without a torque."""
     robot = make_arm(ROD, effort=5.0, gravity=DOWNWARD)
     t = np.linspace(0.0, 8.0, 161)
-    q = np.full((161, 1), UPRIGHT - 1e-9)
+    q = np.full((161, 1), UPRIGHT - off)
     rest = np.zeros((161, 1))
     motion = Trajectory(robot.joint_names, t, q, rest, rest)
-    found = verify(Problem(robot, q[0], JointGoal(q[0])), motion)
+    return Problem(robot, q[0], JointGoal(q[0])), motion
+
+
+def test_unstable_motion_is_replayed_with_a_trace_of_feedback() -> None:
+    problem, motion = standing(1e-9)
+    found = verify(problem, motion)
+    # A rod 1 m long falls at the rate (3 g / 2 l)^(1/2).
+    falling = np.sqrt(1.5 * 9.81)
+    assert np.log(found.growth) == pytest.approx(8.0 * falling, rel=0.05)
+    assert found.ok, found.message
+    assert found.feedback is not None
+    assert 0.0 < found.feedback[0] < 1e-7
+    assert "unstable" in found.message
+
+
+def test_feedback_carries_no_motion_that_its_torques_do_not() -> None:
+    problem, motion = standing(0.05)
+    found = verify(problem, motion)
     assert not found.ok
-    assert found.goal_error > 0.1
-    assert found.defect is not None and found.defect < 1e-9
+    assert "feedback" in [item.kind for item in found.violations]
+    weight = 0.5 * 9.81
+    assert found.feedback is not None
+    assert found.feedback[0] == pytest.approx(weight * np.sin(0.05), rel=0.05)
+
+
+def test_stable_motion_is_replayed_without_feedback() -> None:
+    found = verify(rail_problem(), rail_motion())
+    assert found.ok
+    assert found.feedback is None
+    assert found.growth < 100.0
 
 
 def test_goal_on_a_frame_is_measured_there() -> None:

@@ -32,7 +32,7 @@ class Excess:
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
-            "effort rate" or "clearance".
+            "effort rate", "feedback" or "clearance".
         name: The joint, the frame, or the pair as "one and other".
         time: When [s].
         amount: How far beyond the limit, or from the goal; negative is room left.

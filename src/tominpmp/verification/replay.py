@@ -249,6 +249,7 @@ class Integration:
         trajectory: Trajectory,
         pieces: Pieces | None = None,
         integrator: Integrator | None = None,
+        plant: Plant | None = None,
     ) -> None:
         self._trajectory = trajectory
         self._pieces = (
@@ -256,7 +257,7 @@ class Integration:
             if pieces is None
             else pieces
         )
-        self._plant = Plant(robot)
+        self._plant = Plant(robot) if plant is None else plant
         self._slope = self._plant.slope()
         self._jacobian = self._plant.jacobian()
         self.integrator = integrator or self._suited()
