@@ -30,11 +30,19 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.excess import Excess, limit_excesses
+from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.replay import (
     Integration,
     Integrator,
     Replay,
     torque_pieces,
+)
+from tominpmp.verification.tracking import (
+    Tracking,
+    amplification,
+    feedback_rate,
+    hopeless,
+    needed,
 )
 
 # Instants at which all distances are measured first, and what two measurements of one
@@ -69,6 +77,10 @@ class Verification:
         tolerances: What was tolerated.
         seconds: Time it took [s].
         replay: The replayed motion.
+        growth: How much larger errors get along the motion, to first order.
+        feedback: Largest torque of a feedback that the motion was replayed with since
+            it is unstable, shape (n,) [N m or N], see
+            :mod:`~tominpmp.verification.tracking`; None where none was needed.
     """
 
     ok: bool
@@ -84,10 +96,18 @@ class Verification:
     tolerances: Tolerances
     seconds: float
     replay: Replay = field(repr=False)
+    growth: float = 1.0
+    feedback: Array | None = None
 
     @property
     def message(self) -> str:
         """What is wrong with the motion, or that nothing is, in a sentence."""
+        if self.ok and self.feedback is not None:
+            return (
+                f"The motion is unstable: errors grow {self.growth:.0e}-fold. Its "
+                f"replay with a feedback of at most {np.max(self.feedback):.1e} N m "
+                f"(or N) reaches the goal within {self.goal_error:.1e}."
+            )
         if self.ok:
             return f"The replay reaches the goal within {self.goal_error:.1e}."
         return "; ".join(map(str, self.violations)) + "."
@@ -134,27 +154,36 @@ def verify(
     torque = torque_pieces(trajectory)
     integration = Integration(robot, trajectory, torque, integrator)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
-    replayed = integration.run(np.concatenate([problem.q_start, v_start]))
-    found = limit_excesses(problem, replayed, torque, tolerances.limits)
+    start = np.concatenate([problem.q_start, v_start])
     if checker is None:
         checker = _checker(problem, geometry)
-    nearest = closest(problem, replayed, checker, tolerances.contact)
-    if nearest is not None:
-        found.append(nearest.excess)
-    end = arrival(problem, replayed, tolerances)
-    violations = tuple(item for item in (*end, *found) if item.violated)
-    # Without the torques, which take most of the time of an evaluation.
-    plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
-    defect = None
-    if violations:
+    growth = amplification(robot, trajectory)
+    findings, feedback, defect = None, None, None
+    if not hopeless(growth, tolerances.goal):
+        alone = integration.run(start)
+        findings = judge(problem, alone, torque, tolerances, checker)
+    if findings is None or findings.violations:
+        rate = feedback_rate(growth, trajectory.duration, tolerances.goal)
+        if rate is not None:
+            tracking = Tracking(robot, trajectory, rate, integrator)
+            tracked = tracking.run(start)
+            trace = tracking.feedback(tracked)
+            feedback = frozen_array(np.max(np.abs(trace), axis=0))
+            findings = judge(problem, tracked, torque, tolerances, checker)
+            findings.limits.append(needed(robot, tracked.t, trace, tolerances.limits))
+    assert findings is not None  # noqa: S101
+    if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
         defect = float(np.max(np.where(np.isfinite(gaps), gaps, np.inf)))
+    replayed, (end, speed), nearest = findings.replay, findings.end, findings.nearest
+    # Without the torques, which take most of the time of an evaluation.
+    plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
     return Verification(
-        ok=not violations,
-        goal_error=end[0].amount,
-        speed_error=end[1].amount,
-        worst={item.kind: item for item in found},
-        violations=violations,
+        ok=not findings.violations,
+        goal_error=end.amount,
+        speed_error=speed.amount,
+        worst={item.kind: item for item in findings.limits},
+        violations=findings.violations,
         min_clearance=np.inf if nearest is None else nearest.distance,
         deviation=frozen_array(np.max(np.abs(replayed.q - plan), axis=0)),
         defect=defect,
@@ -163,7 +192,45 @@ def verify(
         tolerances=tolerances,
         seconds=time.perf_counter() - begin,
         replay=replayed,
+        growth=growth,
+        feedback=feedback,
     )
+
+
+class Findings(NamedTuple):
+    """What a replay does.
+
+    Attributes:
+        replay: The replay.
+        end: Where it ends: place and velocity.
+        limits: The worst of each kind of limit, clearance among them.
+        nearest: The pair with the least room; None without pairs.
+    """
+
+    replay: Replay
+    end: tuple[Excess, Excess]
+    limits: list[Excess]
+    nearest: Nearest | None
+
+    @property
+    def violations(self) -> tuple[Excess, ...]:
+        """What is not within the tolerances."""
+        return tuple(item for item in (*self.end, *self.limits) if item.violated)
+
+
+def judge(
+    problem: Problem,
+    replay: Replay,
+    torque: Pieces,
+    tolerances: Tolerances,
+    checker: CollisionChecker,
+) -> Findings:
+    """Hold a replay against the goal, the limits and the obstacles."""
+    limits = limit_excesses(problem, replay, torque, tolerances.limits)
+    nearest = closest(problem, replay, checker, tolerances.contact)
+    if nearest is not None:
+        limits.append(nearest.excess)
+    return Findings(replay, arrival(problem, replay, tolerances), limits, nearest)
 
 
 def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
