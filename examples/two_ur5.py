@@ -1,8 +1,9 @@
-"""Two UR5s that exchange places over a table, as one problem with one duration.
+"""Two UR5s with crates that exchange places over a table: one problem, one duration.
 
-The robots stand on opposite sides of a table, each with its hand over one half of it,
-and each has to bring it over the half where the other one's is. They must not touch
-each other on the way. Writes a page with the motion to out/, which plays offline.
+The robots stand on opposite sides of a table. Each holds a crate over one half of it
+and has to bring it to exactly where the other one's is, so that straight motions would
+collide. Writes to out/ a figure, a page that plays offline and one file with the motion
+of each robot in the names of its own joints.
 
     python examples/two_ur5.py [--out FOLDER] [--seed 0]
 """
@@ -16,48 +17,69 @@ import numpy as np
 import pinocchio as pin
 
 import tominpmp as tm
+from tominpmp.output.export import export
+from tominpmp.output.motion_plot import plot_motion
 
 # Distance of the bases from the middle of the table [m].
 APART = 0.55
-# Joint positions of a UR5 with its hand over the table, on its left or right [rad].
-LEFT = np.array([0.5, -1.15, 1.75, -2.17, -1.571, 0.0])
-RIGHT = np.array([-0.5, -1.15, 1.75, -2.17, -1.571, 0.0])
+# A UR5 that holds its hand over the table, pointing down, on its left and its right
+# [rad]. For two that face each other these are the same two places.
+LEFT = np.array([0.2355, -1.35, 1.75, -1.971, -1.571, 0.0])
+RIGHT = np.array([-0.6015, -1.35, 1.75, -1.971, -1.571, 0.0])
+# What each of them holds [m].
+CRATE = tm.Box("crate", size=(0.16, 0.16, 0.16), position=(0.0, 0.0, 0.09))
 
 
-def workcell() -> tm.Robot:
-    """Two UR5s that face each other."""
-    arm = tm.load_robot("ur5")
+def workcell() -> tm.Workcell:
+    """Two UR5s that face each other, each with a crate of 3 kg."""
+    crate = tm.Payload(3.0, "tool0", com=CRATE.position, geometry=[CRATE], name="crate")
+    arm = tm.load_robot("ur5").with_payload(crate)
     turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([APART, 0.0, 0.0]))
-    return tm.combine_robots([("near", arm, (-APART, 0.0, 0.0)), ("far", arm, turned)])
+    return tm.Workcell({"near": (arm, (-APART, 0.0, 0.0)), "far": (arm, turned)})
 
 
-def problem(cell: tm.Robot) -> tm.Problem:
-    """Each hand goes to where the other one was."""
+def problem(cell: tm.Workcell) -> tm.Problem:
+    """Each crate goes to where the other one was."""
     table = tm.Box("table", size=(0.7, 1.2, 0.04), position=(0.0, 0.0, -0.03))
-    return tm.Problem(
-        cell,
-        cell.stack(near=LEFT, far=LEFT),
-        tm.JointGoal(cell.stack(near=RIGHT, far=RIGHT)),
-        tm.Scene([table]),
+    return cell.problem(
+        start={"near": LEFT, "far": LEFT},
+        goal={"near": tm.JointGoal(RIGHT), "far": tm.JointGoal(RIGHT)},
+        scene=tm.Scene([table]),
         margin=0.01,
     )
 
 
 def main() -> int:
-    """Plan, report and write the page."""
+    """Plan, report, write the figure, the page and the motions."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    task = problem(workcell())
-    solution = tm.plan(task, tm.Options(seed=arguments.seed))
-    print(solution.message)
+    cell = workcell()
+    task = problem(cell)
+    options = tm.Options(seed=arguments.seed)
+    solution = tm.plan(task, options)
+    print(f"together: {solution.message}")
     if solution.trajectory is None:
         return 1
+    if solution.verification is not None:
+        print(
+            f"nearest to anything: {1e3 * solution.verification.min_clearance:.1f} mm"
+        )
+    alone = tm.plan(tm.Problem(cell.alone("near"), LEFT, tm.JointGoal(RIGHT)), options)
+    print(f"one of them, with nothing in its way: T = {alone.T:.4f} s")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    solution.play(arguments.out / "two_ur5.html")
-    print(arguments.out / "two_ur5.html")
-    return 0 if solution.feasible else 1
+    figure = arguments.out / "two_ur5.png"
+    plot_motion(task, {"both": solution.trajectory}, figure, instants=5)
+    page = arguments.out / "two_ur5.html"
+    solution.play(page)
+    paths = [figure, page]
+    for name, motion in cell.split(solution.trajectory).items():
+        paths.append(arguments.out / f"two_ur5_{name}.csv")
+        export(motion, paths[-1])
+    for path in paths:
+        print(path)
+    return 0 if solution.success else 1
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tominpmp.combination import combine_robots
     from tominpmp.exceptions import (
         FrameNotFound,
         JointNotFound,
@@ -48,34 +49,43 @@ if TYPE_CHECKING:
     from tominpmp.problem import Problem
     from tominpmp.robot import JointLimits, Robot, load_robot
     from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
+    from tominpmp.scenario.motion_limits import load_motion_limits
     from tominpmp.scenario.moveit import load_moveit, load_moveit_scene
     from tominpmp.scenario.scenario import Scenario, load_scenario, save_scenario
     from tominpmp.scene import (
         Box,
         Capsule,
+        ConstantVelocity,
         Cylinder,
         HeightField,
         Mesh,
+        Motion,
         Obstacle,
         OcTree,
+        PoseFunction,
         Scene,
         Sphere,
+        Waypoints,
     )
+    from tominpmp.smoothing import smooth
     from tominpmp.solution import IterationRecord, Solution, Status
     from tominpmp.trajectory import Samples, State, Trajectory
     from tominpmp.verification import (
+        Certificate,
         ClearanceProof,
         LowerBound,
         Verification,
+        certify,
         lower_bound,
         prove_clearance,
         verify,
     )
-    from tominpmp.workcell import combine_robots
+    from tominpmp.workcell import Workcell
 
 # Where the public names are: a module is imported when one of its names is first used,
 # so that the command line shows its help without loading the robotics libraries.
 _HOMES = {
+    "combination": ("combine_robots",),
     "exceptions": (
         "FrameNotFound",
         "JointNotFound",
@@ -122,6 +132,7 @@ _HOMES = {
         "MoveItLimits",
         "load_joint_limits",
     ),
+    "scenario.motion_limits": ("load_motion_limits",),
     "scenario.moveit": (
         "load_moveit",
         "load_moveit_scene",
@@ -134,14 +145,19 @@ _HOMES = {
     "scene": (
         "Box",
         "Capsule",
+        "ConstantVelocity",
         "Cylinder",
         "HeightField",
         "Mesh",
+        "Motion",
         "Obstacle",
         "OcTree",
+        "PoseFunction",
         "Scene",
         "Sphere",
+        "Waypoints",
     ),
+    "smoothing": ("smooth",),
     "solution": (
         "IterationRecord",
         "Solution",
@@ -153,14 +169,16 @@ _HOMES = {
         "Trajectory",
     ),
     "verification": (
+        "Certificate",
         "ClearanceProof",
         "LowerBound",
         "Verification",
+        "certify",
         "lower_bound",
         "prove_clearance",
         "verify",
     ),
-    "workcell": ("combine_robots",),
+    "workcell": ("Workcell",),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -170,7 +188,9 @@ __all__ = [
     "AxisGoal",
     "Box",
     "Capsule",
+    "Certificate",
     "ClearanceProof",
+    "ConstantVelocity",
     "Cylinder",
     "EffortCurve",
     "FrameNotFound",
@@ -184,6 +204,7 @@ __all__ = [
     "LowerBound",
     "Mesh",
     "MissingDependency",
+    "Motion",
     "MotionLimits",
     "MoveItLimits",
     "Obstacle",
@@ -192,6 +213,7 @@ __all__ = [
     "OptionsError",
     "Payload",
     "PlanningFailed",
+    "PoseFunction",
     "PoseGoal",
     "PositionGoal",
     "Problem",
@@ -214,9 +236,13 @@ __all__ = [
     "TominpmpWarning",
     "Trajectory",
     "Verification",
+    "Waypoints",
+    "Workcell",
+    "certify",
     "combine_robots",
     "load_joint_limits",
     "load_motion",
+    "load_motion_limits",
     "load_moveit",
     "load_moveit_scene",
     "load_robot",
@@ -225,6 +251,7 @@ __all__ = [
     "plan",
     "prove_clearance",
     "save_scenario",
+    "smooth",
     "verify",
 ]
 

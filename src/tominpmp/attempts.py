@@ -12,6 +12,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.refinement import refine
 from tominpmp.seeding.guess import Guess
+from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.lp import LpSolver, make_solver
@@ -24,7 +25,7 @@ from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import torque_shares
-from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
 from tominpmp.verification.verdict import Verification, verify
@@ -34,6 +35,7 @@ from tominpmp.verification.verdict import Verification, verify
 SMOOTHING_SHARE = 1e-4
 # Relative torque excess between the rows that is let pass, and rounds of adding rows.
 OVERLOAD = 2e-3
+NEARLY = 1e-2
 EXCHANGES = 6
 EXCHANGE_ITERATIONS = 25
 # Progress below which rows between the nodes are looked for while the duration still
@@ -51,7 +53,8 @@ FIRST_DURATION = 1.5
 STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 # Doublings of the grid of a motion that the replay does not confirm.
 REFINEMENTS = 2
-GUESS_SAMPLES = 400
+# Trust region of a start from a former motion, in shares of the usual one.
+FORMER_RADIUS = 0.3
 # A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
 # admissible.
 GUESS_STRETCH = 1.02
@@ -64,18 +67,44 @@ class Watch:
 
     Attributes:
         start: Number of the initial guess that is worked on.
+        best: Duration of the best motion so far [s]; infinite if there is none.
     """
 
     def __init__(self, options: Options) -> None:
         self.start = 0
+        self.best = np.inf
+        self._starts = 0
         self._begin = time.perf_counter()
         self._limit = options.max_planning_time
+        self._until = self._limit
         self._callback = options.callback
+        # A violation that is good enough to stop, where any motion will do.
+        self._enough = options.feasibility if options.objective == "feasible" else -1.0
 
     @property
     def seconds(self) -> float:
         """Time since planning began [s]."""
         return time.perf_counter() - self._begin
+
+    def begin(self, count: int = 1) -> int:
+        """Begin with one or several new guesses; returns the number of the first."""
+        self.start = self._starts
+        self._starts += count
+        return self.start
+
+    def share(self, parts: int) -> None:
+        """Allow the next start one of so many parts of the time that is left.
+
+        All of it once there is a motion: what comes after it can only be better.
+        """
+        self._until = self._limit
+        if self._limit is not None and self.best == np.inf:
+            self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
+
+    def ended(self, status: Status) -> bool:
+        """Whether planning ends when a start has ended with a status."""
+        used_up = self._until is self._limit or self.over
+        return status is Status.INTERRUPTED or (status is Status.TIME_LIMIT and used_up)
 
     @property
     def deadline(self) -> float | None:
@@ -85,7 +114,7 @@ class Watch:
     @property
     def left(self) -> float | None:
         """Planning time that is left [s], a little at least; None without a limit."""
-        return None if self._limit is None else max(self._limit - self.seconds, 1e-3)
+        return None if self._until is None else max(self._until - self.seconds, 1e-3)
 
     @property
     def over(self) -> bool:
@@ -106,7 +135,10 @@ class Watch:
         record = replace(record, start=self.start, seconds=self.seconds)
         if self._callback is not None and self._callback(record):
             return Status.INTERRUPTED
-        return Status.TIME_LIMIT if self.over else None
+        if record.violation <= self._enough:
+            return Status.FEASIBLE
+        late = self._until is not None and self.seconds >= self._until
+        return Status.TIME_LIMIT if late else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +225,6 @@ class Attempt:
         )
         return replace(self, verification=verification)
 
-    def as_guess(self) -> Guess:
-        """The motion as a guess for another grid."""
-        t = np.linspace(0.0, self.trajectory.duration, GUESS_SAMPLES)
-        return Guess(self.name, t, self.trajectory(t).q, True)
-
 
 def solve_and_verify(
     system: System, options: Options, guess: Guess, watch: Watch
@@ -209,8 +236,10 @@ def solve_and_verify(
     for _ in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
             break
-        options = replace(options, intervals=2 * options.intervals)
-        finer = solve_from_guess(system, options, attempt.as_guess(), watch)
+        # Nor will the first motion do on the finer grid: it was too rough.
+        options = replace(options, intervals=2 * options.intervals, objective="time")
+        guess = replace(former_motion(system, attempt.trajectory), name=attempt.name)
+        finer = solve_from_guess(system, options, guess, watch)
         finer = finer.verified(problem, options)
         if not finer.feasible:
             break
@@ -230,40 +259,65 @@ def solve_from_guess(
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * guess.duration
-    shares = interval_shares(options.grid, options.intervals)
+    shares = guess_shares(options, guess)
     duration = guess.duration * (GUESS_STRETCH if guess.timed else 1.0)
     lp = make_solver(options.lp_solver)
+    former = guess if isinstance(guess, FormerMotion) else None
     if options.method == "collocation":
+        shares = np.sum(shares, axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
-        nodes = np.concatenate([[0.0], np.cumsum(shares)])
-        start = lifted.start(
-            guess.position(nodes * guess.duration), np.array([duration])
-        )
+        if former is not None:
+            grid = options.intervals, options.grid
+            lifted, start = former.lifted_program(system, *grid)
+        else:
+            nodes = np.concatenate([[0.0], np.cumsum(shares)])
+            start = lifted.start(
+                guess.position(nodes * guess.duration), np.array([duration])
+            )
         solver = SlpSolver(lifted, options, smoothing, lp, watch)
         return Attempt.of(guess.name, lifted, start, solver.run(start))
     if options.control != "constant":
         return solve_smooth(system, options, guess, smoothing, watch)
-    transcription = InverseTranscription(system, shares, guess.duration)
-    start = transcription.start(guess.position, duration)
+    if former is not None:
+        grid = options.intervals, options.grid
+        transcription, start = former.inverse_program(system, *grid)
+        # Rows between the nodes that the motion rests on, which it had before.
+        transcription = transcription.with_rows(transcription.inspect(start, -NEARLY))
+    else:
+        transcription = InverseTranscription(system, shares, guess.duration)
+        start = transcription.start(guess.position, duration)
     initial = transcription.trajectory(start)
     found: tuple[Transcription, SlpResult] = exchange(
         transcription, start, options, smoothing, lp, watch
     )
-    if options.refine is not None and found[1].status not in STOPPED:
+    done = (*STOPPED, Status.FEASIBLE)
+    if options.refine is not None and found[1].status not in done:
         found = refine(system, options, *found, lp, watch)
     return Attempt.of(guess.name, found[0], initial, found[1])
+
+
+def guess_shares(options: Options, guess: Guess) -> Array:
+    """Grid for a guess: intervals of their own for the time before it sets out."""
+    if guess.delay > 0.0:
+        return delayed_shares(options.intervals, guess.delay / guess.duration)
+    return interval_shares(options.grid, options.intervals)
 
 
 def solve_smooth(
     system: System, options: Options, guess: Guess, smoothing: float, watch: Watch
 ) -> Attempt:
     """Improve a guess with a B-spline of the degree that the control asks for."""
-    shares = interval_shares(options.grid, options.intervals)
+    shares = np.sum(guess_shares(options, guess), axis=1, keepdims=True)
     degree = DEGREES[options.control]
-    transcription = BSplineTranscription(system, shares, degree)
-    start = z = transcription.start(
-        guess.position, guess.duration, SMOOTH_STRETCH * guess.duration
-    )
+    if isinstance(guess, FormerMotion):
+        grid = options.intervals, options.grid
+        transcription, start = guess.spline_program(system, *grid, degree)
+    else:
+        transcription = BSplineTranscription(system, shares, degree)
+        start = transcription.start(
+            guess.position, guess.duration, SMOOTH_STRETCH * guess.duration
+        )
+    z = start
     lp = make_solver(options.lp_solver)
     result = SlpSolver(transcription, options, smoothing, lp, watch).run(z)
     for _ in range(EXCHANGES):
@@ -308,17 +362,44 @@ def exchange(
     return transcription, result
 
 
-def solve_by_shooting(system: System, options: Options, watch: Watch) -> Attempt:
+def solve_from_former(
+    system: System, options: Options, former: FormerMotion, watch: Watch
+) -> Attempt:
+    """Improve a former motion; it stays as it was if nothing faster is found."""
+    near = replace(options, trust_region=FORMER_RADIUS * options.trust_region)
+    if options.method in ("adjoint", "penalty"):
+        attempt = solve_by_shooting(system, near, watch, former)
+    else:
+        attempt = solve_and_verify(system, near, former, watch)
+    if attempt.duration < former.duration:
+        return attempt
+    kept = former.remainder(system)
+    if kept is None:
+        return attempt
+    same = replace(attempt, feasible=True, trajectory=kept, violations={})
+    same = same.verified(system.problem, options)
+    return same if same.duration < attempt.duration else attempt
+
+
+def solve_by_shooting(
+    system: System,
+    options: Options,
+    watch: Watch,
+    former: FormerMotion | None = None,
+) -> Attempt:
     """Improve torques from the paper's kind of start, which need reach nothing.
 
     Where the replay fails, go on with shorter steps of the integration.
     """
     n, N = system.n, options.intervals
-    control = options.initial_control
-    control = np.zeros(n) if control is None else control
-    duration = np.array([options.initial_duration or FIRST_DURATION])
-    shares = torque_shares(system, np.broadcast_to(control, (N, n)))
-    z = np.concatenate([shares.ravel(), duration])
+    if former is not None:
+        z = former.torque_program(system, interval_shares(options.grid, N))
+    else:
+        control = options.initial_control
+        control = np.zeros(n) if control is None else control
+        duration = np.array([options.initial_duration or FIRST_DURATION])
+        shares = torque_shares(system, np.broadcast_to(control, (N, n)))
+        z = np.concatenate([shares.ravel(), duration])
     attempt, z = shoot(system, options, watch, z, substeps=1)
     for refinement in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:

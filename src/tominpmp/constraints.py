@@ -1,4 +1,8 @@
-"""Path constraints b(q) <= 0 (paper, equations 6 and 9)."""
+"""Path constraints b(q, t) <= 0 (paper, equations 6 and 9).
+
+Time t is real time [s]: obstacles may move. With t = tau T the term of the paper for it
+is db/dT = db/dt * tau.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision import CollisionChecker, DistanceCache
+from tominpmp.collision import CollisionChecker, Derivatives, DistanceCache
 
 # Numbers of instants for which distances are remembered: a transcription looks at the
 # instants of its rows, and at those between them.
@@ -22,8 +26,21 @@ class PathConstraint(Protocol):
     def count(self) -> int:
         """Number of inequalities at an instant."""
 
-    def values(self, q: Array, attention: float | None = None) -> Array:
-        """Values b(q), <= 0 where satisfied, shapes (m, n) to (m, count).
+    @property
+    def moving(self) -> bool:
+        """Whether the values depend on time."""
+
+    @property
+    def kinks(self) -> Array:
+        """Times at which values may have a kink at any q [s], shape (k,)."""
+
+    def rise(self, duration: float) -> float:
+        """Fastest rise of a value with time [1/s] before a time [s], at one q."""
+
+    def values(
+        self, q: Array, attention: float | None = None, times: Array | None = None
+    ) -> Array:
+        """Values b(q, t), <= 0 where satisfied, shapes (m, n), (m,) to (m, count).
 
         Values below -attention may be upper bounds that are below it too.
         """
@@ -36,6 +53,11 @@ class PathConstraint(Protocol):
 
     def gradients_at(self, q: Array, instants: IntArray, which: IntArray) -> Array:
         """Gradients of inequalities ``which`` at q[instants], shape (k, n)."""
+
+    def derivatives_at(
+        self, q: Array, instants: IntArray, which: IntArray, times: Array | None = None
+    ) -> Derivatives:
+        """Derivatives of inequalities ``which`` by q, shape (k, n), and t, (k,)."""
 
 
 class ClearanceConstraint:
@@ -70,13 +92,32 @@ class ClearanceConstraint:
         """Number of pairs."""
         return len(self.checker.pairs)
 
-    def values(self, q: Array, attention: float | None = None) -> Array:
+    @property
+    def moving(self) -> bool:
+        """Whether an obstacle moves, so that the values depend on time."""
+        return self.checker.moving
+
+    @property
+    def kinks(self) -> Array:
+        """Times at which an obstacle changes its velocity at once [s], shape (k,)."""
+        return self.checker.kinks
+
+    def rise(self, duration: float) -> float:
+        """How fast obstacles move before a time [s], in lengths a second."""
+        begin, end = np.zeros(1), np.array([duration])
+        speeds = self.checker.obstacle_speeds(begin, end)
+        return float(np.max(speeds, initial=0.0)) / self.length
+
+    def values(
+        self, q: Array, attention: float | None = None, times: Array | None = None
+    ) -> Array:
         """Missing clearance in units of the length.
 
         Args:
             q: Configurations, shape (m, n) [rad or m]. Calls with as many of them are
                 taken for the same instants of a motion that changes a little.
             attention: Instead of the attribute.
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
             Shape (m, count). Values above minus the attention are exact; the others
@@ -84,9 +125,11 @@ class ClearanceConstraint:
         """
         attention = self.attention if attention is None else attention
         if math.isinf(attention):
-            return (self.margin - self.checker.distances(q)) / self.length
+            found = self.checker.distances(q, times=times)
+            return (self.margin - found) / self.length
         cutoff = self.margin + attention * self.length
-        return (self.margin - self._cache(len(q)).distances(q, cutoff)) / self.length
+        found = self._cache(len(q)).distances(q, cutoff, times)
+        return (self.margin - found) / self.length
 
     def is_kept(self, q: Array) -> bool:
         """Whether the margin is kept at one configuration; faster than the values."""
@@ -117,5 +160,21 @@ class ClearanceConstraint:
         Returns:
             Shape (k, n).
         """
-        found = self.checker.gradients_at(q, instants, np.asarray(which))
-        return -found / self.length
+        return self.derivatives_at(q, instants, which).gradients
+
+    def derivatives_at(
+        self, q: Array, instants: IntArray, which: IntArray, times: Array | None = None
+    ) -> Derivatives:
+        """Derivatives of some values at several configurations and times.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each value, shape (k,).
+            which: Index of its pair, shape (k,).
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Derivatives by configuration, and by time [1/s].
+        """
+        found = self.checker.derivatives_at(q, instants, np.asarray(which), times)
+        return Derivatives(*(-part / self.length for part in found))

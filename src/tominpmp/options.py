@@ -20,10 +20,11 @@ METHODS = ("auto", "inverse", "collocation", "adjoint", "penalty")
 STEP_RULES = ("adaptive", "paper")
 GRIDS = ("cosine", "uniform")
 CONTROLS = ("auto", "constant", "linear", "spline")
+OBJECTIVES = ("time", "feasible")
 REFINEMENTS = ("grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
-OPTIONAL = ("max_planning_time", "initial_duration", "starts")
+OPTIONAL = ("max_planning_time", "initial_duration", "starts", "slack")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +61,10 @@ class Options(Record):
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes
             "linear" where the problem has motion limits that need it, else "constant".
+        objective: "time" for the fastest motion, or "feasible" for the first one that
+            keeps all constraints, in its replay too; its time is not minimised.
+        slack: Share of T to give away for quiet torques: the motion that was found is
+            handed to :func:`~tominpmp.smoothing.smooth`. None leaves it as it is.
         refine: What follows the first solve: None; "grid" (intervals are split where
             the motion needs it, until its replay meets the tolerances); "switching"
             (the instants at which torques switch are placed exactly, for small arms,
@@ -103,6 +108,8 @@ class Options(Record):
     intervals: int = 40
     grid: Literal["cosine", "uniform"] = "cosine"
     control: Control = "auto"
+    objective: Literal["time", "feasible"] = "time"
+    slack: float | None = None
     refine: Literal["grid", "switching"] | None = None
     smoothing: float | None = None
     starts: int | None = None
@@ -131,6 +138,7 @@ class Options(Record):
         self._one_of("step_rule", STEP_RULES)
         self._one_of("control", CONTROLS)
         self._one_of("grid", GRIDS)
+        self._one_of("objective", OBJECTIVES)
         if self.refine is not None:
             self._one_of("refine", REFINEMENTS)
         for name, least in (
@@ -153,6 +161,7 @@ class Options(Record):
             "control_step",
             "time_step",
             "initial_duration",
+            "slack",
         ):
             self._positive(name)
         if self.smoothing is not None:

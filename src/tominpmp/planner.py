@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from tominpmp.alternatives import attempts_of_alternatives
 from tominpmp.attempts import (
     STOPPED,
     Attempt,
@@ -17,16 +18,21 @@ from tominpmp.attempts import (
     solve_alone,
     solve_and_verify,
     solve_by_shooting,
+    solve_from_former,
 )
 from tominpmp.exceptions import OptionsError, ProblemError
-from tominpmp.goals import FrameGoal
+from tominpmp.goals import FrameGoal, PlaceGoal
 from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.seeding.guess import KINEMATIC_STARTS, Guess, initial_guesses
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.seeding.parallel import run_parallel
+from tominpmp.seeding.passing import guesses_among_moving
+from tominpmp.seeding.warm import FormerMotion
+from tominpmp.smoothing import smooth
 from tominpmp.solution import Solution, Status
 from tominpmp.solvers.lp import make_solver
+from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System
 from tominpmp.verification import LowerBound, explain, lower_bound
 
@@ -41,6 +47,10 @@ LP_SOLVERS = {
 }
 # Guesses for a goal on a frame, whose final configuration is free.
 FRAME_STARTS = 4
+# Guesses where obstacles move, which may be let pass or be passed, and those that are
+# made while none has led to a motion.
+MOVING_STARTS = 3
+MOVING_RESCUE_STARTS = 16
 # A timed guess this much slower than a motion that was found is not worth its time.
 HOPELESS = 1.6
 # A lower bound is mentioned if T is within this factor of it.
@@ -49,12 +59,20 @@ TELLING = 2.0
 RESCUE_STARTS = 8
 
 
-def plan(problem: Problem, options: Options | None = None) -> Solution:
+def plan(
+    problem: Problem,
+    options: Options | None = None,
+    start: Solution | Trajectory | Samples | None = None,
+) -> Solution:
     """Plan a motion in minimum time.
 
     Args:
         problem: Robot, start, goal and scene.
         options: How; the defaults are sensible.
+        start: A former motion of the same joints to begin with, for a problem that is
+            much like its own: another goal, obstacle or limit, or a start on its way.
+            It is bent to the new ends. Other guesses are made only if it leads to no
+            motion, or ``options.starts`` asks for more than one.
 
     Returns:
         The solution. When no motion is found, its status and message say why; on Ctrl-C
@@ -62,24 +80,43 @@ def plan(problem: Problem, options: Options | None = None) -> Solution:
 
     Raises:
         OptionsError: If an option does not fit the problem.
-        ProblemError: If the goal cannot be reached at all.
+        ProblemError: If the goal cannot be reached at all, or the former motion is one
+            of other joints.
         SolverNotFound: If the solver of linear programs is not installed.
     """
     options = resolve_options(problem, options or Options())
     watch = Watch(options)
-    system = System.of(problem)
+    former = None if start is None else motion_of(start)
+    make = partial(make_attempts, options=options, watch=watch)
     attempts: list[Attempt] = []
+    any_will_do = options.objective == "feasible"
     status = None
     try:
-        for attempt in make_attempts(system, options, watch):
+        for attempt in attempts_of_alternatives(problem, make, watch, former):
             attempts.append(attempt)
             status = attempt.status
             logger.info("start %d: %s", watch.start, status.value)
-            if status in STOPPED:
+            if watch.ended(status) or (any_will_do and attempt.found):
                 break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    return conclude(problem, options, watch, attempts, status)
+    solution = conclude(problem, options, watch, attempts, status)
+    if options.slack is None or not solution.success or status in STOPPED:
+        return solution
+    return smooth(solution, options.slack)
+
+
+def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:
+    """Motion to begin with.
+
+    Raises:
+        ProblemError: If the solution has none.
+    """
+    if not isinstance(start, Solution):
+        return start
+    if start.trajectory is None:
+        raise ProblemError(f"start: there is no motion in it: {start.message}", "start")
+    return start.trajectory
 
 
 def resolve_options(problem: Problem, options: Options) -> Options:
@@ -141,24 +178,37 @@ def resolve_control(problem: Problem, control: Control, method: str) -> Control:
     return control
 
 
-def make_attempts(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
-    """Solve from one initial guess after the other."""
+def make_attempts(
+    system: System, former: FormerMotion | None, options: Options, watch: Watch
+) -> Iterator[Attempt]:
+    """Solve from one initial guess after the other, a former motion being the first."""
+    if former is not None:
+        watch.begin()
+        attempt = solve_from_former(system, options, former, watch)
+        watch.best = min(watch.best, attempt.duration)
+        yield attempt
+        if attempt.found and (options.starts or 1) == 1:
+            return
     if options.method in ("adjoint", "penalty"):
+        watch.begin()
         yield solve_by_shooting(system, options, watch)
         return
     rng = np.random.default_rng(options.seed)
+    moving = bool(system.problem.scene.moving)
     wanted = options.starts
     if wanted is None:
-        wanted = 1 if system.joint_goal is not None else FRAME_STARTS
-    count = max(wanted, RESCUE_STARTS)
-    guesses = initial_guesses(
-        system, count, rng, options.initial_duration, watch.deadline
-    )
+        several = system.joint_goal is None and options.objective == "time"
+        wanted = FRAME_STARTS if several else 1
+        if moving and options.objective == "time":
+            wanted = max(wanted, MOVING_STARTS)
+    count = max(wanted, MOVING_RESCUE_STARTS if moving else RESCUE_STARTS)
+    make = guesses_among_moving if moving else initial_guesses
+    guesses = make(system, count, rng, options.initial_duration, watch.deadline)
     if options.processes > 1:
-        tried = yield from _in_processes(system, options, watch, guesses, wanted)
+        any_made = yield from _in_processes(system, options, watch, guesses, wanted)
     else:
-        tried = yield from _in_turn(system, options, watch, guesses, wanted)
-    if not tried:
+        any_made = yield from _in_turn(system, options, watch, guesses, wanted)
+    if not any_made:
         raise unreachable(system, rng)
 
 
@@ -168,23 +218,24 @@ def _in_turn(
     watch: Watch,
     guesses: Iterator[Guess],
     wanted: int,
-) -> Generator[Attempt, None, int]:
-    """Try one guess after the other; returns how many there were."""
-    best, tried = np.inf, 0
+) -> Generator[Attempt, None, bool]:
+    """Try one guess after the other; returns whether there were any."""
+    tried, any_made = 0, False
     # No guess is made, which may take a search, before it is known to be wanted.
-    while tried < wanted or (options.starts is None and best == np.inf):
+    while tried < wanted or (options.starts is None and watch.best == np.inf):
         guess = next(guesses, None)
         if guess is None:
             break
-        if tried >= 1 and guess.timed and guess.duration > HOPELESS * best:
+        any_made = True
+        if guess.timed and guess.duration > HOPELESS * watch.best:
             wanted -= 1
             continue
-        watch.start = tried
         tried += 1
+        watch.begin()
         attempt = solve_and_verify(system, options, guess, watch)
-        best = min(best, attempt.duration)
+        watch.best = min(watch.best, attempt.duration)
         yield attempt
-    return tried
+    return any_made
 
 
 def _in_processes(
@@ -193,36 +244,41 @@ def _in_processes(
     watch: Watch,
     guesses: Iterator[Guess],
     wanted: int,
-) -> Generator[Attempt, None, int]:
-    """Try several guesses at a time; returns how many there were."""
-    found, tried = False, 0
-    while tried == 0 or (options.starts is None and not found):
+) -> Generator[Attempt, None, bool]:
+    """Try several guesses at a time; returns whether there were any."""
+    any_made = False
+    while not any_made or (options.starts is None and watch.best == np.inf):
         share = list(
-            itertools.islice(guesses, wanted if not tried else options.processes)
+            itertools.islice(guesses, options.processes if any_made else wanted)
         )
         if not share:
             break
+        any_made = True
         left = watch.left
         alone = replace(options, callback=None, processes=1, max_planning_time=left)
         task = partial(solve_alone, system, alone)
+        first = watch.begin(len(share))
         for number, attempt in run_parallel(task, share, options.processes, left):
-            found = found or attempt.found
-            watch.start = tried + number
+            watch.best = min(watch.best, attempt.duration)
+            watch.start = first + number
             status = watch.replay(attempt.history)
             yield replace(attempt, status=status or attempt.status)
-        tried += len(share)
-    return tried
+    return any_made
 
 
 def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
     """Error for a goal that no configuration was found to reach."""
     goal = system.problem.goal
-    assert isinstance(goal, FrameGoal)  # noqa: S101
+    assert isinstance(goal, PlaceGoal)  # noqa: S101
     _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
+    what = (
+        f"brings frame {goal.frame!r} there"
+        if isinstance(goal, FrameGoal)
+        else ("reaches it")
+    )
     return ProblemError(
-        f"goal: no configuration within the position limits brings frame "
-        f"{goal.frame!r} there; the nearest one found misses it by {least:.4g} "
-        "(m, rad)",
+        f"goal: no configuration within the position limits {what}; the nearest one "
+        f"found misses it by {least:.4g} (m, rad)",
         "goal",
     )
 

@@ -35,7 +35,8 @@ class Problem(Record):
         q_start: Positions at the start, shape (n,) [rad or m].
         goal: What must hold at the end.
         scene: The obstacles.
-        margin: Distance that the links keep from them [m].
+        margin: Distance that the links keep from them, and several robots from each
+            other [m].
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
         motion_limits: Limits beyond those of the robot's description, if any.
         self_collision: Whether the links keep clear of each other, and of what is fixed
@@ -135,6 +136,17 @@ class Problem(Record):
         """Problems of which any will do: one for each alternative of the goal."""
         return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
 
+    def alternative_at(self, q: Array, v: Array) -> Problem:
+        """The problem with the one of its goals that a final state is nearest to.
+
+        Args:
+            q: Final configuration, shape (n,) [rad or m].
+            v: Final velocity, shape (n,).
+        """
+        if not isinstance(self.goal, AnyGoal):
+            return self
+        return self._with_goal(self.goal.nearest(RobotKinematics(self.robot), q, v))
+
     def _with_goal(self, goal: Goal) -> Problem:
         """The same problem with another goal, which was checked before."""
         if goal is self.goal:
@@ -142,6 +154,18 @@ class Problem(Record):
         _ = self.checker  # the copy shares it
         other = copy.copy(self)
         object.__setattr__(other, "goal", goal)
+        return other
+
+    def with_scene(self, scene: Scene) -> Problem:
+        """The same problem among other obstacles; whether it is clear is not checked.
+
+        Links are watched against each other as they were.
+        """
+        other = copy.copy(self)
+        for name in ("checker", "margins"):
+            other.__dict__.pop(name, None)
+        object.__setattr__(other, "self_collision", self.checker.self_collision)
+        object.__setattr__(other, "scene", scene)
         return other
 
     def _checked_goal(self, goal: Goal) -> tuple[Goal, list[str]]:
@@ -236,10 +260,12 @@ class Problem(Record):
         return np.asarray(clipped), snapped
 
     def _check_clear(self, q: Array, which: str) -> None:
-        contact = self.checker.closest(q, self.margins)
+        # When it arrives is not known yet: what moves may be elsewhere by then.
+        time = 0.0 if which == "start" else None
+        contact = self.checker.closest(q, self.margins, time)
         if contact is None:
             return
-        margin = 0.0 if contact.own else self.margin
+        margin = contact.margin
         if contact.distance >= margin - SNAP:
             return
         depth = (

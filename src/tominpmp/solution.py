@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,20 +13,26 @@ import numpy as np
 from tominpmp.exceptions import PlanningFailed, ProblemError
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.robot import JointLimits
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tominpmp.verification.certificate import Certificate
     from tominpmp.verification.clearance import ClearanceProof
     from tominpmp.verification.lower_bound import LowerBound
     from tominpmp.verification.verdict import Verification
+
+# Instants whose torques are compared.
+ROUGHNESS_INSTANTS = 100
 
 
 class Status(Enum):
     """How planning ended; the value is a sentence."""
 
     CONVERGED = "A locally time-optimal motion was found."
+    FEASIBLE = "A motion that keeps all constraints was found, not the fastest one."
     ITERATION_LIMIT = "The iteration limit was reached before the time had settled."
     TIME_LIMIT = "The planning time was used up before the time had settled."
     INTERRUPTED = "The planning was interrupted."
@@ -70,6 +77,15 @@ class IterationRecord:
     start: int = 0
 
 
+def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
+    """How unquiet the torques of a motion are; see :attr:`Solution.roughness`."""
+    share = (np.arange(ROUGHNESS_INSTANTS) + 0.5) / ROUGHNESS_INSTANTS
+    u = trajectory(share * trajectory.duration).u
+    span = limits.effort_upper - limits.effort_lower
+    driven = span > 0.0
+    return float(np.sum((np.diff(u[:, driven], axis=0) / span[driven]) ** 2))
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The outcome of planning.
@@ -87,7 +103,6 @@ class Solution:
         violations: Largest violation by kind of constraint, scaled as in the rows.
         verification: Independent replay of the torques, if it was done.
         lower_bound: Time that no motion can beat, if it was computed.
-        certificate: Optimality certificate, if it was made.
     """
 
     problem: Problem
@@ -102,7 +117,6 @@ class Solution:
     violations: dict[str, float] = field(default_factory=dict)
     verification: Verification | None = None
     lower_bound: LowerBound | None = None
-    certificate: Any = None
 
     @property
     def success(self) -> bool:
@@ -123,9 +137,35 @@ class Solution:
         return self.T / bound.T - 1.0
 
     @property
+    def roughness(self) -> float:
+        """How unquiet the torques are; infinite if there is no motion.
+
+        The sum over the joints of the squared differences of the torques at
+        neighbouring ones of 100 instants, in full ranges of the torque.
+        """
+        if self.trajectory is None:
+            return np.inf
+        return roughness(self.trajectory, self.problem.robot.limits)
+
+    @property
     def iterations(self) -> int:
         """Number of iterations."""
         return len(self.history)
+
+    @cached_property
+    def certificate(self) -> Certificate | None:
+        """How near the motion is to the first-order conditions of an optimal one.
+
+        It is made when it is first asked for; None if there is no motion.
+
+        Raises:
+            ProblemError: If the motion is not one of the problem's robot.
+        """
+        from tominpmp.verification.pontryagin import certify
+
+        if self.trajectory is None:
+            return None
+        return certify(self.problem, self.trajectory, verification=self.verification)
 
     def prove_clearance(self) -> ClearanceProof:
         """Prove that the motion keeps its clearance at all times, not at samples only.
@@ -193,6 +233,25 @@ class Solution:
         from tominpmp.output.plots import plot_trajectory
 
         return plot_trajectory(self.problem, self._motion(), path=path)
+
+    def plot_certificate(self, path: str | Path | None = None) -> Figure:
+        """Plot torques, switching functions, active limits and the Hamiltonian.
+
+        Args:
+            path: File to write (PNG, PDF or SVG by its ending), if any.
+
+        Returns:
+            The figure.
+
+        Raises:
+            ProblemError: If there is no motion.
+            MissingDependency: If matplotlib is not installed.
+        """
+        from tominpmp.output.certificate_plot import plot_certificate
+
+        motion, certificate = self._motion(), self.certificate
+        assert certificate is not None  # noqa: S101
+        return plot_certificate(self.problem, motion, certificate, path=path)
 
     def export(self, path: str | Path, *, dt: float | None = None) -> Path:
         """Write the motion as CSV, NPZ or ROS message, by the ending of the path.

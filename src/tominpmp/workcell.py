@@ -1,235 +1,307 @@
-"""Several robots in one workspace, taken as one robot with several arms.
+"""Workcells: several robots that share a workspace and one duration T.
 
-Its joints are those of all of them, and there is one duration T. The names of joints,
-links and frames begin with the name of their robot: "left/tool0". Collisions between
-the robots are self-collisions of the whole.
+The paper's conclusions name them as the next step: the robots are planned for together,
+as one robot with several arms, and do not touch each other on the way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import combinations
-from pathlib import Path
-from typing import TypeAlias
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array
-from tominpmp.collision import CollisionChecker
-from tominpmp.collision.bodies import robot_bodies
-from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.description.assembly import joined
-from tominpmp.description.joint_table import JointTable
-from tominpmp.description.joint_values import check_gravity
-from tominpmp.description.linkage import Linkage
-from tominpmp.description.model import build_model, configured_model, expansion
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.arrays import Array, Record
+from tominpmp.combination import base_placement, combine_robots
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
+from tominpmp.goals import (
+    AllGoals,
+    AnyGoal,
+    FrameGoal,
+    Goal,
+    JointGoal,
+    JointRegionGoal,
+    PlaceGoal,
+)
+from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.scene import Scene, is_rotation
-
-# Name, robot and where its base is: a placement base_to_world or a position [m].
-Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"
-
-# Bases may overlap by this much: those side by side touch [m].
-OVERLAP = 1e-3
-# Bases without shapes are at one place if they are this close [m].
-SAME_PLACE = 1e-3
+from tominpmp.trajectory import Trajectory
 
 
-def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -> Robot:
-    """Make one robot of several in one workspace.
+@dataclass(frozen=True, eq=False)
+class Workcell(Record):
+    """Several robots in one workspace.
 
-    Args:
-        parts: For each robot its name, the robot, and the placement base_to_world
-            (pinocchio.SE3) or the position of its base, shape (3,) [m].
+    ::
+
+        cell = tm.Workcell({"left": (arm, (0, 0.5, 0)), "right": (arm, base_to_world)})
+        problem = cell.problem(
+            start={"left": q_left, "right": q_right},
+            goal={"left": tm.JointGoal(q), "right": tm.PositionGoal("tool0", point)},
+        )
+        solution = tm.plan(problem)
+        motions = cell.split(solution.trajectory)
+
+    Points and placements, of goals too, are in the world, not in the base of a robot;
+    :meth:`base` tells where that is. Payloads are given to the robots beforehand.
+
+    Attributes:
+        robots: For each robot, by its name, the robot and the placement base_to_world
+            of its base; may be given as a pinocchio.SE3, as a position, shape (3,) [m],
+            or all of it as a list of (name, robot, base).
         gravity: Gravity in the world, shape (3,) [m/s^2]; None for that of the robots,
             which have to agree.
-
-    Returns:
-        The robot; ``robot.stack(left=q1, right=q2)`` joins values of its joints.
+        robot: All of them as one, with their names before those of joints, links and
+            frames: "left/tool0".
 
     Raises:
         ProblemError: If two robots have one name, their bases overlap, or their
             gravities differ.
         OptionsError: If the gravity is no vector.
     """
-    robots, bases = _checked_parts(parts)
-    world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
-    description = joined({k: (robots[k].description, bases[k]) for k in robots})
-    locked = {
-        f"{part}/{joint}": position
-        for part, robot in robots.items()
-        for joint, position in robot.locked_joints.items()
-    }
-    model = build_model(description, locked)
-    followers = Linkage.resolve(description.joints, locked).followers
-    joint_names, *ties = expansion(model, followers)
-    table = _joined_table(robots, joint_names)
-    robot = Robot(
-        name=description.name,
-        model=configured_model(model, table, world, *ties),
-        joint_names=joint_names,
-        limits=table.limits(),
-        damping=table.damping,
-        armature=table.armature,
-        gravity=world,
-        expansion_matrix=ties[0],
-        expansion_offset=ties[1],
-        locked_joints=locked,
-        srdf=_joined_semantics(robots, description.path),
-        description=description,
-    )
-    _check_bases(robot, bases)
-    return robot
 
+    robots: Mapping[str, tuple[Robot, pin.SE3]]
+    gravity: Array | None = None
+    robot: Robot = field(init=False, repr=False)
 
-def _checked_parts(
-    parts: Sequence[Part],
-) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
-    expected = "tuples of name, robot and base"
-    if not isinstance(parts, Sequence) or not parts:
-        raise ProblemError(f"robots: got {parts!r}, expected {expected}", "robots")
-    robots: dict[str, Robot] = {}
-    bases: dict[str, pin.SE3] = {}
-    for part in parts:
-        if not isinstance(part, Sequence) or len(part) != 3:
-            raise ProblemError(f"robots: got {part!r}, expected {expected}", "robots")
-        name, robot, base = part
-        if not isinstance(name, str) or not name or "/" in name:
+    def __post_init__(self) -> None:
+        """Check the robots and combine them."""
+        parts: Any = self.robots
+        if isinstance(parts, Mapping):
+            for name, item in parts.items():
+                if not isinstance(item, tuple | list) or len(item) != 2:
+                    raise ProblemError(
+                        f"robots: {name!r} is {item!r}, expected a robot and its base",
+                        "robots",
+                    )
+            parts = [(name, *item) for name, item in parts.items()]
+        robot = combine_robots(parts, gravity=self.gravity)
+        placed = {name: (one, base_placement(name, base)) for name, one, base in parts}
+        object.__setattr__(self, "robots", MappingProxyType(placed))
+        object.__setattr__(self, "gravity", robot.gravity)
+        object.__setattr__(self, "robot", robot)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what it was made of; the robots are combined again."""
+        return type(self), (dict(self.robots), self.gravity)
+
+    def _values(self) -> tuple[Any, ...]:
+        """What is compared; the rest follows from it."""
+        return (self.robot,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the robots."""
+        return tuple(self.robots)
+
+    def _member(self, name: str) -> tuple[Robot, pin.SE3]:
+        if name not in self.robots:
+            known = ", ".join(self.robots)
             raise ProblemError(
-                f"robots: the name {name!r} is none; expected a text without '/'",
-                "robots",
+                f"there is no robot {name!r}; the robots are: {known}", "name"
             )
-        if name in robots:
-            raise ProblemError(f"robots: two of them are named {name!r}", "robots")
-        if not isinstance(robot, Robot):
+        return self.robots[name]
+
+    def base(self, name: str) -> pin.SE3:
+        """Placement base_to_world of a robot.
+
+        Raises:
+            ProblemError: If there is no such robot.
+        """
+        return pin.SE3(self._member(name)[1])
+
+    def alone(self, name: str) -> Robot:
+        """A robot as it stands there: in the axes of its base gravity may be tilted.
+
+        Raises:
+            ProblemError: If there is no such robot.
+        """
+        robot, base = self._member(name)
+        gravity = base.rotation.T @ np.asarray(self.gravity)
+        return robot.with_changes(gravity=gravity)
+
+    def stack(self, values: Mapping[str, ArrayLike]) -> Array:
+        """Join values of the joints of all robots, by name: shape (n,).
+
+        Raises:
+            ProblemError: If a robot is missing or unknown, or a length is wrong.
+        """
+        return self.robot.stack(**values)
+
+    def problem(
+        self,
+        start: Mapping[str, ArrayLike],
+        goal: Mapping[str, Goal | None] | Goal,
+        *,
+        v_start: Mapping[str, ArrayLike] | None = None,
+        **others: Any,
+    ) -> Problem:
+        """Make one problem of a start and a goal for each robot.
+
+        Args:
+            start: Joint positions by robot, shape (n of the robot,) [rad or m].
+            goal: Goals by robot, see :meth:`goal`; or one for all robots combined.
+            v_start: Joint velocities at the start by robot; those not named are at
+                rest.
+            **others: Scene, margin and whatever else a :class:`Problem` has.
+
+        Returns:
+            The problem. The margin is kept between robots, too.
+
+        Raises:
+            ProblemError: If a robot is missing or unknown, or a value is wrong.
+        """
+        moving = None
+        if v_start is not None:
+            rest = {name: np.zeros(r.n) for name, (r, _) in self.robots.items()}
+            moving = self.stack({**rest, **v_start})
+        wanted = goal if isinstance(goal, Goal) else self.goal(goal)
+        return Problem(self.robot, self.stack(start), wanted, v_start=moving, **others)
+
+    def goal(self, goals: Mapping[str, Goal | None]) -> Goal:
+        """Make one goal of those of the robots.
+
+        Args:
+            goals: A goal for each robot, in the names of its own joints and frames;
+                None for a robot that may end anywhere, at rest.
+
+        Returns:
+            A goal for the robots combined: a JointGoal if all are, else AllGoals; or
+            an AnyGoal, if one of them is, with all that can be chosen.
+
+        Raises:
+            ProblemError: If a robot is missing or unknown, or the goals do not go
+                together.
+        """
+        if not isinstance(goals, Mapping):
             raise ProblemError(
-                f"robots: {name!r} is a {type(robot).__name__}, expected a Robot",
-                "robots",
+                f"goal is a {type(goals).__name__}, expected goals by the name of the "
+                f"robot: {', '.join(self.robots)}",
+                "goal",
             )
-        robots[name], bases[name] = robot, _placement(name, base)
-    return robots, bases
+        for name in goals:
+            self._member(name)
+        for name in self.robots:
+            if name not in goals:
+                raise ProblemError(
+                    f"goal: there is none for {name!r}; expected a goal, or None if it "
+                    "may end anywhere",
+                    "goal",
+                )
+            wanted = goals[name]
+            if not (wanted is None or isinstance(wanted, Goal)):
+                raise ProblemError(
+                    f"goal: that of {name!r} is a {type(wanted).__name__}, expected a "
+                    "goal or None",
+                    "goal",
+                )
+        choices = [
+            (None,) if wanted is None else wanted.alternatives
+            for wanted in (goals[name] for name in self.robots)
+        ]
+        found = [
+            self._joined(dict(zip(self.robots, chosen, strict=True)))
+            for chosen in itertools.product(*choices)
+        ]
+        return found[0] if len(found) == 1 else AnyGoal(found)
 
+    def _joined(self, goals: Mapping[str, Goal | None]) -> Goal:
+        """One goal of those of the robots, none of which is a set to choose from."""
+        joints = {k: goal for k, goal in goals.items() if isinstance(goal, JointGoal)}
+        moving = any(goal.v is not None and np.any(goal.v) for goal in joints.values())
+        if len(joints) == len(goals):
+            for name, goal in joints.items():
+                self._check_goal(name, goal)
+            v = {k: goal.final_velocity(goal.q.size) for k, goal in joints.items()}
+            q = self.stack({k: goal.q for k, goal in joints.items()})
+            return JointGoal(q, self.stack(v) if moving else None)
+        if moving:
+            raise ProblemError(
+                "goal: a JointGoal with a velocity goes together with JointGoals for "
+                "the other robots only",
+                "goal",
+            )
+        members = [
+            self._renamed(name, goal)
+            for name, goal in goals.items()
+            if goal is not None
+        ]
+        if not members:
+            raise ProblemError("goal: no robot has one", "goal")
+        return AllGoals(members)
 
-def _placement(name: str, base: object) -> pin.SE3:
-    if isinstance(base, pin.SE3):
-        rotation, position = np.array(base.rotation), np.array(base.translation)
-    else:
-        rotation = np.eye(3)
+    def _renamed(self, name: str, goal: Goal) -> PlaceGoal:
+        """A goal of one robot in the names of the robots combined."""
+        robot = self.robots[name][0]
+        self._check_goal(name, goal)
+        if isinstance(goal, JointGoal | JointRegionGoal):
+            named = getattr(goal, "joints", None) or robot.joint_names
+            room = getattr(goal, "tolerance", 0.0)
+            return JointRegionGoal(goal.q, room, [f"{name}/{j}" for j in named])
+        if isinstance(goal, FrameGoal):
+            return replace(goal, frame=f"{name}/{goal.frame}")  # type: ignore[type-var]
+        if isinstance(goal, AllGoals):
+            return AllGoals([self._renamed(name, item) for item in goal.goals])
+        raise ProblemError(
+            f"goal: that of {name!r} is a {type(goal).__name__}, expected a goal on "
+            "joints or frames",
+            "goal",
+        )
+
+    def _check_goal(self, name: str, goal: Goal) -> None:
+        """Check a goal against its robot, which messages have to name."""
         try:
-            position = np.array(base, dtype=np.float64)
-        except (TypeError, ValueError):
-            position = np.empty(0)
-    right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
-    if not (right and is_rotation(rotation)):
-        raise ProblemError(
-            f"robots: the base of {name!r} is {base!r}, expected a pinocchio.SE3 or "
-            "three finite coordinates [m]",
-            "robots",
-        )
-    return pin.SE3(rotation, position)
+            goal.validate(self.robots[name][0])
+        except ProblemError as error:
+            raise ProblemError(f"{name}: {error}", error.field) from error
 
+    def split(self, trajectory: Trajectory) -> dict[str, Trajectory]:
+        """Take a motion of all robots apart.
 
-def _common_gravity(robots: Mapping[str, Robot]) -> Array:
-    (first, robot), *others = robots.items()
-    for name, other in others:
-        if not np.array_equal(robot.gravity, other.gravity):
+        Args:
+            trajectory: A motion of the robots combined.
+
+        Returns:
+            The motion of each robot by its name, in the names of its own joints, all of
+            one duration.
+
+        Raises:
+            ProblemError: If the motion is not one of these robots.
+        """
+        if not isinstance(trajectory, Trajectory):
             raise ProblemError(
-                f"robots: gravity is {robot.gravity.tolist()} for {first!r} and "
-                f"{other.gravity.tolist()} for {name!r}; expected the argument gravity",
-                "gravity",
+                f"trajectory is a {type(trajectory).__name__}, expected a Trajectory",
+                "trajectory",
             )
-    return robot.gravity
-
-
-def _joined_table(
-    robots: Mapping[str, Robot], joint_names: tuple[str, ...]
-) -> JointTable:
-    """Values of the joints of all robots, in the order of the joint names."""
-    names = [f"{part}/{joint}" for part, r in robots.items() for joint in r.joint_names]
-    order = [names.index(name) for name in joint_names]
-
-    def stacked(field: str) -> Array:
-        parts = (
-            getattr(r if hasattr(r, field) else r.limits, field)
-            for r in robots.values()
-        )
-        return np.concatenate(list(parts))[order]
-
-    return JointTable(
-        joint_names,
-        stacked("position_lower"),
-        stacked("position_upper"),
-        stacked("velocity"),
-        np.column_stack([stacked("effort_lower"), stacked("effort_upper")]),
-        stacked("damping"),
-        stacked("armature"),
-    )
-
-
-def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
-    """Pairs that no robot watches, and the states that all robots have."""
-    pairs = [
-        (f"{part}/{one}", f"{part}/{other}")
-        for part, robot in robots.items()
-        for one, other in _unwatched(robot)
-    ]
-    states = [{} if r.srdf is None else r.srdf.group_states for r in robots.values()]
-    common = {
-        state: {
-            f"{part}/{joint}": position
-            for part, own in zip(robots, states, strict=True)
-            for joint, position in own[state].items()
-        }
-        for state in states[0]
-        if all(state in own for own in states)
-    }
-    return SemanticDescription(tuple(pairs), common, path)
-
-
-def _unwatched(robot: Robot) -> list[tuple[str, str]]:
-    """Pairs of links of a robot whose collision is not to be checked."""
-    if robot.srdf is not None and robot.srdf.disabled_pairs:
-        return list(robot.srdf.disabled_pairs)
-    # Without such a list neighbours are left out, which is told by the whole tree.
-    checker = CollisionChecker(robot, Scene(), self_collision=True)
-    watched = {frozenset(pair) for pair in checker.pairs}
-    frames = robot.model.frames
-    links = {frames[g.parentFrame].name for g in robot.collision_model.geometryObjects}
-    every = combinations(sorted(links), 2)
-    return [pair for pair in every if frozenset(pair) not in watched]
-
-
-def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
-    """Check that what is fixed to the world of one robot is not within another."""
-    for (one, here), (other, there) in combinations(bases.items(), 2):
-        depth = _base_overlap(robot, f"{one}/", f"{other}/")
-        if depth is None:
-            apart = float(np.linalg.norm(here.translation - there.translation))
-            if apart > SAME_PLACE:
-                continue
-            what = f"are at one place, {np.round(here.translation, 4).tolist()}"
-        elif depth > OVERLAP:
-            what = f"overlap by {depth:.4g} m"
-        else:
-            continue
-        raise ProblemError(
-            f"robots: the bases of {one!r} and {other!r} {what}; expected bases that "
-            "are apart",
-            "robots",
-        )
-
-
-def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
-    """Depth to which what is fixed of two robots overlaps [m]; None without shapes."""
-    fixed = [body for body in robot_bodies(robot, "convex") if not body.joint]
-    mine = [i for i, body in enumerate(fixed) if body.name.startswith(one)]
-    its = [i for i, body in enumerate(fixed) if body.name.startswith(other)]
-    if not mine or not its:
-        return None
-    first, second = (index.ravel() for index in np.meshgrid(mine, its))
-    narrow = NarrowPhase(robot.model, fixed, first, second)
-    return -float(np.min(narrow.all(robot.expand(np.zeros(robot.n)))))
+        if trajectory.joint_names != self.robot.joint_names:
+            raise ProblemError(
+                f"trajectory is a motion of {', '.join(trajectory.joint_names)}; "
+                f"expected one of {', '.join(self.robot.joint_names)}",
+                "trajectory",
+            )
+        motions = {}
+        for name, (robot, _) in self.robots.items():
+            rows = [
+                trajectory.joint_names.index(f"{name}/{joint}")
+                for joint in robot.joint_names
+            ]
+            inverse = trajectory.inverse_dynamics
+            if inverse is not None:
+                # What one robot does needs no torque of another.
+                inverse = RobotDynamics(self.alone(name)).inverse
+            motions[name] = Trajectory(
+                robot.joint_names,
+                trajectory.t,
+                trajectory.q[:, rows],
+                trajectory.v[:, rows],
+                trajectory.u[:, rows],
+                None if trajectory.a is None else trajectory.a[:, rows],
+                inverse,
+            )
+        return motions

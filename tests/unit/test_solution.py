@@ -139,7 +139,6 @@ def test_fields_have_defaults(problem: Problem, motion: Trajectory) -> None:
     assert found.history == ()
     assert found.violations == {}
     assert found.verification is None
-    assert found.certificate is None
 
 
 def test_pickle(problem: Problem, motion: Trajectory) -> None:

@@ -1,237 +1,257 @@
-"""Tests of several robots in one workspace."""
+"""Tests of workcells: one problem made of several robots, and motions taken apart."""
 
 from __future__ import annotations
 
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_samples import chain, load, one_shape, placement
+from robot_samples import placement
 
-from tominpmp.collision import CollisionChecker
-from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError
-from tominpmp.goals import AllGoals, JointGoal, JointRegionGoal, PositionGoal
-from tominpmp.options import Options
-from tominpmp.payload import Payload
+from tominpmp.exceptions import FrameNotFound, ProblemError
+from tominpmp.goals import (
+    AllGoals,
+    AnyGoal,
+    Goal,
+    JointGoal,
+    JointRegionGoal,
+    PoseGoal,
+    PositionGoal,
+)
+from tominpmp.options import Options, Tolerances
 from tominpmp.planner import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Scene
-from tominpmp.workcell import combine_robots
+from tominpmp.scene import Scene, Sphere
+from tominpmp.verification import verify
+from tominpmp.workcell import Workcell
 
-TILTED = pin.SE3(pin.exp3(np.array([0.0, 0.4, 2.0])), np.array([1.0, 1.0, 0.3]))
-FAR = (5.0, 0.0, 0.0)
-HOME = np.array([0.0, -1.2, 1.2, -1.5, -1.5, 0.0])
-
-
-@pytest.fixture(scope="module")
-def ur5() -> Robot:
-    return load_robot("ur5", effort=0.9 * np.array([150, 150, 150, 28, 28, 28.0]))
+# The planar arm, turned about its own axis z and set aside; gravity lies in its plane.
+TURNED = pin.SE3(pin.exp3(np.array([0.0, 0.0, 2.0])), np.array([30.0, 0.0, 0.0]))
+START = np.array([0.5, 1.7, -1.7])
+ENDS = {"b": np.array([1.2, 1.0, -1.0]), "a": np.array([0.7, 1.5, 0.0])}
+QUICK = Options(intervals=16)
 
 
 @pytest.fixture(scope="module")
-def panda() -> Robot:
-    return load_robot("panda")  # eight joints, and a finger that follows
+def cell(planar3r: Robot) -> Workcell:
+    """Names that are not in alphabetical order, one base turned against gravity."""
+    return Workcell({"b": (planar3r, (0, 0, 0)), "a": (planar3r, TURNED)})
 
 
 @pytest.fixture(scope="module")
-def cell(ur5: Robot, panda: Robot) -> Robot:
-    """The names are not in alphabetical order."""
-    return combine_robots([("right", ur5, (0, 0, 0)), ("left", panda, TILTED)])
+def pair() -> Workcell:
+    """Two UR5s that face each other."""
+    arm = load_robot("ur5")
+    turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    return Workcell({"one": (arm, (0, 0, 0)), "two": (arm, turned)})
 
 
-def test_joints_and_limits_are_stacked(cell: Robot, ur5: Robot, panda: Robot) -> None:
-    assert cell.joint_names == (
-        *(f"right/{name}" for name in ur5.joint_names),
-        *(f"left/{name}" for name in panda.joint_names),
-    )
-    assert cell.parts == ("right", "left")
-    assert ur5.parts == ()
-    for field in ("position_lower", "position_upper", "velocity", "effort_lower"):
-        values = [getattr(robot.limits, field) for robot in (ur5, panda)]
-        np.testing.assert_array_equal(
-            getattr(cell.limits, field), np.concatenate(values)
-        )
+def test_what_it_is(cell: Workcell, planar3r: Robot) -> None:
+    assert cell.names == ("b", "a")
+    assert cell.robot.joint_names[:3] == ("b/joint1", "b/joint2", "b/joint3")
+    assert cell.base("a").isApprox(TURNED)
     np.testing.assert_array_equal(
-        cell.damping, np.concatenate([ur5.damping, panda.damping])
+        cell.stack({"a": [1, 2, 3], "b": [4, 5, 6]}), [4, 5, 6, 1, 2, 3]
+    )
+    listed = Workcell([("b", planar3r, (0, 0, 0)), ("a", planar3r, TURNED)])  # type: ignore[arg-type]
+    assert listed == cell
+    assert pickle.loads(pickle.dumps(cell)) == cell
+    assert Workcell({"b": (planar3r, (0, 0, 0))}) != cell
+
+
+def test_gravity_in_the_axes_of_a_base(cell: Workcell, planar3r: Robot) -> None:
+    np.testing.assert_array_equal(cell.alone("b").gravity, planar3r.gravity)
+    np.testing.assert_allclose(
+        TURNED.rotation @ cell.alone("a").gravity, planar3r.gravity, atol=1e-12
     )
 
 
-def test_dynamics_are_those_of_each(
-    cell: Robot, ur5: Robot, panda: Robot, rng: np.random.Generator
-) -> None:
-    # The base of the second is tilted, so that gravity is another one in its axes.
-    gravity = TILTED.rotation.T @ panda.gravity
-    tilted = panda.with_changes(gravity=gravity)
-    q, v, a = rng.normal(size=(3, 4, 14))
-    found = RobotDynamics(cell).inverse_jacobians(q, v, a)
-    for robot, rows in ((ur5, slice(0, 6)), (tilted, slice(6, 14))):
-        one = RobotDynamics(robot).inverse_jacobians(q[:, rows], v[:, rows], a[:, rows])
-        for mine, whole in zip(one, found, strict=True):
-            part = whole[:, rows] if whole.ndim == 2 else whole[:, rows, rows]
-            np.testing.assert_allclose(part, mine, atol=1e-10)
-    for whole in (found.tau_q, found.tau_v, found.tau_a):
-        assert not np.any(whole[:, :6, 6:])
-        assert not np.any(whole[:, 6:, :6])
+# Goals
 
 
-def test_frames_are_placed_by_their_base(cell: Robot, panda: Robot) -> None:
-    q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7, 0.02])
-    alone = placement(panda, q.tolist(), "panda_hand")
-    both = placement(cell, cell.stack(right=HOME, left=q).tolist(), "left/panda_hand")
-    assert both.isApprox(TILTED * alone, 1e-10)
+def test_joint_goals_become_one(cell: Workcell) -> None:
+    goal = cell.goal({"b": JointGoal(START), "a": JointGoal(ENDS["a"], [0.1, 0, 0])})
+    assert goal == JointGoal(
+        np.concatenate([START, ENDS["a"]]), [0, 0, 0, 0.1, 0.0, 0.0]
+    )
 
 
-def test_stack(cell: Robot) -> None:
-    values = cell.stack(left=np.arange(8), right=-np.ones(6))
-    np.testing.assert_array_equal(values, [-1] * 6 + [0, 1, 2, 3, 4, 5, 6, 7])
-    with pytest.raises(ProblemError, match="values for 'left' are missing"):
-        cell.stack(right=HOME)
-    with pytest.raises(ProblemError, match=r"'middle' are given; .*: right, left"):
-        cell.stack(right=HOME, left=np.zeros(8), middle=HOME)
-    with pytest.raises(ProblemError, match=r"left has shape \(6,\), expected 8 numb"):
-        cell.stack(right=HOME, left=HOME)
-
-
-def test_pairs_within_each_robot_are_its_own(
-    cell: Robot, ur5: Robot, panda: Robot
-) -> None:
-    """The UR5 has no list of disabled pairs, the Panda has one."""
-    whole = CollisionChecker(cell, Scene(), self_collision=True).pairs
-    for name, robot in (("right", ur5), ("left", panda)):
-        own = CollisionChecker(robot, Scene(), self_collision=True).pairs
-        expected = {frozenset(f"{name}/{link}" for link in pair) for pair in own}
-        found = {
-            frozenset(pair)
-            for pair in whole
-            if all(link.startswith(f"{name}/") for link in pair)
-        }
-        assert found == expected
-    between = {frozenset(p) for p in whole if p[0][:4] != p[1][:4]}
-    assert frozenset(("right/wrist_3_link", "left/panda_hand")) in between
-    assert frozenset(("right/shoulder_link", "left/panda_link0")) in between
-
-
-def test_robots_collide_with_each_other(ur5: Robot) -> None:
-    pair = combine_robots([("a", ur5, (0, 0, 0)), ("b", ur5, (0.6, 0, 0))])
-    # The arms lie along -x of their bases or turn to the other one.
-    apart = pair.stack(a=[0, 0.0, 0, 0, 0, 0], b=[np.pi, 0, 0, 0, 0, 0])
-    with pytest.raises(ProblemError, match=r"start in collision: links '[ab]/.*'[ab]/"):
-        Problem(pair, pair.stack(a=HOME * 0, b=HOME * 0), JointGoal(apart))
-
-
-def test_a_combined_robot_is_a_value(cell: Robot, ur5: Robot, panda: Robot) -> None:
-    assert pickle.loads(pickle.dumps(cell)) == cell
-    again = combine_robots([("right", ur5, (0, 0, 0)), ("left", panda, TILTED)])
-    assert again == cell
-    moved = combine_robots([("right", ur5, (0, 0, 0.1)), ("left", panda, TILTED)])
-    assert moved != cell
-    slow = cell.with_changes(velocity={"left/panda_joint1": 0.5})
-    assert slow.limits.velocity[6] == 0.5
-    assert cell.locked_joints == {}
-
-
-def test_parts_with_payloads_and_locked_joints(ur5: Robot) -> None:
-    panda = load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
-    loaded = panda.with_payload(Payload(1.0, "panda_hand"))
-    cell = combine_robots([("a", ur5, (0, 1, 0)), ("b", loaded, (0, 0, 0))])
-    assert cell.locked_joints["b/panda_finger_joint2"] == 0.03
-    assert "b/payload" in cell.frame_names
-    q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7])
-    zero = np.zeros((1, 7))
-    alone = RobotDynamics(loaded).inverse(q[None], zero, zero)[0]
-    whole, rest = cell.stack(a=HOME, b=q)[None], np.zeros((1, 13))
-    found = RobotDynamics(cell).inverse(whole, rest, rest)[0]
-    np.testing.assert_allclose(found[6:], alone, atol=1e-12)
-    other = cell.with_payload(Payload(1.0, "a/tool0", name="a/load"))
-    assert other.parts == ("a", "b")
-    assert np.abs(RobotDynamics(other).inverse(whole, rest, rest)[0] - found).max() > 1
-
-
-def test_states_that_all_robots_have(tmp_path: Path) -> None:
-    robots = []
-    for number, value in enumerate((0.2, 0.4)):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        (folder / "sample.srdf").write_text(
-            '<robot name="x"><group_state name="home" group="g">'
-            f'<joint name="j1" value="{value}"/></group_state></robot>'
-        )
-        robots.append(load(folder, chain("")))
-    cell = combine_robots([("a", robots[0], (0, 0, 0)), ("b", robots[1], (3, 0, 0))])
-    np.testing.assert_array_equal(cell.group_state("home"), [0.2, 0.4])
-
-
-# One duration
-
-
-def test_robots_far_apart_take_as_long_as_the_slower_one(planar3r: Robot) -> None:
-    ends = [np.array([[0.5, 1.7, -1.7], q]) for q in ([1.2, 1.0, -1.0], [0.7, 1.5, 0])]
-    options = Options(intervals=20)
-    alone = [plan(Problem(planar3r, a, JointGoal(b)), options).T for a, b in ends]
-    cell = combine_robots([("a", planar3r, (0, 0, 0)), ("b", planar3r, (30, 0, 0))])
-    start, end = (cell.stack(a=a, b=b) for a, b in zip(*ends, strict=True))
-    together = plan(Problem(cell, start, JointGoal(end)), options)
-    assert together.feasible
-    assert alone[0] < 0.9 * alone[1]
-    assert together.T == pytest.approx(alone[1], rel=5e-3)
-
-
-def test_a_goal_for_each(planar3r: Robot) -> None:
-    cell = combine_robots([("a", planar3r, (0, 0, 0)), ("b", planar3r, (30, 0, 0))])
-    start = np.array([0.5, 1.7, -1.7])
-    goal = AllGoals(
+def test_goals_of_several_kinds(cell: Workcell, planar3r: Robot) -> None:
+    point = (1.0, 4.0, 0.0)
+    goal = cell.goal({"a": JointGoal(ENDS["a"]), "b": PositionGoal("tip", point)})
+    names = [f"a/{joint}" for joint in planar3r.joint_names]
+    assert goal == AllGoals(
+        [PositionGoal("b/tip", point), JointRegionGoal(ENDS["a"], 0.0, names)]
+    )
+    pose = PoseGoal("tip", pin.SE3(np.eye(3), np.array(point)))
+    some = JointRegionGoal([0.1], 0.05, ["joint2"])
+    both = AllGoals([pose, some])
+    assert cell.goal({"b": None, "a": both}) == AllGoals(
         [
-            PositionGoal("a/tip", (1.0, 4.0, 0.0)),
-            JointRegionGoal([0.7, 1.5, 0.0], 0.1, [f"b/joint{i}" for i in (1, 2, 3)]),
+            PoseGoal("a/tip", pin.SE3(np.eye(3), np.array(point))),
+            JointRegionGoal([0.1], 0.05, ["a/joint2"]),
         ]
     )
-    problem = Problem(cell, cell.stack(a=start, b=start), goal)
+
+
+def test_sets_of_goals_are_multiplied(cell: Workcell) -> None:
+    one, two = JointGoal(START), JointGoal(ENDS["a"])
+    goal = cell.goal({"b": AnyGoal([one, two]), "a": AnyGoal([one, two])})
+    assert isinstance(goal, AnyGoal)
+    q = {tuple(item.q.tolist()) for item in goal.goals if isinstance(item, JointGoal)}
+    assert q == {(*x, *y) for x in (START, ENDS["a"]) for y in (START, ENDS["a"])}
+
+
+# Motions
+
+
+def test_far_apart_they_take_as_long_as_the_slower_one(cell: Workcell) -> None:
+    alone = {
+        name: plan(Problem(cell.alone(name), START, JointGoal(end)), QUICK)
+        for name, end in ENDS.items()
+    }
+    problem = cell.problem(
+        dict.fromkeys(ENDS, START), {k: JointGoal(end) for k, end in ENDS.items()}
+    )
+    together = plan(problem, QUICK)
+    assert together.success
+    assert min(s.T for s in alone.values()) < 0.95 * max(s.T for s in alone.values())
+    assert together.T == pytest.approx(max(s.T for s in alone.values()), rel=5e-3)
+    # Each part replays alone, on the robot as it stands there.
+    motions = cell.split(together.trajectory)
+    assert tuple(motions) == cell.names
+    for name, motion in motions.items():
+        robot = cell.alone(name)
+        assert motion.joint_names == robot.joint_names
+        assert motion.duration == together.T
+        task = Problem(robot, START, JointGoal(ENDS[name]))
+        assert verify(task, motion, Tolerances()).ok, name
+        # The torques between the nodes are those of all together.
+        columns = [cell.robot.joint_names.index(f"{name}/joint{i}") for i in (1, 2, 3)]
+        times = np.linspace(0.0, together.T, 57)
+        for own, whole in zip(motion(times), together.trajectory(times), strict=True):
+            np.testing.assert_allclose(own, whole[:, columns], atol=1e-9)
+
+
+def test_a_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
+    problem = cell.problem(
+        dict.fromkeys(ENDS, START),
+        {"b": PositionGoal("tip", (1.0, 4.0, 0.0)), "a": None},
+        v_start={"a": [0.3, 0.0, 0.0]},
+    )
     solution = plan(problem, Options(intervals=12, starts=1))
-    assert solution.feasible
-    assert solution.trajectory is not None
-    q = solution.trajectory.q[-1]
-    tip = placement(cell, q.tolist(), "a/tip").translation
+    assert solution.success
+    motions = cell.split(solution.trajectory)
+    tip = placement(cell.alone("b"), motions["b"].q[-1].tolist(), "tip").translation
     np.testing.assert_allclose(tip, (1.0, 4.0, 0.0), atol=1e-5)
-    assert np.abs(q[3:] - [0.7, 1.5, 0.0]).max() <= 0.1 + 1e-5
+    np.testing.assert_allclose(motions["a"].v[-1], 0.0, atol=1e-6)
+    np.testing.assert_array_equal(motions["a"].v[0], [0.3, 0.0, 0.0])
+
+
+def test_split_motion_with_constant_torque(cell: Workcell) -> None:
+    start = dict.fromkeys(ENDS, START)
+    goal = {k: JointGoal(end) for k, end in ENDS.items()}
+    options = Options(intervals=12, method="collocation")
+    solution = plan(cell.problem(start, goal), options)
+    assert solution.success
+    for name, motion in cell.split(solution.trajectory).items():
+        task = Problem(cell.alone(name), START, JointGoal(ENDS[name]))
+        assert motion.inverse_dynamics is None
+        assert verify(task, motion, Tolerances()).ok, name
+
+
+# Room between them
+
+
+def test_margin_is_kept_between_robots(pair: Workcell) -> None:
+    # Hands that point at each other, 6 cm apart or so.
+    q = np.array([0.0, -1.2, 1.9, -0.7, -1.571, 0.0])
+    arms = {"one": q + [np.pi, 0, 0, 0, 0, 0], "two": q + [np.pi, 0, 0, 0, 0, 0]}
+    goal = {name: JointGoal(value) for name, value in arms.items()}
+    free = pair.problem(arms, goal)
+    nearest = free.checker.closest(free.q_start)
+    assert nearest is not None
+    assert nearest.own
+    assert {nearest.link[:3], nearest.obstacle[:3]} == {"one", "two"}
+    margins = free.checker.margins(0.25)
+    between = [{a[:3], b[:3]} == {"one", "two"} for a, b in free.checker.pairs]
+    np.testing.assert_array_equal(margins, np.where(between, 0.25, 0.0))
+    message = r"start in collision: links '(one|two)/.*less than the margin"
+    with pytest.raises(ProblemError, match=message):
+        pair.problem(arms, goal, margin=nearest.distance + 0.01)
+    pair.problem(arms, goal, margin=nearest.distance - 0.01)
+
+
+def test_margin_from_obstacles_too(pair: Workcell) -> None:
+    q = np.array([0.0, -1.2, 1.9, -0.7, -1.571, 0.0])
+    ball = Scene([Sphere("ball", radius=0.05, position=(0.5, 0.0, 2.0))])
+    problem = pair.problem(
+        {"one": q, "two": q},
+        {"one": JointGoal(q + 0.1), "two": JointGoal(q + 0.1)},
+        scene=ball,
+        margin=0.02,
+    )
+    first = problem.margins[: problem.checker.obstacle_pairs]
+    np.testing.assert_array_equal(first, 0.02)
 
 
 # Wrong input
 
 
-def test_wrong_parts(ur5: Robot) -> None:
-    one = ("a", ur5, (0, 0, 0))
-    for parts, message in (
-        ([one, ("a", ur5, (2, 0, 0))], "two of them are named 'a'"),
-        ([one, ("", ur5, FAR)], "the name '' is none"),
-        ([one, ("b/c", ur5, FAR)], "expected a text without '/'"),
-        ([one, ("b", "ur5", FAR)], "'b' is a str, expected a Robot"),
-        ([one, ("b", ur5)], "expected tuples of name, robot and base"),
-        ([], "expected tuples"),
-        ([one, ("b", ur5, (1, 2))], "the base of 'b' is"),
-        ([one, ("b", ur5, "there")], "the base of 'b' is 'there'"),
-        ([one, ("b", ur5, (0, np.nan, 0))], "three finite coordinates"),
-        ([one, ("b", ur5, pin.SE3(2 * np.eye(3), np.zeros(3)))], "the base of 'b'"),
-        ([one, ("b", ur5, (0.05, 0, 0))], "the bases of 'a' and 'b' overlap by 0.0"),
+def test_wrong_robots(planar3r: Robot) -> None:
+    here = (0.0, 0.0, 0.0)
+    for robots, message in (
+        ([("a", planar3r, here), ("a", planar3r, (9, 0, 0))], "two of them are named"),
+        ({"a": (planar3r, here), "b": (planar3r, here)}, "the bases of 'a' and 'b'"),
+        ({"a": planar3r}, "'a' is .*, expected a robot and its base"),
+        ({"a/b": (planar3r, here)}, "expected a text without '/'"),
+        ({}, "expected tuples of name, robot and base"),
+        (planar3r, "expected tuples of name, robot and base"),
     ):
+        with pytest.raises(ProblemError, match=message) as caught:
+            Workcell(robots)  # type: ignore[arg-type]
+        assert caught.value.field == "robots"
+
+
+def test_wrong_goals_and_starts(cell: Workcell) -> None:
+    fine = JointGoal(START)
+    goals: list[tuple[dict[str, Goal | None], str]] = [
+        ({"a": fine}, "there is none for 'b'"),
+        ({"a": fine, "c": fine}, "there is no robot 'c'; the robots are: b, a"),
+        ({"a": None, "b": None}, "no robot has one"),
+        ({"a": fine, "b": JointGoal([1, 2])}, "b: goal.q has 2 numbers, expected 3"),
+        ({"a": None, "b": JointGoal(START, [1, 0, 0])}, "JointGoals for the other"),
+        (START, "goal is a ndarray, expected goals by the name"),  # type: ignore[list-item]
+        ({"a": fine, "b": START}, "that of 'b' is a ndarray"),  # type: ignore[dict-item]
+        ({"a": None, "b": PositionGoal("tip", (1, 4, 0), (1, 0, 0))}, "at rest"),
+    ]
+    for goal, message in goals:
         with pytest.raises(ProblemError, match=message):
-            combine_robots(parts)  # type: ignore[arg-type]
+            cell.problem({"a": START, "b": START}, goal)
+    with pytest.raises(FrameNotFound, match="no frame 'hand'"):
+        cell.goal({"a": fine, "b": PositionGoal("hand", (1, 0, 0))})
+    with pytest.raises(ProblemError, match="values for 'b' are missing"):
+        cell.problem({"a": START}, {"a": fine, "b": fine})
+    with pytest.raises(ProblemError, match="values for 'c' are given"):
+        cell.problem(
+            {"a": START, "b": START}, {"a": fine, "b": fine}, v_start={"c": START}
+        )
+    with pytest.raises(ProblemError, match="there is no robot 'c'"):
+        cell.alone("c")
 
 
-def test_bases_without_shapes(tmp_path: Path) -> None:
-    arm = load(tmp_path, one_shape('<sphere radius="0.1"/>'))
-    with pytest.raises(ProblemError, match=r"are at one place, \[0.0, 0.0, 1.0\]"):
-        combine_robots([("a", arm, (0, 0, 1)), ("b", arm, (0, 0, 1))])
-    combine_robots([("a", arm, (0, 0, 1)), ("b", arm, (0, 0.1, 1))])
+def test_unreachable_goals_are_told_of(cell: Workcell) -> None:
+    # Within the length of the arm from the origin of the world, not from its base.
+    goal = {"b": None, "a": PositionGoal("tip", (36.0, 0.0, 1.0))}
+    with pytest.raises(ProblemError, match="no configuration within the position lim"):
+        plan(cell.problem({"a": START, "b": START}, goal), QUICK)
 
 
-def test_gravity_is_one(ur5: Robot) -> None:
-    light = ur5.with_changes(gravity=(0, 0, -1.6))
-    parts = [("a", ur5, (0, 0, 0)), ("b", light, FAR)]
-    with pytest.raises(ProblemError, match=r"gravity is \[.*-9.81\] for 'a' and"):
-        combine_robots(parts)
-    cell = combine_robots(parts, gravity=(0, 0, -3.7))
-    np.testing.assert_array_equal(cell.gravity, (0, 0, -3.7))
+def test_motion_of_other_robots(cell: Workcell, planar3r: Robot) -> None:
+    alone = plan(Problem(planar3r, START, JointGoal(ENDS["a"])), QUICK)
+    with pytest.raises(ProblemError, match=r"a motion of joint1, .*expected one of b/"):
+        cell.split(alone.trajectory)
+    with pytest.raises(ProblemError, match="is a Solution, expected a Trajectory"):
+        cell.split(alone)  # type: ignore[arg-type]

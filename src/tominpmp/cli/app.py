@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from tominpmp.cli import aims
 from tominpmp.cli import arguments as a
 from tominpmp.cli.request import MotionRequest, OutputRequest, RobotRequest
 from tominpmp.cli.terminal import guarded
@@ -122,6 +123,9 @@ def plan(
     seed: a.Seed = None,
     max_time: a.MaxTime = None,
     max_iterations: a.MaxIterations = None,
+    objective: aims.Objective = None,
+    slack: aims.Slack = None,
+    start_from: aims.StartFrom = None,
     lp_solver: a.LpSolver = None,
     output: a.MotionFile = None,
     no_output: a.NoOutput = False,
@@ -159,6 +163,7 @@ def plan(
         request=request,
         margin=margin,
         degrees=degrees,
+        former=start_from,
     )
     options = {
         "method": method,
@@ -168,6 +173,8 @@ def plan(
         "seed": seed,
         "max_planning_time": max_time,
         "max_iterations": max_iterations,
+        "objective": objective,
+        "slack": slack,
         "lp_solver": lp_solver,
     }
     output_request = OutputRequest(

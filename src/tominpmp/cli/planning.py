@@ -73,6 +73,7 @@ def _solve(
     console: Console,
 ) -> Solution:
     from tominpmp.cli.sources import load_problem
+    from tominpmp.output.export import load_motion
     from tominpmp.planner import plan
     from tominpmp.scenario.scenario import save_scenario
 
@@ -82,8 +83,12 @@ def _solve(
         problem, chosen = load_problem(robot, motion, options)
         if output.scenario is not None:
             save_scenario(output.scenario, problem, chosen)
+        chosen = replace(chosen, callback=progress)
+        former = None if motion.former is None else load_motion(motion.former)
         progress.phase("planning")
-        return plan(problem, replace(chosen, callback=progress))
+        if former is None:
+            return plan(problem, chosen)
+        return plan(problem, chosen, start=former)
 
 
 def _report(

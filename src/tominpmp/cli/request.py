@@ -110,6 +110,7 @@ class MotionRequest:
         request: MoveIt motion plan request with start and goal.
         margin: Distance to keep from them [m].
         degrees: Whether angles are in degrees.
+        former: File with a former motion to begin with.
     """
 
     start: str | None = None
@@ -123,6 +124,7 @@ class MotionRequest:
     request: Path | None = None
     margin: float | None = None
     degrees: bool = False
+    former: Path | None = None
 
     def problem(self, robot: Robot) -> Problem:
         """Make the problem.

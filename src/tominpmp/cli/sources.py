@@ -30,7 +30,7 @@ def load_problem(
         TominpmpError: If anything given is wrong or contradicts something else.
     """
     if robot.is_scenario:
-        _refuse("a scenario file", robot, motion, keep=("robot", "margin"))
+        _refuse("a scenario file", robot, motion, keep=("robot", "margin", "former"))
         scenario = load_scenario(robot.robot)
         problem = scenario.problem
         if motion.margin is not None:
@@ -42,7 +42,7 @@ def load_problem(
         return motion.problem(robot.load()), chosen
     if motion.scene is None:
         raise ProblemError("--request needs a --scene that it belongs to", "scene")
-    keep = ("scene", "request", "margin", *(f.name for f in fields(robot)))
+    keep = ("scene", "request", "margin", "former", *(f.name for f in fields(robot)))
     _refuse("--request", robot, motion, keep=keep)
     arm = robot.load(resting_joints(motion.request))
     margin = 0.0 if motion.margin is None else motion.margin

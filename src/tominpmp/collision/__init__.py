@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from tominpmp.collision.bodies import Approximation, approximations
 from tominpmp.collision.cache import DistanceCache
-from tominpmp.collision.checker import CollisionChecker, Contact
+from tominpmp.collision.checker import CollisionChecker, Contact, Derivatives
 from tominpmp.collision.shapes import obstacle_shape
 
 __all__ = [
     "Approximation",
     "CollisionChecker",
     "Contact",
+    "Derivatives",
     "DistanceCache",
     "approximations",
     "obstacle_shape",

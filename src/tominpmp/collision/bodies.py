@@ -29,7 +29,8 @@ class Body:
 
     Attributes:
         name: Name of the link or of the obstacle.
-        joint: Index in the model of the joint that carries it; 0 for the world.
+        joint: Index in the model of the joint that carries it; 0 for the world, and
+            beyond those of the model for obstacles that move (see ``Movers``).
         placement: Placement body_to_joint.
         shape: Coal's shape.
         part: Which of the geometries of the robot it belongs to; -1 for obstacles.
@@ -111,14 +112,22 @@ def approximations(robot: Robot) -> tuple[Approximation, ...]:
     return tuple(found)
 
 
-def scene_bodies(scene: Scene) -> list[Body]:
-    """Shapes of the obstacles."""
+def scene_bodies(scene: Scene, first: int) -> list[Body]:
+    """Shapes of the obstacles.
+
+    Args:
+        scene: The obstacles.
+        first: What counts as the joint that carries the first of those that move.
+    """
     bodies = []
     for obstacle in scene:
         place = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))
+        joint = 0
+        if obstacle.motion is not None:
+            joint, place = first + scene.moving.index(obstacle), pin.SE3.Identity()
         for offset, shape in _obstacle_parts(obstacle):
             at = place * pin.SE3(np.eye(3), offset)
-            bodies.append(Body(obstacle.name, 0, at, shape))
+            bodies.append(Body(obstacle.name, joint, at, shape))
     return bodies
 
 

@@ -152,6 +152,8 @@ class BroadPhase:
         second: Second body of each pair, shape (pairs,).
         centre: Centre of a ball around each body [m], shape (bodies, 3).
         radius: Its radius [m], shape (bodies,).
+        farthest: How far points of each body may be from the origin of what carries it
+            [m], shape (bodies,).
     """
 
     def __init__(
@@ -161,6 +163,13 @@ class BroadPhase:
         found = [Enclosure.of(outline(body.shape)) for body in bodies]
         self.centre = np.array([item.centre for item in found]).reshape(-1, 3)
         self.radius = np.array([item.radius for item in found])
+        # No point of a body is farther than this from what carries it.
+        self.farthest = self.radius + np.array(
+            [
+                np.linalg.norm(body.placement.act(item.R @ item.centre + item.t))
+                for body, item in zip(bodies, found, strict=True)
+            ]
+        )
         self._half = np.array([item.half for item in found]).reshape(-1, 3)
         self._swell = np.array([item.swell for item in found])
         self._cover = np.array([item.cover for item in found]).reshape(-1, BALLS, 3)

@@ -36,13 +36,17 @@ class DistanceCache:
         """Number of configurations."""
         return int(self._known.distance.shape[0])
 
-    def distances(self, q: Array, cutoff: float | Array) -> Array:
+    def distances(
+        self, q: Array, cutoff: float | Array, times: Array | None = None
+    ) -> Array:
         """Signed distances below a cutoff; where they are above, lower bounds at least.
 
         Args:
             q: Configurations, shape (instants, n) [rad or m].
             cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
                 or by pair, shape (pairs,).
+            times: Times [s], shape (instants,), for obstacles that move; None for the
+                start.
 
         Returns:
             Distances [m], shape (instants, pairs).
@@ -50,11 +54,13 @@ class DistanceCache:
         query, m = self._query, self.instants
         limit = np.broadcast_to(np.asarray(cutoff, dtype=np.float64), (query.pairs,))
         rows = query.robot.expand(q)
-        placed = query.place(rows)
+        placed = query.place(rows, times)
         every = np.arange(m)
         if not self._fresh or m <= FIRST_STRIDE:
             self._fresh = False
-            return query.distances(rows, placed, limit, self._known, every, every)
+            return query.distances(
+                rows, placed, limit, self._known, every, every, times
+            )
         self._fresh = False
         out = np.empty((m, query.pairs))
         stride, source = FIRST_STRIDE, 0
@@ -63,7 +69,13 @@ class DistanceCache:
             here = placed[0][part], placed[1][part]
             sources = np.maximum(part - source, 0)
             out[part] = query.distances(
-                rows[part], here, limit, self._known, part, sources
+                rows[part],
+                here,
+                limit,
+                self._known,
+                part,
+                sources,
+                None if times is None else times[part],
             )
             if stride == 1:
                 return out

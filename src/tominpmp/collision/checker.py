@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.bodies import (
     Approximation,
     Geometry,
@@ -16,6 +16,7 @@ from tominpmp.collision.bodies import (
 )
 from tominpmp.collision.bounds import BroadPhase
 from tominpmp.collision.cache import DistanceCache
+from tominpmp.collision.movers import Movers
 from tominpmp.collision.narrow import Guard, NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.query import Count, DistanceQuery
@@ -33,13 +34,27 @@ class Contact(NamedTuple):
         link: Name of the link.
         obstacle: Name of what it comes close to.
         distance: Signed distance [m].
-        own: Whether that is another link of the robot.
+        own: Whether that is another link of the robot, or of one combined with it.
+        margin: Distance to keep [m].
     """
 
     link: str
     obstacle: str
     distance: float
     own: bool = False
+    margin: float = 0.0
+
+
+class Derivatives(NamedTuple):
+    """How distances change.
+
+    Attributes:
+        gradients: By configuration, shape (k, n) [m/rad or m/m].
+        rates: By time, where obstacles move, shape (k,) [m/s].
+    """
+
+    gradients: Array
+    rates: Array
 
 
 class CollisionChecker:
@@ -90,7 +105,8 @@ class CollisionChecker:
                 f"the robot {robot.name!r} has no collision geometry on its moving "
                 "links, so that its clearance from the scene cannot be told"
             )
-        bodies = [*links, *scene_bodies(scene)]
+        self._movers = Movers(scene.moving, robot.model.njoints)
+        bodies = [*links, *scene_bodies(scene, self._movers.first)]
         first, second = scene_pairs(bodies, len(links))
         self.obstacle_pairs = int(first.size)
         if self.self_collision:
@@ -104,7 +120,7 @@ class CollisionChecker:
         self._joint = np.array([body.joint for body in bodies], dtype=np.int64)
         self._first, self._second = first, second
         self._placements = Placements(robot.model)
-        self._narrow = NarrowPhase(robot.model, bodies, first, second)
+        self._narrow = NarrowPhase(robot.model, bodies, first, second, self._movers)
         self._guard: tuple[float | Array, Guard] | None = None
         self._query = DistanceQuery(
             robot,
@@ -112,6 +128,7 @@ class CollisionChecker:
             BroadPhase(bodies, first, second),
             self._narrow,
             np.array([is_convex(body.shape) for body in bodies], dtype=bool),
+            self._movers,
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -123,28 +140,49 @@ class CollisionChecker:
         """How many pairs were asked for with a cutoff, and how many were measured."""
         return self._query.count
 
-    def distances(self, q: Array, cutoff: float | Array | None = None) -> Array:
+    @property
+    def moving(self) -> bool:
+        """Whether distances depend on time, for an obstacle moves."""
+        return self._movers.any
+
+    @property
+    def kinks(self) -> Array:
+        """Times at which an obstacle changes its velocity at once [s], ascending."""
+        return self._movers.kinks
+
+    @property
+    def moving_pairs(self) -> BoolArray:
+        """Which pairs are with an obstacle that moves, shape (pairs,)."""
+        return np.asarray(self._joint[self._second] >= self._movers.first)
+
+    def distances(
+        self,
+        q: Array,
+        cutoff: float | Array | None = None,
+        times: Array | None = None,
+    ) -> Array:
         """Signed distances at configurations.
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
             cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
                 or by pair, shape (pairs,); None for exact distances throughout.
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
             Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
             the others may be lower bounds, which are not below the cutoff either.
         """
         if cutoff is not None:
-            return DistanceCache(self._query, len(q)).distances(q, cutoff)
+            return DistanceCache(self._query, len(q)).distances(q, cutoff, times)
         out = np.empty((q.shape[0], len(self.pairs)))
         if not self.pairs:
             return out
         for i, row in enumerate(self.robot.expand(q)):
-            out[i] = self._narrow.all(row)
+            out[i] = self._narrow.all(row, 0.0 if times is None else float(times[i]))
         return out
 
-    def is_free(self, q: Array, margin: float | Array = 0.0) -> bool:
+    def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.
 
         This does not ask by how much, and is ten times faster than the distances.
@@ -152,6 +190,7 @@ class CollisionChecker:
         Args:
             q: Configuration, shape (n,) [rad or m].
             margin: Distance to keep [m], one for all pairs or by pair.
+            time: Time [s], for obstacles that move.
         """
         if not self.pairs:
             return True
@@ -159,7 +198,7 @@ class CollisionChecker:
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
             self._guard = margin, self._narrow.guard(limit)
-        return self._guard[1].is_free(self.robot.expand(q))
+        return self._guard[1].is_free(self.robot.expand(q), time)
 
     def cache(self, instants: int) -> DistanceCache:
         """A memory for distances at so many configurations that change little."""
@@ -178,29 +217,61 @@ class CollisionChecker:
         pairs = np.asarray(pairs, dtype=np.int64)
         return self.gradients_at(q[None], np.zeros(pairs.size, dtype=np.int64), pairs)
 
-    def gradients_at(self, q: Array, instants: IntArray, pairs: IntArray) -> Array:
-        r"""Gradients of some distances at several configurations.
+    def gradients_at(
+        self,
+        q: Array,
+        instants: IntArray,
+        pairs: IntArray,
+        times: Array | None = None,
+    ) -> Array:
+        """Gradients of some distances at several configurations.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each gradient, shape (k,).
+            pairs: Index of its pair, shape (k,).
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Gradients, shape (k, n) [m/rad or m/m].
+        """
+        return self.derivatives_at(q, instants, pairs, times).gradients
+
+    def derivatives_at(
+        self,
+        q: Array,
+        instants: IntArray,
+        pairs: IntArray,
+        times: Array | None = None,
+    ) -> Derivatives:
+        r"""Derivatives of some distances by configuration and by time.
 
         With the witness points p1, p2 and the unit normal n from the first body to the
         second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. In penetration and at contact
         the normal stays defined, so that the gradient is finite there too. It is zero
         where no joint changes the distance: a planar arm over a box that is flatter
         than the arm is thick can only leave it across its plane, which it cannot do.
+        Where the obstacle moves, its point p2 has a velocity v of its own, and
+        :math:`d_t = n^T v`.
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
             instants: Index of the configuration of each gradient, shape (k,).
             pairs: Index of its pair, shape (k,).
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
-            Gradients, shape (k, n) [m/rad or m/m].
+            The derivatives.
         """
+        if times is None:
+            times = np.zeros(q.shape[0])
         k, rows = len(pairs), self.robot.expand(q)
         normal, points = np.empty((k, 3)), np.empty((2, k, 3))
         order = np.argsort(instants, kind="stable")
         starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
         for chosen in np.split(order, starts[1:]) if k else []:
-            self._narrow.place(rows[instants[chosen[0]]])
+            instant = instants[chosen[0]]
+            self._narrow.place(rows[instant], float(times[instant]))
             found = self._narrow.witnesses(pairs[chosen].tolist())
             normal[chosen] = found.normal
             points[0, chosen], points[1, chosen] = found.first, found.second
@@ -212,8 +283,32 @@ class CollisionChecker:
             (self._second, points[1], 1.0),
         ):
             joint = self._joint[bodies[pairs]]
+            joint = np.where(joint < self._movers.first, joint, 0)
             out += sign * self._placements.jacobian_rows(placed, joint, point, normal)
-        return self.robot.reduce_tangent(out)
+        rates = self._movers.approach(
+            self._joint[self._second[pairs]], times[instants], points[1], normal
+        )
+        return Derivatives(self.robot.reduce_tangent(out), rates)
+
+    def obstacle_speeds(self, begin: Array, end: Array) -> Array:
+        """Bounds on the speed of all points of the other body of each pair.
+
+        Args:
+            begin: Beginnings of stretches of time [s], shape (m,).
+            end: Their ends, shape (m,).
+
+        Returns:
+            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
+        """
+        out = np.zeros((begin.size, len(self.pairs)))
+        moving = np.flatnonzero(self.moving_pairs)
+        if moving.size:
+            linear, angular = self._movers.speeds(begin, end)
+            body = self._second[moving]
+            number = self._joint[body] - self._movers.first
+            farthest = self._query.broad.farthest[body]
+            out[:, moving] = linear[:, number] + angular[:, number] * farthest
+        return out
 
     @property
     def approximations(self) -> tuple[Approximation, ...]:
@@ -221,25 +316,43 @@ class CollisionChecker:
         return approximations(self.robot)
 
     def margins(self, margin: float) -> Array:
-        """A margin from obstacles by pair, shape (pairs,) [m]; links need none."""
+        """A margin by pair, shape (pairs,) [m].
+
+        It is kept from obstacles and between robots that were combined; the links of
+        one robot need none from each other.
+        """
         out = np.zeros(len(self.pairs))
         out[: self.obstacle_pairs] = margin
+        parts = self.robot.parts
+        for index in range(self.obstacle_pairs, len(out) if parts else 0):
+            one, other = (name.partition("/")[0] for name in self.pairs[index])
+            if one != other and one in parts and other in parts:
+                out[index] = margin
         return out
 
-    def closest(self, q: Array, margin: float | Array = 0.0) -> Contact | None:
+    def closest(
+        self, q: Array, margin: float | Array = 0.0, time: float | None = 0.0
+    ) -> Contact | None:
         """The pair with the least room at one configuration; None without pairs.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
             margin: Distance that does not count as room [m], one for all pairs or by
                 pair.
+            time: Time [s], for obstacles that move; None leaves them out.
         """
         if not self.pairs:
             return None
-        row = self.distances(q[None])[0]
-        index = int(np.argmin(row - margin))
+        row = self.distances(q[None], times=np.array([time or 0.0]))[0]
+        if time is None:
+            row = np.where(self.moving_pairs, np.inf, row)
+        limit = np.broadcast_to(np.asarray(margin, np.float64), row.shape)
+        index = int(np.argmin(row - limit))
         return Contact(
-            *self.pairs[index], float(row[index]), own=index >= self.obstacle_pairs
+            *self.pairs[index],
+            float(row[index]),
+            own=index >= self.obstacle_pairs,
+            margin=float(limit[index]),
         )
 
 

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
+from tominpmp.collision.movers import Movers
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (distances) and
 # of the expanding polytope (depths). Coal's 1e-6 for the first leaves errors of 2e-6 m
@@ -51,6 +52,7 @@ class NarrowPhase:
         bodies: Sequence[Body],
         first: IntArray,
         second: IntArray,
+        movers: Movers | None = None,
     ) -> None:
         balls = [body for body in bodies if isinstance(body.shape, coal.Sphere)]
         round_pairs = any(isinstance(body.shape, coal.Cylinder) for body in bodies)
@@ -60,27 +62,36 @@ class NarrowPhase:
             if round_pairs and body in balls:
                 # Coal measures the depth of a ball in a cylinder to the side only.
                 shape = coal.Capsule(shape.radius, 0.0)
+            joint = body.joint if body.joint < model.njoints else 0
             # By number, as a link and an obstacle may have the same name.
             geometry.addGeometryObject(
-                pin.GeometryObject(str(index), body.joint, body.placement, shape)
+                pin.GeometryObject(str(index), joint, body.placement, shape)
             )
         for one, other in zip(first.tolist(), second.tolist(), strict=True):
             geometry.addCollisionPair(pin.CollisionPair(one, other))
         self._model, self._data = model, model.createData()
         self._geometry, self._results = geometry, geometry.createData()
         self._first, self._second = first, second
+        self._shifter = Shifter(geometry, bodies, model.njoints, movers)
         for request in self._results.distanceRequests:
             request.gjk_tolerance = GJK_TOLERANCE
             request.epa_tolerance = EPA_TOLERANCE
 
-    def place(self, q: Array) -> None:
-        """Bring the bodies where they are at a configuration of the model."""
+    def place(self, q: Array, time: float = 0.0) -> None:
+        """Bring the bodies where they are at a configuration of the model.
+
+        Args:
+            q: Configuration of the model, shape (nv,).
+            time: Time [s], for obstacles that move.
+        """
+        self._shifter.shift(time)
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._results, q
         )
 
-    def all(self, q: Array) -> Array:
+    def all(self, q: Array, time: float = 0.0) -> Array:
         """Signed distances of all pairs at a configuration of the model [m]."""
+        self._shifter.shift(time)
         pin.computeDistances(self._model, self._data, self._geometry, self._results, q)
         out = np.array([r.min_distance for r in self._results.distanceResults])
         for index in np.flatnonzero(np.abs(out) > FAILED).tolist():
@@ -132,7 +143,7 @@ class NarrowPhase:
 
     def guard(self, margin: Array) -> Guard:
         """A check that all pairs keep margins, shape (pairs,) [m]."""
-        return Guard(self._model, self._data, self._geometry, margin)
+        return Guard(self._model, self._data, self._geometry, margin, self._shifter)
 
     def _query_loosely(self, index: int) -> Any:
         """Result of a pair that failed, with the tolerances that Coal takes."""
@@ -160,6 +171,35 @@ class NarrowPhase:
         return np.asarray((second - first) / length)
 
 
+class Shifter:
+    """Puts obstacles that move where they are at a time."""
+
+    def __init__(
+        self,
+        geometry: pin.GeometryModel,
+        bodies: Sequence[Body],
+        first: int,
+        movers: Movers | None,
+    ) -> None:
+        self._geometry, self._movers = geometry, movers
+        self._parts = [
+            (index, body.joint - first, body.placement)
+            for index, body in enumerate(bodies)
+            if body.joint >= first
+        ]
+        self._time: float | None = None
+
+    def shift(self, time: float) -> None:
+        """Go to a time [s]."""
+        if self._movers is None or not self._parts or time == self._time:
+            return
+        placements = self._movers.placements(time)
+        for index, number, offset in self._parts:
+            item = self._geometry.geometryObjects[index]
+            item.placement = placements[number] * offset
+        self._time = time
+
+
 class Guard:
     """Whether all pairs keep certain margins, without asking by how much."""
 
@@ -169,8 +209,9 @@ class Guard:
         data: pin.Data,
         geometry: pin.GeometryModel,
         margin: Array,
+        shifter: Shifter,
     ) -> None:
-        self._model, self._data = model, data
+        self._model, self._data, self._shifter = model, data, shifter
         self._results = geometry.createData()
         for request, value in zip(
             self._results.collisionRequests, margin.tolist(), strict=True
@@ -181,8 +222,9 @@ class Guard:
             model, geometry, self._results
         )
 
-    def is_free(self, q: Array) -> bool:
+    def is_free(self, q: Array, time: float = 0.0) -> bool:
         """Whether the margins are kept at a configuration of the model."""
+        self._shifter.shift(time)
         return not pin.computeCollisions(
             self._model, self._data, self._manager, q, True
         )

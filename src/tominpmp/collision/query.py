@@ -8,6 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.movers import Movers
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.robot import Robot
@@ -70,6 +71,7 @@ class DistanceQuery:
         broad: Bounds from balls and boxes.
         narrow: Exact distances.
         convex: Which bodies are convex, shape (bodies,).
+        movers: Obstacles that move.
         count: How many queries there were.
     """
 
@@ -78,6 +80,7 @@ class DistanceQuery:
     broad: BroadPhase
     narrow: NarrowPhase
     convex: BoolArray
+    movers: Movers
     count: Count = field(default_factory=Count)
 
     @property
@@ -85,9 +88,10 @@ class DistanceQuery:
         """Number of pairs."""
         return int(self.broad.first.size)
 
-    def place(self, q_model: Array) -> tuple[Array, Array]:
-        """Placements body_to_world at configurations of the model."""
-        return self.broad.place(self.placements.joints(q_model))
+    def place(self, q_model: Array, times: Array | None = None) -> tuple[Array, Array]:
+        """Placements body_to_world at configurations of the model, and times [s]."""
+        joints = self.placements.joints(q_model)
+        return self.broad.place(self.movers.beside(joints, times))
 
     def distances(
         self,
@@ -97,6 +101,7 @@ class DistanceQuery:
         known: References,
         rows: IntArray,
         sources: IntArray,
+        times: Array | None = None,
     ) -> Array:
         """Distances where they are below the cutoff, else lower bounds at least.
 
@@ -107,6 +112,7 @@ class DistanceQuery:
             known: What former queries found; new findings are added.
             rows: Rows of ``known`` that belong to the configurations, shape (m,).
             sources: Rows of ``known`` to look at where there is nothing, shape (m,).
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
             Shape (m, pairs) [m].
@@ -130,7 +136,7 @@ class DistanceQuery:
             return lower
         instant, pair = instant[near], pair[near]
         self.count.queries += near.size
-        distance, normal = self._exact(q_model, instant, pair)
+        distance, normal = self._exact(q_model, instant, pair, times)
         lower[instant, pair] = distance
         self._remember(
             known,
@@ -181,7 +187,7 @@ class DistanceQuery:
         return out
 
     def _exact(
-        self, q_model: Array, instant: IntArray, pair: IntArray
+        self, q_model: Array, instant: IntArray, pair: IntArray, times: Array | None
     ) -> tuple[Array, Array]:
         distances: list[float] = []
         normals: list[Array] = []
@@ -189,7 +195,9 @@ class DistanceQuery:
         for group, chosen in zip(
             instant[starts].tolist(), np.split(pair, starts[1:]), strict=True
         ):
-            self.narrow.place(q_model[group])
+            self.narrow.place(
+                q_model[group], 0.0 if times is None else float(times[group])
+            )
             found = self.narrow.planes(chosen.tolist())
             distances += found[0]
             normals += found[1]

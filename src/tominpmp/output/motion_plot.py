@@ -56,7 +56,7 @@ def plot_motion(
 
     A planar motion is drawn in its plane, any other projected onto the coordinate plane
     in which it takes most room. Obstacles are outlines, the goal is a cross, and a line
-    follows the end of the arm.
+    follows the end of the arm. What moves is drawn at the same instants as the arm.
 
     Args:
         problem: The problem, for robot, obstacles and goal.
@@ -85,15 +85,28 @@ def plot_motion(
     poses = [_pose(problem, item, frame, instants) for item in trajectories.values()]
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
-    outlines = [_outline(obstacle, view) for obstacle in problem.scene]
+    resting = problem.scene.resting()
+    outlines = [_outline(obstacle, view) for obstacle in resting]
+    passing = [
+        [
+            _outline(obstacle.frozen(time), view)
+            for time in np.linspace(0.0, item.duration, instants).tolist()
+            for obstacle in problem.scene.moving
+        ]
+        for item in trajectories.values()
+    ]
     with styled():
-        low, high = _window(view, poses, outlines, _goal_point(problem, frame))
+        everything = [*outlines, *(item for part in passing for item in part)]
+        low, high = _window(view, poses, everything, _goal_point(problem, frame))
         figure, axes = _panels(len(trajectories), high - low)
-        for panel, (label, trajectory), pose in zip(
-            axes, trajectories.items(), poses, strict=True
+        for panel, (label, trajectory), pose, part in zip(
+            axes, trajectories.items(), poses, passing, strict=True
         ):
             for outline in outlines:
                 _draw_outline(panel, outline)
+            shades = np.linspace(LIGHTEST, 1.0, max(len(part), 1)).tolist()
+            for outline, shade in zip(part, shades, strict=False):
+                _draw_outline(panel, outline, shade)
             _draw_arm(panel, view, pose)
             times = np.linspace(0.0, trajectory.duration, PATH_POINTS)
             end = skeleton(problem.robot, trajectory(times).q, frame).end
@@ -189,10 +202,15 @@ def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
     return figure, flat[:count]
 
 
-def _draw_outline(panel: Axes, outline: Array | tuple[Array, float]) -> None:
+def _draw_outline(
+    panel: Axes, outline: Array | tuple[Array, float], shade: float | None = None
+) -> None:
+    """Draw an outline; a shade is that of what moves, at one instant."""
     from matplotlib.patches import Circle, Patch, Polygon
 
     look = _obstacle_look()
+    if shade is not None:
+        look |= {"facecolor": "none", "alpha": shade}
     shape: Patch
     if isinstance(outline, tuple):
         center, radius = outline

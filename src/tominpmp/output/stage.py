@@ -32,6 +32,7 @@ from tominpmp.output.surfaces import (
 )
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.scene import Obstacle
 from tominpmp.trajectory import Trajectory
 
 OBSTACLE_COLOR = (0.84, 0.27, 0.22, 0.62)
@@ -85,20 +86,21 @@ def stage_commands(
     motion = skeleton(robot, trajectory(times).q, frame)
     bodies = robot_bodies(robot)
     robot_points = _robot_points(motion, bodies)
-    points = np.concatenate([robot_points, *_obstacle_points(problem)])
+    points = np.concatenate([robot_points, *_obstacle_points(problem, times[[0, -1]])])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     view = _camera_view(best_view(motion.points), np.ptp(robot_points, axis=0))
     commands = _surroundings(view, points, size)
     commands += _robot(robot.model, bodies, motion)
     for obstacle in problem.scene:
-        path = f"/meshcat/obstacles/{node_name(obstacle.name)}"
+        path = _obstacle_path(obstacle)
         commands.append(solid(path, obstacle_surface(obstacle), OBSTACLE_COLOR))
         commands.append(set_transform(path, obstacle_placement(obstacle)))
     commands += _goal(problem, size)
     commands += _trail(robot, trajectory, frame, size)
     if appearance.ghosts:
         commands.append(_ghosts(problem, trajectory, frame, bodies, appearance.ghosts))
-    commands.append(_animation(robot.model, motion, times))
+    moving = [_moving_obstacle(item, times) for item in problem.scene.moving]
+    commands.append(_animation(robot.model, motion, times, moving))
     return commands
 
 
@@ -106,6 +108,17 @@ def frame_times(duration: float, fps: float) -> Array:
     """Times of the key frames [s]: evenly spaced, with both ends, shape (m,)."""
     count = max(2, int(np.ceil(duration * fps - 1e-9)) + 1)
     return np.linspace(0.0, duration, count)
+
+
+def _obstacle_path(obstacle: Obstacle) -> str:
+    return f"/meshcat/obstacles/{node_name(obstacle.name)}"
+
+
+def _moving_obstacle(obstacle: Obstacle, times: Array) -> tuple[str, Array]:
+    """Path of an obstacle that moves, and its placements at times, (m, 4, 4)."""
+    placements = np.tile(np.eye(4), (times.size, 1, 1))
+    placements[:, :3, :3], placements[:, :3, 3] = obstacle.poses(times)
+    return _obstacle_path(obstacle), placements
 
 
 def _joint_path(model: pin.Model, joint: int) -> str:
@@ -124,11 +137,19 @@ def _robot(model: pin.Model, bodies: list[Body], motion: Skeleton) -> list[Comma
     return commands
 
 
-def _animation(model: pin.Model, motion: Skeleton, times: Array) -> Command:
+def _animation(
+    model: pin.Model,
+    motion: Skeleton,
+    times: Array,
+    moving: list[tuple[str, Array]],
+) -> Command:
     clips = []
     seconds = [float(time) for time in times]
-    for joint in range(1, model.njoints):
-        placements = motion.placements[:, joint]
+    joints = [
+        (_joint_path(model, joint), motion.placements[:, joint])
+        for joint in range(1, model.njoints)
+    ]
+    for path, placements in [*joints, *moving]:
         quaternions = np.array(
             [pin.Quaternion(place[:3, :3].copy()).coeffs() for place in placements]
         )
@@ -141,7 +162,7 @@ def _animation(model: pin.Model, motion: Skeleton, times: Array) -> Command:
         ]
         # With one frame a second the times of the keys are in seconds.
         clip = {"fps": 1.0, "name": "motion", "tracks": tracks}
-        clips.append({"path": _joint_path(model, joint), "clip": clip})
+        clips.append({"path": path, "clip": clip})
     return {
         "type": "set_animation",
         "path": "",
@@ -240,11 +261,16 @@ def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
     return np.concatenate(clouds)
 
 
-def _obstacle_points(problem: Problem) -> list[Array]:
-    return [
-        moved(obstacle_surface(obstacle), obstacle_placement(obstacle)).vertices
-        for obstacle in problem.scene
-    ]
+def _obstacle_points(problem: Problem, times: Array) -> list[Array]:
+    """Points of the obstacles where they are at times."""
+    found = []
+    for obstacle in problem.scene:
+        surface = obstacle_surface(obstacle)
+        for placement in _moving_obstacle(obstacle, times)[1]:
+            found.append(moved(surface, placement).vertices)
+            if obstacle.motion is None:
+                break
+    return found
 
 
 def _camera_view(view: View, extent: Array) -> View:

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tominpmp.options import Options
 from tominpmp.refinement.arc_transcription import ArcTranscription
-from tominpmp.refinement.explore import explore
-from tominpmp.refinement.monitor import Monitor
+from tominpmp.refinement.arcs import Arcs
+from tominpmp.refinement.explore import on_grid, swings, wild_motions
+from tominpmp.refinement.grid import replayed_well
+from tominpmp.refinement.monitor import Clock, Monitor
 from tominpmp.refinement.reading import arcs_of, states_of
-from tominpmp.refinement.switching import Budget, Settled, refine_arcs
+from tominpmp.refinement.switching import (
+    EVALUATIONS,
+    Budget,
+    Settled,
+    States,
+    refine_arcs,
+    sharpen,
+)
 from tominpmp.solution import Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.lp import LpSolver
-from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
-from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.system import System
@@ -35,11 +42,53 @@ GRIDS = (60, 90)
 GRID_ITERATIONS = 30
 # A motion this much longer than the plan is none, relatively.
 LONGER = 1e-6
-# Random structures that are tried, motions that may be integrated for them, and up to
-# how many motors there is any hope of finding something.
-TRIES = 14
-EXPLORING = 1500
+# Wild paths that are tried, evaluations of the dynamics for each, and up to how many
+# motors there is any hope of finding something.
+TRIES = 12
+TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
+# Time that a refinement has at most [s].
+PATIENCE = 20.0
+# Motions shorter by less than this share are the same.
+SAME = 1e-6
+
+
+@dataclass
+class Search:
+    """Locally optimal motions that have been found.
+
+    Attributes:
+        system: The functions of the problem.
+        clock: Tells when to stop.
+        limit: Longer motions are of no use [s].
+        found: The motions, each faster than those before.
+    """
+
+    system: System
+    clock: Clock
+    limit: float
+    found: list[Settled] = field(default_factory=list)
+
+    @property
+    def duration(self) -> float:
+        """T to be beaten [s]."""
+        return self.found[-1].duration * (1.0 - SAME) if self.found else self.limit
+
+    def follow(self, arcs: Arcs, states: States, evaluations: int) -> None:
+        """Go from rough arcs to a locally optimal motion."""
+        if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.clock.over:
+            return
+        budget = Budget(evaluations, stop=lambda: self.clock.over)
+        motion = refine_arcs(self.system, arcs, states, budget)
+        if motion is not None:
+            logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
+            if motion.duration <= self.duration:
+                self.found.append(motion)
+
+    def read(self, trajectory: Trajectory, evaluations: int) -> None:
+        """Read arcs off a motion and follow them."""
+        arcs = arcs_of(self.system, trajectory)
+        self.follow(arcs, states_of(trajectory), evaluations)
 
 
 def refine_switching(
@@ -61,78 +110,90 @@ def refine_switching(
         watch: Time limit and callback.
 
     Returns:
-        Program and solution of the refined motion; what was given where no better
-        motion was found.
+        Program and solution of the refined motion, which its replay confirms; what was
+        given where no such motion was found that is at least as fast.
     """
     iterate = result.iterate if result.best is None else result.best
-    limit = iterate.duration * (1.0 + LONGER) if result.best is not None else np.inf
-    best: Settled | None = None
-    for trajectory in _motions(system, options, transcription, result, lp, watch):
-        found = _refined(system, trajectory, watch)
-        if found is not None and found.duration <= limit:
-            best = found
-            break
-    best = _explored(system, options, best, iterate.duration, limit, watch)
-    if best is None:
-        return transcription, result
-    arcs = ArcTranscription(best.program, best.shot)
-    values = arcs.evaluate(best.y)
-    weights = np.ones(len(arcs.rows.kinds))
-    merit = replace(iterate.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
-    refined = Iterate(best.y, values, merit, iterate.region, np.zeros(arcs.rows.size))
-    return arcs, SlpResult(Status.CONVERGED, refined, refined, result.history)
-
-
-def _refined(system: System, trajectory: Trajectory, watch: Monitor) -> Settled | None:
-    arcs = arcs_of(system, trajectory)
-    if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS:
-        return None
-    budget = Budget(stop=lambda: watch.over)
-    return refine_arcs(system, arcs, states_of(trajectory), budget)
-
-
-def _explored(
-    system: System,
-    options: Options,
-    best: Settled | None,
-    duration: float,
-    limit: float,
-    watch: Monitor,
-) -> Settled | None:
-    """The best motion after a look at others."""
-    motors = driven_joints(system).size
-    tries = TRIES if options.starts is None else options.starts - 1
-    if motors > EXPLORED_MOTORS or (best is not None and best.at_limits):
-        return best
-    rng = np.random.default_rng(options.seed)
-    budget = Budget(EXPLORING, lambda: watch.over)
-    duration = duration if best is None else best.duration
-    for found in explore(system, duration, rng, tries, budget):
-        if found.duration <= limit:
-            best = found
-    return best
-
-
-def _motions(
-    system: System,
-    options: Options,
-    transcription: Transcription,
-    result: SlpResult,
-    lp: LpSolver,
-    watch: Monitor,
-) -> Iterator[Trajectory]:
-    """Motions to read arcs from: the plan, then torques on finer grids."""
-    iterate = result.iterate if result.best is None else result.best
     plan = transcription.trajectory(iterate.z)
-    yield plan
+    clock = Clock(watch, PATIENCE)
+    given = result.best is not None and replayed_well(system, plan, options)
+    limit = plan.duration * (1.0 + LONGER) if given else np.inf
+    search = Search(system, clock, limit)
+    _look(search, options, plan, lp)
+    for motion in reversed(search.found):
+        budget = Budget(stop=lambda: clock.over)
+        arcs = _transcribe(sharpen(system, motion, budget))
+        if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
+            return arcs[0], _result(*arcs, result, iterate, clock)
+    logger.info("no arcs were found that are faster than the plan, which is kept")
+    if clock.stopped is not None:
+        result = replace(result, status=clock.stopped)
+    return transcription, result
+
+
+def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> None:
+    """Look for arcs near to the plan, and elsewhere."""
+    motors = driven_joints(search.system).size
+    small = motors <= EXPLORED_MOTORS
+    search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+    tries = TRIES if options.starts is None else options.starts - 1
+    if small and search.clock.first:
+        _explore(search, options, plan, lp, tries)
+    for trajectory in _finer(search.system, options, plan, lp, search.clock):
+        if search.found:
+            return
+        search.read(trajectory, EVALUATIONS)
+
+
+def _explore(
+    search: Search, options: Options, plan: Trajectory, lp: LpSolver, tries: int
+) -> None:
+    """Look for arcs elsewhere."""
+    system, clock = search.system, search.clock
+    rng = np.random.default_rng(options.seed)
+    wild = wild_motions(system, options, lp, clock, plan, rng)
+    for _, trajectory in zip(range(tries), wild, strict=False):
+        if clock.over:
+            return
+        search.read(trajectory, TRY_EVALUATIONS)
+    if tries and driven_joints(system).size == 1:
+        budget = Budget(stop=lambda: clock.over)
+        duration = search.duration if search.found else plan.duration
+        for rough in swings(system, duration, rng, budget):
+            search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
+
+
+def _finer(
+    system: System, options: Options, plan: Trajectory, lp: LpSolver, clock: Clock
+) -> Iterator[Trajectory]:
+    """The plan with torques that are constant on finer grids."""
     few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
     for intervals in GRIDS:
-        if watch.over:
+        if clock.over:
             return
-        shares = interval_shares("uniform", intervals)
-        grid = CollocationTranscription(system, shares, plan.duration)
-        times = np.concatenate([[0.0], np.cumsum(shares)]) * plan.duration
-        start = grid.start(plan(times).q, np.array([plan.duration]))
-        found = SlpSolver(grid, few, 1e-4 * plan.duration, lp, watch).run(start)
-        last = found.iterate if found.best is None else found.best
-        yield grid.trajectory(last.z)
+        nodes = np.concatenate(
+            [[0.0], np.cumsum(interval_shares("uniform", intervals))]
+        )
+        path = plan(nodes * plan.duration).q
+        yield on_grid(system, few, lp, clock, path, plan.duration)
+
+
+def _transcribe(motion: Settled) -> tuple[ArcTranscription, np.ndarray]:
+    return ArcTranscription(motion.program, motion.shot), motion.y
+
+
+def _result(
+    arcs: ArcTranscription,
+    y: np.ndarray,
+    result: SlpResult,
+    iterate: Iterate,
+    clock: Clock,
+) -> SlpResult:
+    """The solution in terms of arcs."""
+    values = arcs.evaluate(y)
+    weights = np.ones(len(arcs.rows.kinds))
+    merit = replace(iterate.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
+    refined = Iterate(y, values, merit, iterate.region, np.zeros(arcs.rows.size))
+    interrupted = clock.stopped is Status.INTERRUPTED
+    status = Status.INTERRUPTED if interrupted else Status.CONVERGED
+    return SlpResult(status, refined, refined, result.history)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,7 @@ WEIGHTS = np.array(
     ]
 )
 STAGES = 3
-NEWTON_STEPS = 15
+NEWTON_STEPS = 12
 # Relative size of a Newton step after which rounding is reached.
 ROUNDING = 1e-12
 # Steps are halved as long as this many times when they make the residual grow.
@@ -60,11 +61,11 @@ class Flow:
         """States at the ends of the steps, from the start on, shape (M + 1, 2n)."""
         return np.concatenate([self.x_start[None], self.stages[:, -1]])
 
+    @cached_property
     def sensitivities(self) -> tuple[Array, Array, Array]:
-        """How the end of each step depends on its start, torque and length.
+        """How the stages of each step depend on its start, torque and length.
 
-        Returns:
-            Shapes (M, 2n, 2n), (M, 2n, n) and (M, 2n).
+        Shapes (M, 3, 2n, 2n), (M, 3, 2n, n) and (M, 3, 2n).
         """
         count, _, size = self.stages.shape
         n = size // 2
@@ -81,8 +82,8 @@ class Flow:
             axis=2,
         )
         matrix = _stage_matrix(self.h, self.rates.f_x, count, size)
-        ends = np.linalg.solve(matrix, right)[:, -size:]
-        return ends[..., :size], ends[..., size:-1], ends[..., -1]
+        found = np.linalg.solve(matrix, right).reshape(count, STAGES, size, -1)
+        return found[..., :size], found[..., size:-1], found[..., -1]
 
 
 def integrate(
@@ -92,7 +93,7 @@ def integrate(
     held: BoolArray,
     h: Array,
     guess: Array,
-) -> Flow | None:
+) -> tuple[Flow | None, int]:
     """Integrate forward, all steps at once from a guess.
 
     Args:
@@ -104,7 +105,8 @@ def integrate(
         guess: Stages of a motion near by, shape (M, 3, 2n).
 
     Returns:
-        The motion; None if Newton's iteration fails.
+        The motion, None if Newton's iteration fails; and the number of states at which
+        the dynamics were evaluated.
     """
     count, _, size = guess.shape
     torque = np.repeat(u, STAGES, axis=0)
@@ -117,34 +119,38 @@ def integrate(
         slope = np.einsum("ij,mja->mia", WEIGHTS, rates.f.reshape(stages.shape))
         return rates, stages - starts[:, None] - h[:, None, None] * slope
 
-    stages = guess
+    stages, each = guess, torque.shape[0]
+    if not np.all(np.isfinite(guess)):
+        return None, 0
+    cost = each
     with np.errstate(all="ignore"):
         rates, residual = residual_at(stages)
         for _ in range(NEWTON_STEPS):
-            if not np.all(np.isfinite(residual)):
-                return None
+            before = float(np.max(np.abs(residual)))
+            if not np.isfinite(before):
+                return None, cost
             matrix = _stage_matrix(h, rates.f_x, count, size)
             right = np.concatenate([-residual.reshape(count, -1, 1), both], axis=2)
             try:
                 change = _follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
             except np.linalg.LinAlgError:
-                return None
-            before = float(np.max(np.abs(residual)))
+                return None, cost
             damping = 1.0
             for _ in range(HALVINGS):
                 trial = stages + damping * change
                 rates, residual = residual_at(trial)
+                cost += each
                 after = float(np.max(np.abs(residual)))
                 if after <= before or after < 1e-10:
                     break
                 damping *= 0.5
+            else:
+                return None, cost
             stages = trial
             size_of = float(np.max(np.abs(change) / (1.0 + np.abs(stages))))
-            if not np.isfinite(size_of):
-                return None
             if damping == 1.0 and (size_of < 1e-7 and after < 1e-10):
-                return Flow(x_start, stages, h, rates)
-    return None
+                return Flow(x_start, stages, h, rates), cost
+    return None, cost
 
 
 def march(
@@ -169,9 +175,9 @@ def march(
         torque, kept = u[i : i + 1], held[i : i + 1]
 
         def rate(state: Array, torque: Array = torque, kept: BoolArray = kept) -> Array:
-            return np.asarray(
-                differentiate_rates(dynamics, state[None], torque, kept).f[0]
-            )
+            if not kept.any():
+                return dynamics.forward(state[None], torque)[0]
+            return differentiate_rates(dynamics, state[None], torque, kept).f[0]
 
         with np.errstate(all="ignore"):
             # The classical method of order 4, and Hermite's cubic between.

@@ -54,6 +54,7 @@ class Shot:
         room: What is left to the watched limits and bounds of the goal, shape (r,).
         by_room: Shape (r, size).
         seeds: Derivative of the goal's part of ``equal`` by the final state, (k, 2n).
+        by_stages: Derivative of the stages, shape (M, 3, 2n, size).
     """
 
     flow: Flow
@@ -62,6 +63,7 @@ class Shot:
     room: Array
     by_room: Array
     seeds: Array
+    by_stages: Array
 
 
 class ArcProgram:
@@ -74,7 +76,7 @@ class ArcProgram:
         arcs: What the joints do.
         steps: Number of integration steps of each arc, shape (K,).
         watched: Limits that are looked at.
-        evaluations: How many motions have been integrated.
+        evaluations: At how many states the dynamics have been evaluated.
     """
 
     def __init__(self, system: System, arcs: Arcs, steps: IntArray) -> None:
@@ -88,8 +90,10 @@ class ArcProgram:
         self._held = arcs.held[self.arc_of_step] != 0
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
-        self._guess = np.zeros((self.arc_of_step.size, 3, 2 * system.n))
+        # Not a number: without a guess steps are marched.
+        self._guess = np.full((self.arc_of_step.size, 3, 2 * system.n), np.nan)
         self._last: tuple[Array, Shot | None] | None = None
+        self._base: tuple[Array, Shot] | None = None
         self._speed = SPEED_FACTOR / self.duration * system.step_scale
 
     @property
@@ -122,44 +126,71 @@ class ArcProgram:
     def shoot(self, y: Array) -> Shot | None:
         """The motion of some unknowns; None if it cannot be integrated."""
         if self._last is None or not np.array_equal(self._last[0], y):
-            flow = self._integrate(self.unpack(y))
-            self.evaluations += 1
-            if flow is not None:
-                self._guess = flow.stages
+            flow = self._integrate(y)
             shot = None if flow is None else self._differentiate(flow)
+            if shot is not None:
+                self._base = y.copy(), shot
             self._last = y.copy(), shot
         return self._last[1]
 
-    def _integrate(self, arcs: Arcs) -> Flow | None:
+    def _integrate(self, y: Array) -> Flow | None:
+        arcs = self.unpack(y)
+        guess = self._guess
+        if self._base is not None:
+            # To first order the motion that was found last tells the new one.
+            z, shot = self._base
+            guess = shot.flow.stages + shot.by_stages @ (y - z)
+        flow = self._settle(arcs, guess)
+        return self._settle(arcs, self.march(arcs)) if flow is None else flow
+
+    def _settle(self, arcs: Arcs, guess: Array) -> Flow | None:
+        u, h = self._drive(arcs)
+        dynamics, held = self.system.dynamics, self._held
+        flow, cost = integrate(dynamics, self._start, u, held, h, guess)
+        self.evaluations += cost
+        return flow
+
+    def _drive(self, arcs: Arcs) -> tuple[Array, Array]:
+        """Torques and lengths of the steps."""
         system, of = self.system, self.arc_of_step
         h = (arcs.lengths / self.steps)[of]
-        u = system.effort_middle + system.effort_half * arcs.levels[of]
-        return integrate(system.dynamics, self._start, u, self._held, h, self._guess)
+        return system.effort_middle + system.effort_half * arcs.levels[of], h
 
-    def march(self) -> None:
-        """Take an explicit integration of the arcs as a guess."""
-        system, of = self.system, self.arc_of_step
-        h = (self.arcs.lengths / self.steps)[of]
-        u = system.effort_middle + system.effort_half * self.arcs.levels[of]
-        stages = march(system.dynamics, self._start, u, self._held, h)
-        self._guess, self._last = stages, None
+    def march(self, arcs: Arcs) -> Array:
+        """Stages of an explicit integration, shape (M, 3, 2n): a guess."""
+        u, h = self._drive(arcs)
+        self.evaluations += h.size
+        return march(self.system.dynamics, self._start, u, self._held, h)
 
-    def propagate(self, flow: Flow) -> Array:
-        """Derivatives of the states by the unknowns, shape (M + 1, 2n, size)."""
-        A, B, c = flow.sensitivities()
-        B = B * self.system.effort_half
-        c = c * (self.duration / self.steps)[self.arc_of_step, None]
-        out = np.zeros((c.shape[0] + 1, 2 * self._n, self.size))
-        for i, k in enumerate(self.arc_of_step.tolist()):
-            out[i + 1] = A[i] @ out[i]
-            out[i + 1, :, k] += c[i]
-            for j in np.flatnonzero(self._column[k] >= 0).tolist():
-                out[i + 1, :, self._column[k, j]] += B[i, :, j]
-        return out
+    def propagate(self, flow: Flow) -> tuple[Array, Array]:
+        """Derivatives of the states by the unknowns.
+
+        Args:
+            flow: The motion.
+
+        Returns:
+            At the ends of the steps, from the start on, and at the stages: shapes
+            (M + 1, 2n, size) and (M, 3, 2n, size).
+        """
+        by_start, by_u, by_h = flow.sensitivities
+        count, stages, size, _ = by_start.shape
+        of = self.arc_of_step
+        drive = np.zeros((count, stages, size, self.size))
+        each = np.arange(count)
+        drive[each, :, :, of] = by_h * (self.duration / self.steps)[of, None, None]
+        step, joint = np.nonzero(self._column[of] >= 0)
+        column = self._column[of[step], joint]
+        half = self.system.effort_half[joint, None, None]
+        drive[step, :, :, column] = by_u[step, :, :, joint] * half
+        out = np.zeros((count + 1, size, self.size))
+        A, own = by_start[:, -1], drive[:, -1]
+        for i in range(count):
+            out[i + 1] = A[i] @ out[i] + own[i]
+        return out, by_start @ out[:-1, None] + drive
 
     def _differentiate(self, flow: Flow) -> Shot:
         system, n = self.system, self._n
-        by = self.propagate(flow)
+        by, by_stages = self.propagate(flow)
         x = flow.x
         value, by_q, by_v = system.problem.goal.residual(
             system.kinematics, x[-1, :n], x[-1, n:]
@@ -194,6 +225,7 @@ class ArcProgram:
             ),
             np.vstack([-slopes[above], slopes[below], by_room]),
             seeds[exact],
+            by_stages,
         )
 
     # -- limits ------------------------------------------------------------------------
@@ -219,7 +251,7 @@ class ArcProgram:
                 np.where(self._held, 1.0 + share, np.inf),
             )
         assert system.clearance is not None  # noqa: S101
-        room = -system.clearance.values(x[:, :n])
+        room = -system.clearance.values(x[:, :n], times=np.cumsum(flow.h))
         return room, np.full_like(room, np.inf)
 
     def _kinds(self) -> list[int]:
@@ -280,13 +312,26 @@ class ArcProgram:
                 slope = self._torque_slopes(flow, by, node, index)
             else:
                 assert system.clearance is not None  # noqa: S101
-                gradients = [
-                    system.clearance.gradients(flow.x[k, :n], np.array([p]))[0]
-                    for k, p in zip(node.tolist(), index.tolist(), strict=True)
-                ]
-                slope = np.einsum("rj,rjz->rz", np.array(gradients), by[node, :n])
+                slope = self._clearance_slopes(flow, by, node, index)
             by_room[rows] = -sign[:, None] * slope
         return room, by_room
+
+    def _clearance_slopes(
+        self, flow: Flow, by: Array, node: IntArray, index: IntArray
+    ) -> Array:
+        clearance, n = self.system.clearance, self._n
+        assert clearance is not None  # noqa: S101
+        gradients, rates = clearance.derivatives_at(
+            flow.x[1:, :n], node - 1, index, np.cumsum(flow.h)
+        )
+        slope: Array = np.einsum("rj,rjz->rz", gradients, by[node, :n])
+        if clearance.moving:
+            # The time at the end of a step is the sum of the steps before.
+            over = np.arange(self.steps.size) == self.arc_of_step[:, None]
+            share = over * (self.duration / self.steps)
+            arcs = np.arange(self.arcs.count)
+            slope[:, arcs] += rates[:, None] * np.cumsum(share, axis=0)[node - 1]
+        return slope
 
     def _torque_slopes(
         self, flow: Flow, by: Array, node: IntArray, index: IntArray

@@ -27,8 +27,9 @@ logger = logging.getLogger(__name__)
 
 States = Callable[[Array], Array]
 
-# Steps over the whole motion, and what the duration may change by when they are
+# Steps over the whole motion while arcs are looked for, and in the end; what the duration may change by when they are
 # doubled, relatively.
+FEWER_STEPS = 30
 STEPS = 60
 ACCURACY = 1e-7
 MOST_STEPS = 960
@@ -50,8 +51,8 @@ SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
 BROKEN = 1e3
-# Motions that are integrated for one start at most.
-SHOTS = 1500
+# Evaluations of the dynamics for one start at most: some seconds for a small arm.
+EVALUATIONS = 300_000
 # Relative progress and misses that count as none, and how often in a row.
 STILL = 1e-10
 CALM = 2
@@ -61,36 +62,36 @@ class Budget:
     """How much may still be spent.
 
     Args:
-        shots: Motions that may be integrated.
+        evaluations: Number of states at which the dynamics may be evaluated.
         stop: Tells whether to stop at once.
     """
 
     def __init__(
-        self, shots: int = SHOTS, stop: Callable[[], bool] = lambda: False
+        self, evaluations: int = EVALUATIONS, stop: Callable[[], bool] = lambda: False
     ) -> None:
-        self.shots = self._first = shots
+        self.left = self._first = evaluations
         self._stop = stop
 
     @property
     def spent(self) -> bool:
         """Whether there is nothing left."""
-        return self.shots <= 0 or self._stop()
+        return self.left <= 0 or self._stop()
 
-    def part(self, shots: int) -> Budget:
-        """A small part of it, to be taken off when it is used."""
-        return Budget(min(shots, self.shots), self._stop)
+    def part(self, evaluations: int) -> Budget:
+        """A part of it, to be taken off when it is used."""
+        return Budget(min(evaluations, self.left), self._stop)
 
     def take(self, part: Budget) -> None:
         """Take off what was used of a part."""
-        self.shots -= part._first - part.shots
+        self.left -= part._first - part.left
 
-    def pay(self, shots: int) -> None:
-        """Pay for motions.
+    def pay(self, evaluations: int) -> None:
+        """Pay for evaluations.
 
         Raises:
             StopIteration: If there is nothing left.
         """
-        self.shots -= shots
+        self.left -= evaluations
         if self.spent:
             raise StopIteration
 
@@ -169,13 +170,10 @@ def solve_lengths(
     """
     program = ArcProgram(system, arcs, steps_of(arcs, total))
     times = program.sample_times(arcs)
-    y, shot = program.pack(), None
+    y = program.pack()
     if states is not None:
         program.begin(states(times.ravel()).reshape(*times.shape, -1))
-        shot = program.shoot(y)
-    if shot is None:
-        program.march()
-        shot = program.shoot(y)
+    shot = program.shoot(y)
     excess = np.inf
     for _ in range(LOOKS):
         if shot is None or budget.spent:
@@ -327,15 +325,15 @@ def refine_arcs(
     Returns:
         What was found; None if no motion was that keeps goal and limits.
     """
-    settled = solve_lengths(system, arcs, states, budget)
+    settled = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
     if settled is None or not settled.feasible:
-        settled = solve_lengths(system, arcs.loosened(), states, budget)
+        settled = solve_lengths(system, arcs.loosened(), states, budget, FEWER_STEPS)
     if settled is None or not settled.feasible:
         return None
-    polished = polish(system, settled, budget, STEPS)
+    polished = polish(system, settled, budget, FEWER_STEPS)
     if polished is not None and polished.feasible:
         settled = polished
-    return sharpen(system, improve(system, settled, budget), budget)
+    return improve(system, settled, budget, FEWER_STEPS)
 
 
 def sharpen(system: System, settled: Settled, budget: Budget) -> Settled:
@@ -346,8 +344,8 @@ def sharpen(system: System, settled: Settled, budget: Budget) -> Settled:
         settled: Arcs of optimal lengths.
         budget: How much may be spent; this takes little, and its end is paid for.
     """
-    total = STEPS
-    reserve = Budget(max(budget.shots, SHOTS // 4))
+    total = STEPS // 2
+    reserve = Budget(max(budget.left, EVALUATIONS // 4))
     while total < MOST_STEPS:
         total *= 2
         finer = polish(system, settled, reserve, total)

@@ -9,9 +9,10 @@ from typing import Any
 
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import TominpmpError
-from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scenario.joint_limits import MoveItLimits
+from tominpmp.scenario.motion_limits import load_motion_limits
 from tominpmp.scenario.records import field_table, make
 
 
@@ -22,7 +23,9 @@ def read_motion_limits(
 
     Args:
         table: Their table, keys as the fields of
-            :class:`~tominpmp.motion_limits.MotionLimits`; may be left out.
+            :class:`~tominpmp.motion_limits.MotionLimits`; may be left out. ``file``
+            names a YAML file that the other keys go before, see
+            :mod:`~tominpmp.scenario.motion_limits`.
         moveit: Limits of accelerations and jerks that the table's own go before; those
             of joints that do not move are left out.
         robot: The robot.
@@ -43,9 +46,11 @@ def read_motion_limits(
     if not table.given and not values:
         return None
     if table.given:
-        table.only(*(field.name for field in fields(MotionLimits)))
+        table.only("file", *(field.name for field in fields(MotionLimits)))
+        values |= _of_file(table.get("file"), robot, values)
         for name, item in table.table().items():
-            values[name] = _limit(name, item, values.get(name, {}))
+            if name != "file":
+                values[name] = _limit(name, item, values.get(name, {}))
     try:
         limits = MotionLimits(**values)
         limits.check(robot.joint_names)
@@ -58,12 +63,28 @@ def _of_joints(values: Mapping[str, float], robot: Robot) -> dict[str, float]:
     return {k: v for k, v in values.items() if k in robot.joint_names}
 
 
-def _limit(name: str, item: Field, before: Mapping[str, float]) -> Any:
+def _of_file(item: Field, robot: Robot, before: Mapping[str, Any]) -> dict[str, Any]:
+    """Limits of the YAML file that a table refers to, relative to its own file."""
+    if item.value is None:
+        return {}
+    limits = load_motion_limits(item.path.parent / item.text(), robot)
+    found: dict[str, Any] = {"effort_scale": limits.effort_scale}
+    if limits.effort_curves:
+        found["effort_curves"] = dict(limits.effort_curves)
+    for name in UNITS:
+        own = getattr(limits, name)
+        if own is not None:
+            found[name] = {**before.get(name, {}), **own}
+    return found
+
+
+def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
     if name == "effort_curves":
-        return {
+        curves = {
             joint: make(EffortCurve, curve.table(), curve, {})
             for joint, curve in item.table().items()
         }
+        return {**before, **curves}
     if isinstance(item.value, dict):
         own = {k: v.number(infinite=True) for k, v in item.table().items()}
         return {**before, **own}

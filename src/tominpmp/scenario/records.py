@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import ScenarioError, SceneError, TominpmpError
-from tominpmp.scene import rotation_matrix
+from tominpmp.scene import Motion, PoseFunction, rotation_matrix
 
 T = TypeVar("T")
 
@@ -44,6 +44,12 @@ def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
             found[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()] = child
         found |= classes(child, suffix)
     return found
+
+
+def motions() -> dict[str, type[Any]]:
+    """Motions of obstacles by their names; a file holds no functions."""
+    found = classes(Motion).items()
+    return {name: kind for name, kind in found if kind is not PoseFunction}
 
 
 def to_table(record: Any, kinds: Mapping[str, type[Any]], folder: Path) -> Any:
@@ -71,6 +77,13 @@ def to_table(record: Any, kinds: Mapping[str, type[Any]], folder: Path) -> Any:
         return {str(k): to_table(v, kinds, folder) for k, v in record.items()}
     if isinstance(record, list | tuple):
         return [to_table(item, kinds, folder) for item in record]
+    if isinstance(record, PoseFunction):
+        raise TypeError(
+            "an obstacle is moved by a function, which a file cannot hold; "
+            "ConstantVelocity and Waypoints can be written"
+        )
+    if isinstance(record, Motion):
+        kinds = motions()
     names = {kind: name for name, kind in kinds.items()}
     if type(record) not in names:
         raise TypeError(f"a {type(record).__name__} cannot be written")
@@ -189,6 +202,8 @@ def _value(item: Field, field: Any, kinds: Mapping[str, Any]) -> Any:
         return None
     if isinstance(value, str) and "Path" in str(field.type):
         return item.path.parent / value
+    if field.name == "motion":
+        return from_table(item, motions(), "motion")
     return _plain(item, kinds)
 
 

@@ -6,99 +6,104 @@ order x, y, z, w. Cylinders and capsules stand along their z axis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.exceptions import SceneError
-
-
-def is_rotation(matrix: Array) -> bool:
-    """Whether a matrix of shape (3, 3) turns without stretching or mirroring."""
-    if not np.all(np.abs(matrix) < 2.0):  # nor NaN
-        return False
-    orthonormal = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
-    return bool(orthonormal and np.linalg.det(matrix) > 0.0)
-
-
-def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
-    """Turn a rotation as users give it into a matrix.
-
-    Args:
-        rotation: None (no rotation), a 3x3 matrix or a quaternion (x, y, z, w), which
-            is normalised.
-        obstacle: Name of the obstacle, for the message.
-
-    Returns:
-        Rotation matrix, shape (3, 3).
-
-    Raises:
-        SceneError: If it is neither a rotation matrix nor a quaternion.
-    """
-    if rotation is None:
-        return frozen_array(np.eye(3))
-    try:
-        value = real_array(rotation)
-    except ValueError:
-        value = np.empty(0)
-    if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
-        raise SceneError(
-            f"obstacle {obstacle!r}: rotation is {rotation!r}, expected a 3x3 matrix "
-            "or a quaternion (x, y, z, w) of finite numbers",
-            obstacle,
-        )
-    if value.size == 4:
-        return _from_quaternion(value, obstacle)
-    if not is_rotation(value):
-        raise SceneError(
-            f"obstacle {obstacle!r}: the 3x3 rotation is not a rotation matrix "
-            "(orthonormal columns, determinant 1)",
-            obstacle,
-        )
-    return value
-
-
-def _from_quaternion(value: Array, obstacle: str) -> Array:
-    largest = float(np.max(np.abs(value)))
-    if largest < 1e-9:
-        raise SceneError(
-            f"obstacle {obstacle!r}: rotation {value.tolist()} is no quaternion "
-            "(x, y, z, w): its length must not be zero",
-            obstacle,
-        )
-    value = value / largest  # so that no square overflows
-    x, y, z, w = value / np.linalg.norm(value)
-    return frozen_array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+from tominpmp.scene.motion import Motion, Placement, Twist
+from tominpmp.scene.pose_function import as_motion
+from tominpmp.scene.rotations import rotation_matrix
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle(Record):
-    """A body fixed in the world.
+    """A body in the world, at rest or moving.
 
     Attributes:
         name: Name, unique in its scene.
-        position: Position of its centre in the world [m], shape (3,).
-        rotation: Rotation obstacle_to_world, shape (3, 3).
+        position: Position of its centre in the world [m], shape (3,); of an obstacle
+            that moves, at the start of the robot's motion.
+        rotation: Rotation obstacle_to_world, shape (3, 3), at the start likewise.
+        motion: How it moves; None for an obstacle at rest. A function from time [s] to
+            a placement is taken as a :class:`PoseFunction`. Where the motion gives
+            positions or rotations itself, those above need not be given.
     """
 
     name: str = field(kw_only=False)
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Check name, position and rotation."""
+        """Check name, position, rotation and motion."""
         if not isinstance(self.name, str) or not self.name:
             raise SceneError(f"an obstacle needs a name, not {self.name!r}")
         object.__setattr__(self, "position", self._triple("position", "coordinates"))
         object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
+        if self.motion is not None:
+            self._set_motion()
+
+    def _set_motion(self) -> None:
+        with self._named():
+            motion = as_motion(self.motion)
+            start = motion.start(self._start)
+        object.__setattr__(self, "motion", motion)
+        object.__setattr__(self, "rotation", frozen_array(start.R))
+        object.__setattr__(self, "position", frozen_array(start.p))
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Add the name of the obstacle to what is wrong with its motion."""
+        try:
+            yield
+        except SceneError as error:
+            raise SceneError(f"obstacle {self.name!r}: {error}", self.name) from error
+
+    @property
+    def _start(self) -> Placement:
+        return Placement(self.rotation, self.position)
+
+    def poses(self, times: Array) -> Placement:
+        """Placements obstacle_to_world at times [s], shape (m,), from 0 on.
+
+        Returns:
+            Rotations, shape (m, 3, 3), and positions [m], shape (m, 3).
+
+        Raises:
+            SceneError: If a function that moves it gives no placement.
+        """
+        if self.motion is None:
+            R = np.broadcast_to(self.rotation, (times.size, 3, 3))
+            return Placement(R, np.broadcast_to(self.position, (times.size, 3)))
+        with self._named():
+            return self.motion.poses(times, self._start)
+
+    def twists(self, times: Array) -> Twist:
+        """Velocities at times [s], shape (m,), in the axes of the world."""
+        if self.motion is None:
+            return Twist(np.zeros((times.size, 3)), np.zeros((times.size, 3)))
+        with self._named():
+            return self.motion.twists(times, self._start)
+
+    def speed_bounds(self, begin: Array, end: Array) -> tuple[Array, Array]:
+        """Largest speeds between times [s], shape (m,) each.
+
+        Returns:
+            Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
+        """
+        if self.motion is None:
+            return np.zeros(begin.size), np.zeros(begin.size)
+        with self._named():
+            return self.motion.speed_bounds(begin, end, self._start)
+
+    def frozen(self, time: float) -> Obstacle:
+        """The same obstacle at rest where it is at a time [s]."""
+        R, p = self.poses(np.array([time]))
+        return replace(self, motion=None, rotation=R[0], position=p[0])
 
     def _triple(self, key: str, content: str) -> Array:
         value = getattr(self, key)

@@ -61,3 +61,25 @@ class Scene(Record):
                 return item
         known = ", ".join(item.name for item in self.obstacles) or "none"
         raise SceneError(f"there is no obstacle {name!r}; there are: {known}", name)
+
+    @property
+    def moving(self) -> tuple[Obstacle, ...]:
+        """The obstacles that move."""
+        return tuple(item for item in self.obstacles if item.motion is not None)
+
+    def at(self, time: float) -> Scene:
+        """The scene with all obstacles at rest where they are at a time [s]."""
+        if not self.moving:
+            return self
+        return Scene(
+            tuple(
+                item if item.motion is None else item.frozen(time)
+                for item in self.obstacles
+            )
+        )
+
+    def resting(self) -> Scene:
+        """The scene without the obstacles that move."""
+        if not self.moving:
+            return self
+        return Scene(tuple(item for item in self.obstacles if item.motion is None))

@@ -45,12 +45,14 @@ class Guess:
         t: Times [s], increasing from 0, shape (m,).
         q: Configurations, shape (m, n) [rad or m].
         timed: Whether the duration is the least for this path.
+        delay: How long the arm stays at the start before [s], within the duration.
     """
 
     name: str
     t: Array
     q: Array
     timed: bool
+    delay: float = 0.0
 
     @property
     def duration(self) -> float:

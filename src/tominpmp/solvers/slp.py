@@ -32,6 +32,9 @@ WARM_RADIUS = 0.1
 # Violations below this are removed by slowing down at the end.
 RESTORABLE = 1e-2
 RESTORATIONS = 8
+# Where any motion will do: how much slower one may be made, and what that can cure.
+SLOWER = (1.0, 1.02, 1.05, 1.1, 1.2)
+CURABLE = frozenset(("torque", "velocity", "acceleration", "jerk", "torque rate"))
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
 # can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
 FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
@@ -98,20 +101,24 @@ class SlpSolver:
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
             iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
         former = len(history)
-        best: Iterate | None = None
-        status: Status | None = None
+        best = self.slowed(iterate)
+        status = None if best is None else Status.FEASIBLE
         try:
             while status is None:
                 effort = Effort()
                 iterate, outcome = self.step(iterate, effort)
-                best = self.better(best, iterate)
+                best = self.slowed(iterate) or self.better(best, iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
                 status = self.terminate(iterate, outcome, len(history) - former)
                 status = status or self.monitor(record)
+                if best is not None and self.options.objective == "feasible":
+                    status = Status.FEASIBLE
         except KeyboardInterrupt:
             status = Status.INTERRUPTED
         assert status is not None  # noqa: S101
+        if status is Status.FEASIBLE and best is not None:
+            return SlpResult(status, best, best, tuple(history))
         iterate = self.restored(iterate)
         best = self.better(best, iterate)
         if status is Status.CONVERGED and best is None:
@@ -230,6 +237,25 @@ class SlpSolver:
             else:
                 low = factor
         return best
+
+    def slowed(self, iterate: Iterate) -> Iterate | None:
+        """The motion as slow as it has to be to keep all constraints.
+
+        None if that is no cure, or not wanted, as the fastest motion is looked for.
+        """
+        if self.options.objective != "feasible":
+            return None
+        nlp, limit = self.transcription, self.options.feasibility
+        rows = nlp.rows
+        curable = np.array([kind in CURABLE for kind in rows.kinds])[rows.kind]
+        if np.any(rows.violation(iterate.values)[~curable] > limit):
+            return None
+        for factor in SLOWER:
+            z = nlp.stretch(iterate.z, factor)
+            trial = replace(iterate, z=z, values=nlp.evaluate(z))
+            if trial.violation <= limit:
+                return trial
+        return None
 
     def search(
         self,

@@ -263,7 +263,9 @@ class AdjointTranscription:
             (x[:, n + self._limited] / limits.velocity[self._limited]).ravel(),
         ]
         if self.system.clearance is not None:
-            parts.append(self.system.clearance.values(x[:, :n]).ravel())
+            times = np.cumsum(self.split(z)[1])
+            values = self.system.clearance.values(x[:, :n], times=times)
+            parts.append(values.ravel())
         return np.concatenate(parts)
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
@@ -275,9 +277,10 @@ class AdjointTranscription:
                 np.zeros(0, dtype=np.int64), sp.csr_matrix((0, self.size))
             )
         chosen = self.active(values)
-        nodes, seeds = self._seeds(motion.nodes, chosen)
+        nodes, seeds, rates = self._seeds(motion.nodes, z, chosen)
         by = differentiate_rollout(self.system.dynamics, motion)
         by_control, by_length = sweep_adjoint(by, nodes, seeds)
+        by_length += rates[:, None] * self._before[nodes]
         by_share = (by_control * self.system.effort_half).reshape(chosen.size, -1)
         matrix = sp.csr_matrix(np.hstack([by_share, by_length @ self.shares]))
         return Linearization(chosen, matrix)
@@ -294,7 +297,7 @@ class AdjointTranscription:
         """
         motion = self.motion(z)
         chosen = np.flatnonzero(weights)
-        nodes, seeds = self._seeds(motion.nodes, chosen)
+        nodes, seeds, rates = self._seeds(motion.nodes, z, chosen)
         by = differentiate_rollout(self.system.dynamics, motion)
         push = np.zeros_like(motion.nodes)
         np.add.at(push, nodes, weights[chosen, None] * seeds)
@@ -304,8 +307,14 @@ class AdjointTranscription:
             costate = costate + push[j + 1]
             by_control[j], by_length[j] = costate @ by.B[j], costate @ by.c[j]
             costate = costate @ by.A[j]
+        by_length += (weights[chosen] * rates) @ self._before[nodes]
         by_share = by_control * self.system.effort_half
         return np.concatenate([by_share.ravel(), by_length @ self.shares])
+
+    @cached_property
+    def _before(self) -> Array:
+        """Which intervals are over at each node, shape (N + 1, N)."""
+        return np.tri(self._N + 1, self._N, -1)
 
     def active(self, values: Array) -> IntArray:
         """Indices of the goal rows and of path constraints at active instants.
@@ -331,14 +340,16 @@ class AdjointTranscription:
             chosen[path] |= attained[path] & np.isfinite(excess[path])
         return np.flatnonzero(chosen)
 
-    def _seeds(self, x: Array, chosen: IntArray) -> tuple[IntArray, Array]:
-        """Nodes of some rows and their gradients with respect to the state there."""
+    def _seeds(
+        self, x: Array, z: Array, chosen: IntArray
+    ) -> tuple[IntArray, Array, Array]:
+        """Nodes of some rows, and their derivatives by the state and the time there."""
         rows, n, system = self._rows, self._n, self.system
         limits = system.problem.robot.limits
         first = np.searchsorted(rows.kind, np.arange(len(rows.kinds)))
         place = chosen - first[rows.kind[chosen]]
         nodes = np.full(chosen.size, self._N)
-        seeds = np.zeros((chosen.size, 2 * n))
+        seeds, rates = np.zeros((chosen.size, 2 * n)), np.zeros(chosen.size)
         kind = rows.kind[chosen]
         goal, position, velocity, clearance = (kind == i for i in range(4))
         seeds[goal] = self._goal(x[-1])[1][place[goal]]
@@ -353,11 +364,11 @@ class AdjointTranscription:
         if system.clearance is not None and np.any(clearance):
             k, pair = np.divmod(place[clearance], system.clearance.count)
             nodes[clearance] = 1 + k
-            gradients = system.clearance.gradients
-            seeds[clearance, :n] = np.concatenate(
-                [gradients(x[1 + j, :n], pair[k == j]) for j in np.unique(k)]
+            times = np.cumsum(self.split(z)[1])
+            seeds[clearance, :n], rates[clearance] = system.clearance.derivatives_at(
+                x[1:, :n], k, pair, times
             )
-        return nodes, seeds
+        return nodes, seeds, rates
 
     # -- the rest of the interface -----------------------------------------------------
 

@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.trajectory import Trajectory
@@ -117,6 +118,16 @@ class BSplineTranscription:
         count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
         return np.append(np.asarray(free.T @ wanted) / count, duration)
 
+    def fitted(self, times: Array, q: Array, duration: float) -> Array:
+        """Iterate that is nearest to positions at shares of T, in least squares."""
+        design = sp.kron(self._basis.at(times, 0), sp.identity(self._n), format="csr")
+        free = (design @ self._map)[:, :-1]
+        rest = q.ravel() - design @ (self._offset + self._map[:, -1:] @ [duration])
+        points = spsolve((free.T @ free).tocsc(), free.T @ rest).reshape(-1, self._n)
+        limits = self.system.problem.robot.limits
+        points = np.clip(points, limits.position_lower, limits.position_upper)
+        return np.append(points.ravel(), duration)
+
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within position limits."""
         limits = self.system.problem.robot.limits
@@ -194,7 +205,8 @@ class BSplineTranscription:
             for _, order, matrix, _ in self._linear
         ]
         if system.clearance is not None:
-            values = system.clearance.values(self._clear_basis @ C, MAX_ATTENTION)
+            q = np.asarray(self._clear_basis @ C)
+            values = system.clearance.values(q, MAX_ATTENTION, T * self._clear)
             parts.append(values.ravel())
         if "goal" in self._rows.kinds:
             q, v, _ = self._states(z, np.ones(1))
@@ -236,8 +248,11 @@ class BSplineTranscription:
         if system.clearance is not None:
             rows = at + np.arange(self._clear.size * system.clearance.count)
             radius = float(np.max(steps.upper[:-1], initial=0.0))
-            near = rows[values[rows] > -min(ATTENTION * radius, MAX_ATTENTION)]
-            blocks.append(self._clearance_jacobian(C, near - at))
+            attention = min(ATTENTION * radius, MAX_ATTENTION)
+            if system.clearance.moving:
+                attention = MAX_ATTENTION  # obstacles come closer as time goes by
+            near = rows[values[rows] > -attention]
+            blocks.append(self._clearance_jacobian(C, T, near - at))
             chosen.append(near)
             at += rows.size
         if "goal" in self._rows.kinds:
@@ -262,19 +277,26 @@ class BSplineTranscription:
         time = sp.csr_matrix(([1.0], ([0], [self.size - 1])), shape=(1, self.size))
         return sp.vstack([self._map, time], format="csr")
 
-    def _clearance_jacobian(self, C: Array, chosen: IntArray) -> sp.csr_matrix:
+    def _clearance_jacobian(
+        self, C: Array, T: float, chosen: IntArray
+    ) -> sp.csr_matrix:
         clearance = self.system.clearance
         assert clearance is not None  # noqa: S101
         instants, which = np.divmod(chosen, clearance.count)
         q = np.asarray(self._clear_basis @ C)
-        gradients = clearance.gradients_at(q, instants, which)
+        gradients, rates = clearance.derivatives_at(q, instants, which, T * self._clear)
         parts = [
             sp.kron(self._clear_basis[instant], gradients[instants == instant])
             for instant in np.unique(instants)
         ]
         if not parts:
             return sp.csr_matrix((0, self.size))
-        return sp.csr_matrix(sp.vstack(parts, format="csr") @ self._map)
+        by_points = sp.csr_matrix(sp.vstack(parts, format="csr") @ self._map)
+        if not clearance.moving:
+            return by_points
+        by_time = sp.csr_matrix((rates * self._clear[instants])[:, None])
+        empty = sp.csr_matrix((chosen.size, self.size - 1))
+        return sp.csr_matrix(by_points + sp.hstack([empty, by_time]))
 
     # -- the rest of the interface -----------------------------------------------------
 
@@ -292,6 +314,17 @@ class BSplineTranscription:
         values = np.asarray(matrix @ self.points(z).ravel())
         assert n == scale.size  # noqa: S101
         return Variation(sp.csr_matrix(full), values - np.asarray(full @ z))
+
+    @property
+    def torque_sequence(self) -> sp.csr_matrix:
+        """Torques at nodes and between them, from the instants of their rows."""
+        shape = (self.sequence_times.size, self._torque_times.size)
+        return sp.csr_matrix(sp.eye(*shape))
+
+    @property
+    def sequence_times(self) -> Array:
+        """Instants of that sequence as shares of T: nodes and middles."""
+        return self._torque_times[: len(TORQUE_SHARES) * self._h.size + 1]
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The same points, traversed slower."""
@@ -328,7 +361,8 @@ class BSplineTranscription:
             return np.zeros(0)
         times = np.linspace(0.0, 1.0, max(int(z[-1] / CLEARANCE_STEP), 100))[1:-1]
         q = np.asarray(self._basis.at(times, 0) @ self.points(z))
-        missing = clearance.values(q, attention=0.0) - GRAZE * self.system.padding
+        values = clearance.values(q, attention=0.0, times=z[-1] * times)
+        missing = values - GRAZE * self.system.padding
         found: list[float] = []
         for pair in np.flatnonzero(missing.max(axis=0) > LEAST_GRAZE):
             inside = np.searchsorted(self._nodes, times) - 1

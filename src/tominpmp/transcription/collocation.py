@@ -226,7 +226,9 @@ class CollocationTranscription:
         speeds = stage.x[:, self._n + self._limited] / self._speed_limit
         parts = [defects.ravel(), np.where(solved, speeds, BROKEN).ravel()]
         if system.clearance is not None:
-            parts.append(system.clearance.values(x[1:, : self._n]).ravel())
+            times = np.cumsum(h)
+            values = system.clearance.values(x[1:, : self._n], times=times)
+            parts.append(values.ravel())
         if system.joint_goal is None:
             parts.append(self._goal(x[-1])[0])
         return np.concatenate(parts)
@@ -241,8 +243,10 @@ class CollocationTranscription:
             index = np.flatnonzero(rows.kind == rows.kinds.index("clearance"))
             boxes = steps.upper[: x.size].reshape(x.shape)[:, : self._n]
             radius = float(np.max(boxes / self.system.step_scale, initial=0.0))
+            if self.system.clearance.moving:
+                radius = max(radius, 1.0)  # obstacles come closer as time goes by
             near = index[values[index] > -2.0 * radius]
-            blocks.append(self._clearance_jacobian(x, near - index[0]))
+            blocks.append(self._clearance_jacobian(x, h, near - index[0]))
             chosen.append(near)
         if self.system.joint_goal is None:
             blocks.append(self._goal_jacobian(x[-1]))
@@ -303,17 +307,26 @@ class CollocationTranscription:
         matrix.eliminate_zeros()
         return matrix
 
-    def _clearance_jacobian(self, x: Array, chosen: IntArray) -> sp.csr_matrix:
+    def _clearance_jacobian(
+        self, x: Array, h: Array, chosen: IntArray
+    ) -> sp.csr_matrix:
         clearance, n = self.system.clearance, self._n
         if clearance is None or not chosen.size:
             return sp.csr_matrix((0, self.size))
         node, pair = 1 + chosen // clearance.count, chosen % clearance.count
-        entries = np.concatenate(
-            [clearance.gradients(x[k, :n], pair[node == k]) for k in np.unique(node)]
+        entries, rates = clearance.derivatives_at(
+            x[1:, :n], node - 1, pair, np.cumsum(h)
         )
         columns = node[:, None] * 2 * n + np.arange(n)
-        ends = np.arange(chosen.size + 1) * n
         shape = (chosen.size, self.size)
+        if clearance.moving:
+            # The time of a node is the sum of the lengths before it.
+            by_eta = rates[:, None] * np.cumsum(self.shares, axis=0)[node - 1]
+            places = self.size - self._m + np.arange(self._m)
+            places = np.broadcast_to(places, by_eta.shape)
+            entries = np.concatenate([entries, by_eta], axis=1)
+            columns = np.concatenate([columns, places], axis=1)
+        ends = np.arange(chosen.size + 1) * columns.shape[1]
         return sp.csr_matrix((entries.ravel(), columns.ravel(), ends), shape=shape)
 
     def _goal_jacobian(self, x: Array) -> sp.csr_matrix:

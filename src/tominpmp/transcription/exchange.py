@@ -25,8 +25,16 @@ CLEARANCE_SAMPLES = 4
 # without any padding, as a share of the reach.
 GRAZE = 0.8
 LEAST_GRAZE = 1e-5
-# Instants closer than this share of an interval are one.
+# Instants closer than this share of an interval are one; where obstacles move, only if
+# they are closer than this, too [s].
 APART = 0.03
+APART_MOVING = 2e-5
+# Where obstacles move, they are looked at so often that they move by no more than this
+# share of the padding, but no oftener than by this factor.
+FINE = 0.25
+FINEST = 128
+# Share of the padding that may be used up there.
+GRAZE_MOVING = 0.5
 
 
 def no_instants() -> Instants:
@@ -99,10 +107,15 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
         return no_instants()
     at = _samples(spline.h)
     # The rows keep links a little farther away than need be: some of it may be used.
-    values = system.clearance.values(at.states(spline)[0], attention=0.0)
-    missing = values - GRAZE * system.padding
+    share, tolerance = GRAZE, LEAST_GRAZE
+    if not system.clearance.moving:
+        values = system.clearance.values(at.states(spline)[0], attention=0.0)
+    else:
+        at, values = _finer(system, spline, at)
+        share = GRAZE_MOVING
+        tolerance = min(tolerance, 0.5 * share * float(np.max(system.padding)))
+    missing = values - share * system.padding
     worst = np.max(missing, axis=1)
-    tolerance = LEAST_GRAZE
     found: list[tuple[int, float]] = []
     taken: dict[int, list[float]] = {}
     for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):
@@ -115,13 +128,44 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
         for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
             share = float(at.share[index])
             near = taken.setdefault(k, [])
-            if all(abs(share - other) > APART for other in near):
+            apart = APART
+            if system.clearance.moving:
+                apart = min(APART, APART_MOVING / float(spline.h[k]))
+            if all(abs(share - other) > apart for other in near):
                 near.append(share)
                 found.append((k, share))
     return Instants(
         np.array([k for k, _ in found], dtype=np.int64),
         np.array([share for _, share in found]),
     )
+
+
+def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
+    """More instants where something that moves may come close between them.
+
+    Returns:
+        The instants, and the values there.
+    """
+    clearance, h = system.clearance, spline.h
+    assert clearance is not None  # noqa: S101
+    times = at.times(h)
+    counts = np.bincount(at.interval, minlength=h.size)
+    step = h[at.interval] / counts[at.interval]
+    rise = clearance.rise(float(h.sum()))
+    reached = 0.5 * rise * step
+    values = clearance.values(
+        at.states(spline)[0], attention=float(np.max(reached)), times=times
+    )
+    room = FINE * float(np.max(system.padding)) + LEAST_GRAZE
+    parts = int(np.clip(np.ceil(rise * np.max(step) / room), 1, FINEST))
+    near = np.flatnonzero(np.max(values, axis=1) > -reached)
+    if parts == 1 or not near.size:
+        return at, values
+    places = (np.arange(parts) + 0.5) / parts - 0.5
+    share = at.share[near, None] + places / counts[at.interval[near], None]
+    more = Instants(np.repeat(at.interval[near], parts), share.ravel())
+    fine = clearance.values(more.states(spline)[0], attention=0.0, times=more.times(h))
+    return at.joined(more), np.concatenate([values, fine])
 
 
 def _samples(h: Array) -> Instants:

@@ -10,6 +10,8 @@ from tominpmp.arrays import Array
 # the last: found on benchmarks/random_goals.py, where without them a few motions were
 # 0.1 % slower than a time-optimal straight line.
 END_NODES = (0.05, 0.3)
+# Intervals of a time in which little happens, before a motion.
+DELAY_INTERVALS = 10
 
 
 def interval_shares(kind: str, intervals: int) -> Array:
@@ -37,6 +39,32 @@ def interval_shares(kind: str, intervals: int) -> Array:
         ends = inner[1] * np.array(END_NODES)
         nodes = np.sort(np.concatenate([inner, ends, 1.0 - ends]))
     return np.asarray(np.diff(nodes))[:, None]
+
+
+def delayed_shares(intervals: int, delay: float) -> Array:
+    """A grid for a motion before which there is a time in which little happens.
+
+    Intervals are short at both ends, as those of the cosine grid, and not where the two
+    parts meet.
+
+    Args:
+        intervals: Number of intervals of the motion that follows.
+        delay: Share of the whole duration that goes before, between 0 and 1.
+
+    Returns:
+        Lengths of the intervals for the unit of time, shape (W + N, 2): those before
+        and those of the motion can become longer and shorter by themselves.
+    """
+    extra = len(END_NODES)
+    before = np.linspace(0.0, 1.0, DELAY_INTERVALS + 1)
+    before = np.sort(np.concatenate([before, before[1] * np.array(END_NODES)]))
+    after = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, max(intervals - extra, 2) + 1))
+    last = (1.0 - after[-2]) * np.array(END_NODES)
+    after = np.sort(np.concatenate([after, 1.0 - last]))
+    out = np.zeros((before.size + after.size - 2, 2))
+    out[: before.size - 1, 0] = delay * np.diff(before)
+    out[before.size - 1 :, 1] = (1.0 - delay) * np.diff(after)
+    return out
 
 
 def _cosine_nodes(intervals: int) -> Array:

@@ -18,19 +18,20 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.clearance_rows import ClearanceRows
 from tominpmp.transcription.exchange import Extra, grazing, overloaded
 from tominpmp.transcription.spline import (
     Spline,
     SplineDerivatives,
     acceleration_jumps,
     differentiate,
+    jumps_by_length,
 )
 from tominpmp.transcription.spline_rows import (
     Columns,
     Entries,
     Instants,
     StateDerivatives,
-    clearance_jacobian,
     speed_jacobian,
     speed_values,
     torque_jacobian,
@@ -39,8 +40,6 @@ from tominpmp.transcription.system import System
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
-# Instants of each interval at which clearances are rows: its middle and its end.
-CLEARANCE_SHARES = (0.5, 1.0)
 # Clearances beyond this, in shares of the reach per rad of trust region, are not rows
 # of the linear program: a step that uses them up all the same is cut short by the
 # merit.
@@ -79,10 +78,9 @@ class InverseTranscription:
         ends = Instants(np.tile(every, 2), np.repeat([0.0, 1.0], self._N))
         self._extra = extra = Extra() if extra is None else extra
         self._at = ends.joined(extra.torque)
-        count = len(CLEARANCE_SHARES)
-        self._clear = Instants(
-            np.repeat(every, count), np.tile(CLEARANCE_SHARES, self._N)
-        ).joined(extra.clearance)
+        self._clear: ClearanceRows | None = None
+        if system.clearance is not None:
+            self._clear = ClearanceRows.on(system.clearance, self._N, extra.clearance)
         self._columns = Columns(self._N, self._n)
         self._reference = duration / self._N  # scales the velocity rows [s]
         self._rows = self._build_rows()
@@ -213,8 +211,8 @@ class InverseTranscription:
                     np.zeros(2 * n, dtype=np.int64),
                 )
             )
-        if system.clearance is not None:
-            count, instants = system.clearance.count, self._clear.size
+        if self._clear is not None:
+            count, instants = self._clear.constraint.count, self._clear.size
             parts.append(
                 (
                     "clearance",
@@ -246,9 +244,8 @@ class InverseTranscription:
         ]
         if self._end_points:
             parts.append(spline.points[[0, -1]].ravel())
-        if system.clearance is not None:
-            q_clear = self._clear.states(spline)[0]
-            parts.append(system.clearance.values(q_clear, MAX_ATTENTION).ravel())
+        if self._clear is not None:
+            parts.append(self._clear.values(spline, MAX_ATTENTION).ravel())
         if system.joint_goal is None:
             parts.append(self._goal(q[-1], v[-1])[0])
         return np.concatenate(parts)
@@ -261,10 +258,11 @@ class InverseTranscription:
             overload: Relative excess of torques that is let pass.
         """
         spline = self.spline(z)
-        return Extra(
-            overloaded(self.system, spline, overload),
-            grazing(self.system, spline, self._clear),
-        )
+        torque = overloaded(self.system, spline, overload)
+        if self._clear is None:
+            return Extra(torque)
+        known = self._clear.instants(spline.h)
+        return Extra(torque, grazing(self.system, spline, known))
 
     def with_rows(self, extra: Extra) -> InverseTranscription:
         """The same problem with rows at more instants."""
@@ -285,19 +283,16 @@ class InverseTranscription:
         if self._end_points:
             blocks.append(self._end_point_jacobian())
             chosen.append(np.flatnonzero(count.kind == count.kinds.index("position")))
-        if self.system.clearance is not None:
+        if self._clear is not None:
             rows = np.flatnonzero(count.kind == count.kinds.index("clearance"))
             radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
-            near = rows[values[rows] > -min(ATTENTION * radius, MAX_ATTENTION)]
-            by = StateDerivatives.of(self._clear, coefficients)
+            attention = min(ATTENTION * radius, MAX_ATTENTION)
+            if self._clear.constraint.moving:
+                attention = MAX_ATTENTION  # obstacles come closer as time goes by
+            near = rows[values[rows] > -attention]
             blocks.append(
-                clearance_jacobian(
-                    self.system.clearance,
-                    self._clear,
-                    near - rows[0],
-                    spline,
-                    by,
-                    self._columns,
+                self._clear.jacobian(
+                    near - rows[0], spline, coefficients, self._columns
                 )
             )
             chosen.append(near)
@@ -342,8 +337,7 @@ class InverseTranscription:
         entries.add(rows, final + self._n, by_v)
         return entries.matrix()
 
-    # -- the rest of the interface
-    # -------------------------------------------------------
+    # -- the rest of the interface -----------------------------------------------------
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the accelerations between intervals, in full ranges.
@@ -365,8 +359,20 @@ class InverseTranscription:
         matrix = sp.csr_matrix(
             (data, (rows, columns)), shape=((self._N - 1) * self._n, self.size)
         )
+        if self._m > 1:
+            # Lengths that change by themselves must not seem to change nothing.
+            by_eta = jumps_by_length(spline, self.shares) / scale[:, None]
+            by_eta = sp.csr_matrix(by_eta.reshape(-1, self._m))
+            empty = sp.csr_matrix((matrix.shape[0], self.size - self._m))
+            matrix = matrix + sp.hstack([empty, by_eta])
         offset = (np.diff(spline.a, axis=0) / scale).ravel() - matrix @ z
         return Variation(matrix, offset)
+
+    @property
+    def torque_sequence(self) -> sp.csr_matrix:
+        """Mean torques of the intervals, from the instants of the torque rows."""
+        means = sp.diags([0.5, 0.5], [0, self._N], shape=(self._N, self._at.size))
+        return sp.csr_matrix(means)
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The same points, traversed slower."""

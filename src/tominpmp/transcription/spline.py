@@ -156,3 +156,19 @@ def acceleration_jumps(h: Array) -> sp.coo_matrix:
     a = sp.diags([1.0 / h[:-1], -1.0 / h[1:]], [0, -1], shape=(N, N - 1)) @ v
     jumps = sp.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N)) @ a
     return sp.coo_matrix(jumps)
+
+
+def jumps_by_length(spline: Spline, shares: Array) -> Array:
+    """How jumps of the accelerations at the inner nodes depend on the lengths.
+
+    Args:
+        spline: The spline.
+        shares: Lengths of the intervals by unknowns, shape (N, m).
+
+    Returns:
+        Derivatives by the unknowns, shape (N - 1, n, m).
+    """
+    N = shares.shape[0]
+    around, by = np.pad(shares, ((1, 1), (0, 0))), differentiate(spline).a_lengths
+    parts = [by[:, j, :, None] * around[j : j + N, None] for j in range(3)]
+    return np.diff(parts[0] + parts[1] + parts[2], axis=0)

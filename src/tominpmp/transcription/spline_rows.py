@@ -13,7 +13,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import PathConstraint
 from tominpmp.dynamics import InverseJacobians
 from tominpmp.transcription.spline import Spline, SplineDerivatives
 
@@ -41,6 +40,15 @@ class Instants:
     def size(self) -> int:
         """Number of instants."""
         return int(self.interval.size)
+
+    def times(self, h: Array) -> Array:
+        """Times of the instants [s], shape (m,).
+
+        Args:
+            h: Lengths of the intervals [s], shape (N,).
+        """
+        nodes = np.cumsum(h) - h
+        return np.asarray(nodes[self.interval] + self.share * h[self.interval])
 
     def states(self, spline: Spline) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations there, shape (m, n) each."""
@@ -109,6 +117,11 @@ class Columns:
     def count(self) -> int:
         """Number of columns."""
         return self.intervals * self.joints + self.intervals + 2 * self.joints
+
+    @property
+    def lengths(self) -> IntArray:
+        """Columns of the lengths, shape (N,)."""
+        return self.intervals * self.joints + np.arange(self.intervals)
 
     @property
     def final_position(self) -> IntArray:
@@ -255,43 +268,4 @@ def speed_jacobian(
         entries.add(rows, node * n + joints, -sign * slope)
         entries.add(rows, N * n + node, length)
         entries.add(rows, N * n + node + 1, length)
-    return entries.matrix()
-
-
-def clearance_jacobian(
-    clearance: PathConstraint,
-    at: Instants,
-    chosen: IntArray,
-    spline: Spline,
-    by: StateDerivatives,
-    columns: Columns,
-) -> sp.csr_matrix:
-    """Jacobian of some clearances.
-
-    Args:
-        clearance: The clearances of a configuration, p of them.
-        at: The instants, m of them.
-        chosen: Indices into the m p clearances of all instants, shape (k,), ascending.
-        spline: The motion.
-        by: Derivatives of the states at the instants.
-        columns: Where the unknowns stand.
-
-    Returns:
-        Shape (k, columns).
-    """
-    entries = Entries(chosen.size, columns.count)
-    instants, which = np.divmod(chosen, max(clearance.count, 1))
-    configurations = at.states(spline)[0]
-    places, valid = columns.around(at.interval)
-    gradients = clearance.gradients_at(configurations, instants, which)
-    for instant in np.unique(instants):
-        rows = np.flatnonzero(instants == instant)
-        gradient = gradients[rows]
-        by_point = by.q_points[instant][None, :, None] * gradient[:, None, :]
-        by_length = gradient @ by.q_lengths[instant].T
-        data = np.concatenate([by_point.reshape(rows.size, -1), by_length], axis=1)
-        entries.add(rows[:, None], places[instant], data, valid[instant])
-        if at.interval[instant] == columns.intervals - 1:
-            last = at.share[instant] ** 2 * gradient
-            entries.add(rows[:, None], columns.final_position, last)
     return entries.matrix()

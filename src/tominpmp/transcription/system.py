@@ -19,6 +19,9 @@ from tominpmp.problem import Problem
 # ends of the motion.
 PADDING = 2e-3
 PADDING_SHARE = 0.5
+# The same where an obstacle moves [m]: it is often waited for, and the wait is longer
+# by what the obstacle needs for this.
+MOVING_PADDING = 4e-4
 
 
 def _padding(problem: Problem, checker: CollisionChecker) -> Array:
@@ -26,8 +29,12 @@ def _padding(problem: Problem, checker: CollisionChecker) -> Array:
     ends = [problem.q_start]
     if isinstance(problem.goal, JointGoal):
         ends.append(problem.goal.q)
-    room = np.min(checker.distances(np.stack(ends)), axis=0) - problem.margins
-    return np.asarray(np.clip(PADDING_SHARE * room, 0.0, PADDING))
+    room = checker.distances(np.stack(ends)) - problem.margins
+    # What moves is not known to be there when the motion ends.
+    room[1:, checker.moving_pairs] = np.inf
+    room = np.min(room, axis=0)
+    most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
+    return np.asarray(np.clip(PADDING_SHARE * room, 0.0, most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +72,18 @@ class System:
         )
         dynamics = RobotDynamics(problem.robot)
         return cls(problem, dynamics, kinematics, clearance, reach, padding / reach)
+
+    def resting(self, time: float | None = None) -> System:
+        """The same problem without the obstacles that move.
+
+        Args:
+            time: When they are taken to stand still [s]; None leaves them out.
+        """
+        scene = self.problem.scene
+        if not scene.moving:
+            return self
+        scene = scene.resting() if time is None else scene.at(time)
+        return System.of(self.problem.with_scene(scene))
 
     @property
     def n(self) -> int:

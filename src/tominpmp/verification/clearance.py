@@ -4,7 +4,8 @@ A stretch of time is clear if the distance of every pair in its middle is more t
 of their points can move meanwhile. Where that is not so, the stretch is halved. A point
 that hangs on the joints i moves by at most :math:`\sum_i r_i |\Delta q_i|` while the
 joints move by :math:`|\Delta q_i|` at most, where r_i bounds its distance from the axis
-of joint i (1 for sliding joints).
+of joint i (1 for sliding joints). A point of an obstacle that moves comes closer by
+its largest speed times the time meanwhile.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ def prove_clearance(
         max_stretches: Number of stretches after which the proof is given up.
 
     Returns:
-        The proof, or where it failed.
+        The proof, or where it failed. Where an obstacle is moved by a function of which
+        no bounds on its speed are known, it rests on estimates of these.
     """
     if not checker.pairs:
         return ClearanceProof(True, np.inf, np.inf, None, 0.0, False, 0)
@@ -151,7 +153,8 @@ class _Prover:
             spare = np.min(apart - least, axis=1)
             k = int(np.argmin(spare))
             if spare[k] < room:
-                room, time = float(spare[k]), self._time(todo, k)
+                room = float(spare[k])
+                time = float(self._time(todo, todo.middle)[k])
             sure = apart - moved
             unproved = ~np.all(sure >= least, axis=1)
             bound = min(bound, float(np.min(sure[~unproved], initial=np.inf)))
@@ -162,7 +165,8 @@ class _Prover:
             todo = todo.cut(unproved)
         # What was measured there may have been a bound that was good enough.
         at = np.clip(time, self.pieces.t[0], self.pieces.t[-1])
-        exact = self.checker.distances(self.pieces(np.array([at])))[0]
+        instant = np.array([at])
+        exact = self.checker.distances(self.pieces(instant), times=instant)[0]
         pair = int(np.argmin(exact - least))
         distance = float(exact[pair])
         return ClearanceProof(
@@ -185,13 +189,19 @@ class _Prover:
         q = shifted[:, :, 0]
         swing = np.sum(np.abs(shifted[:, :, 1:]), axis=2) + self.stray
         moved = self.motion.bound(q, swing)
+        times = self._time(todo, todo.middle)
+        if self.checker.moving:
+            half = todo.half * 0.5 * np.diff(self.pieces.t)[todo.piece]
+            begin = np.maximum(times - half, 0.0)
+            speeds = self.checker.obstacle_speeds(begin, times + half)
+            moved += speeds * half[:, None]
         # Beyond this, distances need not be known to prove all of the stretches.
         enough = least + np.max(moved, axis=0)
-        return self.checker.distances(q, enough), moved
+        return self.checker.distances(q, enough, times), moved
 
-    def _time(self, todo: _Stretches, k: int) -> float:
-        begin, end = self.pieces.t[todo.piece[k]], self.pieces.t[todo.piece[k] + 1]
-        return float(begin + 0.5 * (end - begin) * (1.0 + todo.middle[k]))
+    def _time(self, todo: _Stretches, places: Array) -> Array:
+        begin, end = self.pieces.t[todo.piece], self.pieces.t[todo.piece + 1]
+        return np.asarray(begin + 0.5 * (end - begin) * (1.0 + places))
 
 
 def _balls(checker: CollisionChecker) -> list[Ball]:

@@ -135,8 +135,9 @@ def _everywhere(
         return set()
     checker = problem.checker
     for outcome in outcomes:
-        q = _look(outcome.trajectory).q
-        room = checker.distances(q, problem.margins + RESIDUE) - problem.margins
+        seen = _look(outcome.trajectory)
+        room = checker.distances(seen.q, problem.margins + RESIDUE, seen.t)
+        room -= problem.margins
         lack = -np.min(room, axis=0)
         pairs = zip(checker.pairs, lack.tolist(), strict=True)
         names &= {" and ".join(pair) for pair, much in pairs if much > RESIDUE}

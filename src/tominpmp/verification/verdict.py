@@ -274,13 +274,14 @@ def closest(
     # The closest of a few instants tells how far the others need to be looked at.
     last = replay.t.size - 1
     some = np.linspace(0, last, GLANCES).astype(np.int64)
-    room = checker.distances(replay.q[some]) - margins
+    room = checker.distances(replay.q[some], times=replay.t[some]) - margins
     k, pair = np.unravel_index(int(np.argmin(room)), room.shape)
     row, least = int(some[k]), float(room[k, pair])
     for begin in range(0, last + 1, CHUNK):
         cutoff = margins + max(least, 0.0) + GLANCE_ROUNDING
         part = replay.q[begin : begin + CHUNK]
-        room = checker.distances(part, cutoff) - margins
+        times = replay.t[begin : begin + CHUNK]
+        room = checker.distances(part, cutoff, times) - margins
         k, other = np.unravel_index(int(np.argmin(room)), room.shape)
         if room[k, other] < least:
             row, pair, least = begin + int(k), other, float(room[k, other])

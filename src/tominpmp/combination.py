@@ -1,0 +1,244 @@
+"""Several robots in one workspace, taken as one robot with several arms.
+
+Its joints are those of all of them, and there is one duration T. The names of joints,
+links and frames begin with the name of their robot: "left/tool0". Collisions between
+the robots are self-collisions of the whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from tominpmp.arrays import Array
+from tominpmp.collision import CollisionChecker
+from tominpmp.collision.bodies import robot_bodies
+from tominpmp.collision.narrow import NarrowPhase
+from tominpmp.description.assembly import joined
+from tominpmp.description.joint_table import JointTable
+from tominpmp.description.joint_values import check_gravity
+from tominpmp.description.linkage import Linkage
+from tominpmp.description.model import build_model, configured_model, expansion
+from tominpmp.description.srdf import SemanticDescription
+from tominpmp.exceptions import ProblemError
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene, is_rotation
+
+# Name, robot and where its base is: a placement base_to_world or a position [m].
+Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"
+
+# Bases may overlap by this much: those side by side touch [m].
+OVERLAP = 1e-3
+# Bases without shapes are at one place if they are this close [m].
+SAME_PLACE = 1e-3
+
+
+def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -> Robot:
+    """Make one robot of several in one workspace.
+
+    Args:
+        parts: For each robot its name, the robot, and the placement base_to_world
+            (pinocchio.SE3) or the position of its base, shape (3,) [m].
+        gravity: Gravity in the world, shape (3,) [m/s^2]; None for that of the robots,
+            which have to agree.
+
+    Returns:
+        The robot; ``robot.stack(left=q1, right=q2)`` joins values of its joints.
+
+    Raises:
+        ProblemError: If two robots have one name, their bases overlap, or their
+            gravities differ.
+        OptionsError: If the gravity is no vector.
+    """
+    robots, bases = _checked_parts(parts)
+    world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
+    description = joined({k: (robots[k].description, bases[k]) for k in robots})
+    locked = {
+        f"{part}/{joint}": position
+        for part, robot in robots.items()
+        for joint, position in robot.locked_joints.items()
+    }
+    model = build_model(description, locked)
+    followers = Linkage.resolve(description.joints, locked).followers
+    joint_names, *ties = expansion(model, followers)
+    table = _joined_table(robots, joint_names)
+    robot = Robot(
+        name=description.name,
+        model=configured_model(model, table, world, *ties),
+        joint_names=joint_names,
+        limits=table.limits(),
+        damping=table.damping,
+        armature=table.armature,
+        gravity=world,
+        expansion_matrix=ties[0],
+        expansion_offset=ties[1],
+        locked_joints=locked,
+        srdf=_joined_semantics(robots, description.path),
+        description=description,
+    )
+    _check_bases(robot, bases)
+    return robot
+
+
+def _checked_parts(
+    parts: Sequence[Part],
+) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
+    expected = "tuples of name, robot and base"
+    if not isinstance(parts, Sequence) or not parts:
+        raise ProblemError(f"robots: got {parts!r}, expected {expected}", "robots")
+    robots: dict[str, Robot] = {}
+    bases: dict[str, pin.SE3] = {}
+    for part in parts:
+        if not isinstance(part, Sequence) or len(part) != 3:
+            raise ProblemError(f"robots: got {part!r}, expected {expected}", "robots")
+        name, robot, base = part
+        if not isinstance(name, str) or not name or "/" in name:
+            raise ProblemError(
+                f"robots: the name {name!r} is none; expected a text without '/'",
+                "robots",
+            )
+        if name in robots:
+            raise ProblemError(f"robots: two of them are named {name!r}", "robots")
+        if not isinstance(robot, Robot):
+            raise ProblemError(
+                f"robots: {name!r} is a {type(robot).__name__}, expected a Robot",
+                "robots",
+            )
+        robots[name], bases[name] = robot, base_placement(name, base)
+    return robots, bases
+
+
+def base_placement(name: str, base: object) -> pin.SE3:
+    """Check where the base of a robot is.
+
+    Args:
+        name: Name of the robot, for the message.
+        base: Placement base_to_world, or position, shape (3,) [m].
+
+    Raises:
+        ProblemError: If it is neither.
+    """
+    if isinstance(base, pin.SE3):
+        rotation, position = np.array(base.rotation), np.array(base.translation)
+    else:
+        rotation = np.eye(3)
+        try:
+            position = np.array(base, dtype=np.float64)
+        except (TypeError, ValueError):
+            position = np.empty(0)
+    right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
+    if not (right and is_rotation(rotation)):
+        raise ProblemError(
+            f"robots: the base of {name!r} is {base!r}, expected a pinocchio.SE3 or "
+            "three finite coordinates [m]",
+            "robots",
+        )
+    return pin.SE3(rotation, position)
+
+
+def _common_gravity(robots: Mapping[str, Robot]) -> Array:
+    (first, robot), *others = robots.items()
+    for name, other in others:
+        if not np.array_equal(robot.gravity, other.gravity):
+            raise ProblemError(
+                f"robots: gravity is {robot.gravity.tolist()} for {first!r} and "
+                f"{other.gravity.tolist()} for {name!r}; expected the argument gravity",
+                "gravity",
+            )
+    return robot.gravity
+
+
+def _joined_table(
+    robots: Mapping[str, Robot], joint_names: tuple[str, ...]
+) -> JointTable:
+    """Values of the joints of all robots, in the order of the joint names."""
+    names = [f"{part}/{joint}" for part, r in robots.items() for joint in r.joint_names]
+    order = [names.index(name) for name in joint_names]
+
+    def stacked(field: str) -> Array:
+        parts = (
+            getattr(r if hasattr(r, field) else r.limits, field)
+            for r in robots.values()
+        )
+        return np.concatenate(list(parts))[order]
+
+    return JointTable(
+        joint_names,
+        stacked("position_lower"),
+        stacked("position_upper"),
+        stacked("velocity"),
+        np.column_stack([stacked("effort_lower"), stacked("effort_upper")]),
+        stacked("damping"),
+        stacked("armature"),
+    )
+
+
+def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
+    """Pairs that no robot watches, and the states that all robots have."""
+    pairs = [
+        (f"{part}/{one}", f"{part}/{other}")
+        for part, robot in robots.items()
+        for one, other in _unwatched(robot)
+    ]
+    states = [{} if r.srdf is None else r.srdf.group_states for r in robots.values()]
+    common = {
+        state: {
+            f"{part}/{joint}": position
+            for part, own in zip(robots, states, strict=True)
+            for joint, position in own[state].items()
+        }
+        for state in states[0]
+        if all(state in own for own in states)
+    }
+    return SemanticDescription(tuple(pairs), common, path)
+
+
+def _unwatched(robot: Robot) -> list[tuple[str, str]]:
+    """Pairs of links of a robot whose collision is not to be checked."""
+    if robot.srdf is not None and robot.srdf.disabled_pairs:
+        return list(robot.srdf.disabled_pairs)
+    # Without such a list neighbours are left out, which is told by the whole tree.
+    checker = CollisionChecker(robot, Scene(), self_collision=True)
+    watched = {frozenset(pair) for pair in checker.pairs}
+    frames = robot.model.frames
+    links = {frames[g.parentFrame].name for g in robot.collision_model.geometryObjects}
+    every = combinations(sorted(links), 2)
+    return [pair for pair in every if frozenset(pair) not in watched]
+
+
+def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
+    """Check that what is fixed to the world of one robot is not within another."""
+    for (one, here), (other, there) in combinations(bases.items(), 2):
+        depth = _base_overlap(robot, f"{one}/", f"{other}/")
+        if depth is None:
+            apart = float(np.linalg.norm(here.translation - there.translation))
+            if apart > SAME_PLACE:
+                continue
+            what = f"are at one place, {np.round(here.translation, 4).tolist()}"
+        elif depth > OVERLAP:
+            what = f"overlap by {depth:.4g} m"
+        else:
+            continue
+        raise ProblemError(
+            f"robots: the bases of {one!r} and {other!r} {what}; expected bases that "
+            "are apart",
+            "robots",
+        )
+
+
+def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
+    """Depth to which what is fixed of two robots overlaps [m]; None without shapes."""
+    fixed = [body for body in robot_bodies(robot, "convex") if not body.joint]
+    mine = [i for i, body in enumerate(fixed) if body.name.startswith(one)]
+    its = [i for i, body in enumerate(fixed) if body.name.startswith(other)]
+    if not mine or not its:
+        return None
+    first, second = (index.ravel() for index in np.meshgrid(mine, its))
+    narrow = NarrowPhase(robot.model, fixed, first, second)
+    return -float(np.min(narrow.all(robot.expand(np.zeros(robot.n)))))

@@ -1,0 +1,130 @@
+"""How obstacles move: placements as functions of real time.
+
+Time counts from the start of the robot's motion. A motion gives placements, the
+velocities that the derivative of a distance by time needs, and bounds on speeds, which
+tell how far a point of an obstacle can come between two instants.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record, real_array, real_number
+from tominpmp.exceptions import SceneError
+
+# Two placements at the start that differ by less are one [m, rad].
+SAME = 1e-6
+
+
+class Placement(NamedTuple):
+    """Placements obstacle_to_world, one or many.
+
+    Attributes:
+        R: Rotations, shape (..., 3, 3).
+        p: Positions [m], shape (..., 3).
+    """
+
+    R: Array
+    p: Array
+
+
+class Twist(NamedTuple):
+    """Velocities of obstacles, in the axes of the world.
+
+    Attributes:
+        linear: Velocities of their origins [m/s], shape (m, 3).
+        angular: Angular velocities [rad/s], shape (m, 3).
+    """
+
+    linear: Array
+    angular: Array
+
+
+class Motion(Record, ABC):
+    """Where an obstacle is at each time from 0 on [s]."""
+
+    def start(self, given: Placement) -> Placement:
+        """Placement at time 0.
+
+        Args:
+            given: Placement that the obstacle was given.
+
+        Raises:
+            SceneError: If the motion begins elsewhere.
+        """
+        return given
+
+    @property
+    def kinks(self) -> Array:
+        """Times after the start at which the velocity jumps [s], as far as known."""
+        return np.zeros(0)
+
+    @abstractmethod
+    def poses(self, times: Array, start: Placement) -> Placement:
+        """Placements at times [s], shape (m,), of an obstacle that starts somewhere."""
+
+    @abstractmethod
+    def twists(self, times: Array, start: Placement) -> Twist:
+        """Velocities at times [s], shape (m,); after the jump where they jump."""
+
+    @abstractmethod
+    def speed_bounds(
+        self, begin: Array, end: Array, start: Placement
+    ) -> tuple[Array, Array]:
+        """Largest speeds between two times.
+
+        Args:
+            begin: Beginnings of stretches of time [s], shape (m,).
+            end: Their ends, shape (m,).
+            start: Placement at time 0.
+
+        Returns:
+            Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
+        """
+
+
+def check_position(given: Array, begins: Array) -> None:
+    """Check a position that was given against the one that a motion begins with."""
+    if np.any(given) and float(np.linalg.norm(given - begins)) > SAME:
+        raise SceneError(
+            f"position is {given.tolist()}, and its motion begins at "
+            f"{begins.tolist()}: expected the same, or no position"
+        )
+
+
+def check_rotation(given: Array, begins: Array) -> None:
+    """Check a rotation that was given against the one that a motion begins with."""
+    plain = np.array_equal(given, np.eye(3))
+    if not plain and not np.allclose(given, begins, atol=SAME):
+        raise SceneError(
+            f"rotation is {given.tolist()}, and its motion begins with "
+            f"{begins.tolist()}: expected the same, or no rotation"
+        )
+
+
+def numbers(name: str, value: object) -> Array:
+    """Take finite numbers of any shape."""
+    try:
+        array = real_array(value)
+    except ValueError as error:
+        raise SceneError(f"motion: {name} is not made of numbers: {error}") from error
+    if not np.all(np.isfinite(array)):
+        where = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise SceneError(
+            f"motion: {name} holds what is no finite number, at index {where}"
+        )
+    return array
+
+
+def number(name: str, value: object) -> float:
+    """Take a number, which may be infinite."""
+    try:
+        found = real_number(value)
+    except ValueError:
+        found = np.nan
+    if np.isnan(found):
+        raise SceneError(f"motion: {name} is {value!r}, expected a number")
+    return found

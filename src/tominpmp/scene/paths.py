@@ -1,0 +1,304 @@
+"""Motions of obstacles that are given by numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tominpmp.arrays import Array, IntArray, frozen_array
+from tominpmp.exceptions import SceneError
+from tominpmp.scene.motion import (
+    Motion,
+    Placement,
+    Twist,
+    check_position,
+    check_rotation,
+    number,
+    numbers,
+)
+from tominpmp.scene.rotations import rotation_matrix
+
+# Between two waypoints an obstacle turns by less than this: half a turn could go either
+# way [rad].
+MOST_TURN = 0.999 * np.pi
+# So many waypoints are no corners any more, but samples of a smooth motion.
+MOST_KINKS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantVelocity(Motion):
+    """Move and turn steadily, from a time on and up to another.
+
+    Attributes:
+        velocity: Velocity in the world [m/s], shape (3,).
+        angular: Angular velocity in the world [rad/s], shape (3,).
+        pivot: Point that it turns about, where that is at the start, in the world [m],
+            shape (3,): a point of a hinge; None for the position of the obstacle. It
+            moves with the velocity.
+        begin: When the motion begins [s]; before that the obstacle rests.
+        end: When it ends [s]; the obstacle stays where it is then.
+
+    Raises:
+        SceneError: If a value is wrong.
+    """
+
+    velocity: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    angular: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    pivot: Array | None = None
+    begin: float = 0.0
+    end: float = np.inf
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, unit in (("velocity", "m/s"), ("angular", "rad/s"), ("pivot", "m")):
+            value = getattr(self, name)
+            if name != "pivot" or value is not None:
+                object.__setattr__(self, name, _triple(name, value, unit))
+        begin, end = number("begin", self.begin), number("end", self.end)
+        if not (begin >= 0.0 and np.isfinite(begin)):
+            raise SceneError(f"motion: begin is {begin:g}, expected a time >= 0 [s]")
+        if not end > begin:
+            raise SceneError(
+                f"motion: end is {end:g}, expected a time after the beginning at "
+                f"{begin:g} s"
+            )
+        object.__setattr__(self, "begin", begin)
+        object.__setattr__(self, "end", end)
+
+    @property
+    def kinks(self) -> Array:
+        """When the motion begins and ends, if it does [s]."""
+        return np.array([t for t in (self.begin, self.end) if 0.0 < t < np.inf])
+
+    def _turned(self, times: Array, start: Placement) -> tuple[Array, Array, Array]:
+        """Time under way (m,), rotations since the start (m, 3, 3), and levers (m, 3).
+
+        A lever leads from the pivot to the origin of the obstacle.
+        """
+        under_way = np.clip(times, self.begin, self.end) - self.begin
+        turned = Rotation.from_rotvec(under_way[:, None] * self.angular).as_matrix()
+        return under_way, turned, turned @ self._lever(start)
+
+    def _lever(self, start: Placement) -> Array:
+        return np.zeros(3) if self.pivot is None else start.p - self.pivot
+
+    def poses(self, times: Array, start: Placement) -> Placement:
+        """Placements at times."""
+        under_way, turned, lever = self._turned(times, start)
+        p = start.p - self._lever(start) + lever + under_way[:, None] * self.velocity
+        return Placement(turned @ start.R, p)
+
+    def twists(self, times: Array, start: Placement) -> Twist:
+        """Velocities at times."""
+        _, _, lever = self._turned(times, start)
+        moving = ((times >= self.begin) & (times < self.end))[:, None]
+        linear = self.velocity + np.cross(self.angular, lever)
+        angular = np.broadcast_to(self.angular, linear.shape)
+        return Twist(moving * linear, moving * angular)
+
+    def speed_bounds(
+        self, begin: Array, end: Array, start: Placement
+    ) -> tuple[Array, Array]:
+        """Largest speeds between two times."""
+        turn = float(np.linalg.norm(self.angular))
+        lever = float(np.linalg.norm(self._lever(start)))
+        moving = (end > self.begin) & (begin < self.end)
+        speed = float(np.linalg.norm(self.velocity)) + turn * lever
+        return np.where(moving, speed, 0.0), np.where(moving, turn, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints(Motion):
+    """Pass placements at given times, steadily from one to the next.
+
+    After the last of them the obstacle stays where it is.
+
+    Attributes:
+        times: Times [s], increasing from 0, shape (k,).
+        positions: Positions in the world at these times [m], shape (k, 3), linear in
+            between; None to stay at the position of the obstacle.
+        rotations: Rotations obstacle_to_world, as matrices, shape (k, 3, 3), or as
+            quaternions x, y, z, w, shape (k, 4), and kept as matrices; in between it
+            turns about a fixed axis the shorter way. None to keep the rotation of the
+            obstacle.
+
+    Raises:
+        SceneError: If times are not in order or do not begin at 0, or a shape or a
+            value is wrong.
+    """
+
+    times: Array
+    positions: Array | None = None
+    rotations: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check times, positions and rotations."""
+        times = numbers("times", self.times)
+        if times.ndim != 1 or not times.size:
+            raise SceneError(
+                f"motion: times has shape {times.shape}, expected one time or more"
+            )
+        if times[0] != 0.0:
+            raise SceneError(
+                f"motion: times begins at {times[0]:g} s, expected 0: where the "
+                "obstacle is before is not known"
+            )
+        back = np.flatnonzero(np.diff(times) <= 0.0)
+        if back.size:
+            k = int(back[0])
+            raise SceneError(
+                f"motion: times is not increasing: {times[k]:g} s is followed by "
+                f"{times[k + 1]:g} s (waypoints {k} and {k + 1}, counted from 0)"
+            )
+        object.__setattr__(self, "times", times)
+        if self.positions is None and self.rotations is None:
+            raise SceneError("motion: Waypoints needs positions, rotations, or both")
+        if self.positions is not None:
+            positions = numbers("positions", self.positions)
+            self._check_shape("positions", positions, ((times.size, 3),))
+            object.__setattr__(self, "positions", positions)
+        if self.rotations is not None:
+            object.__setattr__(self, "rotations", self._matrices())
+
+    def _check_shape(
+        self, name: str, value: Array, shapes: tuple[tuple[int, ...], ...]
+    ) -> None:
+        if value.shape not in shapes:
+            expected = " or ".join(str(shape) for shape in shapes)
+            raise SceneError(
+                f"motion: {name} has shape {value.shape}, expected {expected}, as "
+                f"there are {self.times.size} times"
+            )
+
+    def _matrices(self) -> Array:
+        given, count = numbers("rotations", self.rotations), self.times.size
+        self._check_shape("rotations", given, ((count, 4), (count, 3, 3)))
+        found = []
+        for k, value in enumerate(given):
+            try:
+                found.append(rotation_matrix(value, ""))
+            except SceneError as error:
+                raise SceneError(
+                    f"motion: rotations: waypoint {k} (counted from 0) is "
+                    f"{value.tolist()}, expected a rotation matrix or a quaternion "
+                    "(x, y, z, w) whose length is not zero"
+                ) from error
+        matrices = frozen_array(found)
+        turns = np.linalg.norm(_turns(matrices), axis=1)
+        if np.any(turns > MOST_TURN):
+            k = int(np.argmax(turns))
+            raise SceneError(
+                f"motion: rotations: half a turn from waypoint {k} to {k + 1} (counted "
+                "from 0) could go either way; put another one between them"
+            )
+        return matrices
+
+    def start(self, given: Placement) -> Placement:
+        """Placement at the first waypoint."""
+        R, p = given
+        if self.positions is not None:
+            check_position(p, self.positions[0])
+            p = self.positions[0]
+        if self.rotations is not None:
+            check_rotation(R, self.rotations[0])
+            R = self.rotations[0]
+        return Placement(R, p)
+
+    @property
+    def kinks(self) -> Array:
+        """Times of the waypoints, as far as they are few [s]."""
+        times = self.times[1:]
+        return times if times.size <= MOST_KINKS else np.zeros(0)
+
+    @cached_property
+    def _turns(self) -> Array:
+        """Turns between waypoints, each in the axes before it, shape (k - 1, 3)."""
+        assert self.rotations is not None  # noqa: S101
+        return _turns(self.rotations)
+
+    def _segments(self, times: Array) -> tuple[IntArray, Array, Array]:
+        """Segment of each time (m,), share of it that is over (m,), and its length."""
+        last = max(self.times.size - 2, 0)
+        k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, last)
+        if self.times.size == 1:
+            return k, np.zeros(times.shape), np.ones(times.shape)
+        length = np.diff(self.times)[k]
+        share = np.clip((times - self.times[k]) / length, 0.0, 1.0)
+        return k, share, length
+
+    def poses(self, times: Array, start: Placement) -> Placement:
+        """Placements at times."""
+        k, share, _ = self._segments(times)
+        following = np.minimum(k + 1, self.times.size - 1)
+        R = np.broadcast_to(start.R, (times.size, 3, 3))
+        p = np.broadcast_to(start.p, (times.size, 3))
+        if self.positions is not None:
+            here = self.positions[k]
+            p = here + share[:, None] * (self.positions[following] - here)
+        if self.rotations is not None:
+            R = self.rotations[k]
+            if self.times.size > 1:
+                part = share[:, None] * self._turns[k]
+                R = R @ Rotation.from_rotvec(part).as_matrix()
+        return Placement(R, p)
+
+    def twists(self, times: Array, start: Placement) -> Twist:
+        """Velocities at times."""
+        none = np.zeros((times.size, 3))
+        if self.times.size == 1:
+            return Twist(none, none)
+        k, _, length = self._segments(times)
+        moving = (times < self.times[-1])[:, None] / length[:, None]
+        linear = angular = none
+        if self.positions is not None:
+            linear = moving * np.diff(self.positions, axis=0)[k]
+        if self.rotations is not None:
+            # The axis of a turn is the same before and after it.
+            turn = np.einsum("mij,mj->mi", self.rotations[k], self._turns[k])
+            angular = moving * turn
+        return Twist(linear, angular)
+
+    def speed_bounds(
+        self, begin: Array, end: Array, start: Placement
+    ) -> tuple[Array, Array]:
+        """Largest speeds between two times."""
+        lengths, rest = np.diff(self.times), np.zeros(self.times.size)
+        linear, angular = rest.copy(), rest.copy()  # the last entry is for after it
+        if self.positions is not None:
+            moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+            linear[:-1] = moved / lengths
+        if self.rotations is not None:
+            turned = np.linalg.norm(self._turns, axis=1)
+            angular[:-1] = turned / lengths
+        first = np.clip(np.searchsorted(self.times, begin, side="right") - 1, 0, None)
+        last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
+        return _largest(linear, first, last), _largest(angular, first, last)
+
+
+def _turns(rotations: Array) -> Array:
+    """Rotation vectors from each rotation to the next, in its axes, (k - 1, 3)."""
+    if len(rotations) < 2:
+        return np.zeros((0, 3))
+    between = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]
+    return np.asarray(Rotation.from_matrix(between).as_rotvec())
+
+
+def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
+    """Largest of values[first:last] for many ranges, none of them empty."""
+    if not first.size:
+        return np.zeros(0)
+    padded = np.append(values, 0.0)  # so that the end is a place too
+    ranges = np.stack([first, last], axis=1).ravel()
+    return np.asarray(np.maximum.reduceat(padded, ranges)[::2])
+
+
+def _triple(name: str, value: object, unit: str) -> Array:
+    array = numbers(name, value)
+    if array.shape != (3,):
+        raise SceneError(
+            f"motion: {name} is {value!r}, expected three numbers [{unit}]"
+        )
+    return array

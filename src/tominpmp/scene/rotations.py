@@ -1,0 +1,73 @@
+"""Rotations as users give them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tominpmp.arrays import Array, frozen_array, real_array
+from tominpmp.exceptions import SceneError
+
+
+def is_rotation(matrix: Array) -> bool:
+    """Whether a matrix of shape (3, 3) turns without stretching or mirroring."""
+    if not np.all(np.abs(matrix) < 2.0):  # nor NaN
+        return False
+    orthonormal = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
+    return bool(orthonormal and np.linalg.det(matrix) > 0.0)
+
+
+def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
+    """Turn a rotation as users give it into a matrix.
+
+    Args:
+        rotation: None (no rotation), a 3x3 matrix or a quaternion (x, y, z, w), which
+            is normalised.
+        obstacle: Name of the obstacle, for the message.
+
+    Returns:
+        Rotation matrix, shape (3, 3).
+
+    Raises:
+        SceneError: If it is neither a rotation matrix nor a quaternion.
+    """
+    if rotation is None:
+        return frozen_array(np.eye(3))
+    try:
+        value = real_array(rotation)
+    except ValueError:
+        value = np.empty(0)
+    if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
+        raise SceneError(
+            f"obstacle {obstacle!r}: rotation is {rotation!r}, expected a 3x3 matrix "
+            "or a quaternion (x, y, z, w) of finite numbers",
+            obstacle,
+        )
+    if value.size == 4:
+        return _from_quaternion(value, obstacle)
+    if not is_rotation(value):
+        raise SceneError(
+            f"obstacle {obstacle!r}: the 3x3 rotation is not a rotation matrix "
+            "(orthonormal columns, determinant 1)",
+            obstacle,
+        )
+    return value
+
+
+def _from_quaternion(value: Array, obstacle: str) -> Array:
+    largest = float(np.max(np.abs(value)))
+    if largest < 1e-9:
+        raise SceneError(
+            f"obstacle {obstacle!r}: rotation {value.tolist()} is no quaternion "
+            "(x, y, z, w): its length must not be zero",
+            obstacle,
+        )
+    value = value / largest  # so that no square overflows
+    x, y, z, w = value / np.linalg.norm(value)
+    return frozen_array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,164 @@
+"""Second stage of a plan: a little time given away for quiet torques."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, real_number
+from tominpmp.exceptions import OptionsError, ProblemError
+from tominpmp.options import Options
+from tominpmp.seeding.warm import FormerMotion, former_motion
+from tominpmp.solution import Solution, roughness
+from tominpmp.solvers.quiet import QuietSolver
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.system import System
+from tominpmp.verification import Verification, verify
+
+# Relative torque excess between the rows that is let pass, and rounds of adding rows.
+OVERLOAD = 2e-3
+EXCHANGES = 6
+# Doublings of the grid where the replay does not confirm the motion.
+REFINEMENTS = 2
+
+
+def smooth(solution: Solution, slack: float = 0.01) -> Solution:
+    """Make the torques of a motion as quiet as they can be in slightly more time.
+
+    The duration is fixed at (1 + slack) T, and the squared differences of successive
+    torques are minimised, with all limits and clearances held and the start and the
+    goal met. Quadratic programs are solved one after the other, as the constraints are
+    not linear, and the result is verified by its replay.
+
+    Args:
+        solution: A motion by any method.
+        slack: Share of T to give away; 0 quietens what the minimum time leaves free.
+
+    Returns:
+        The quieter motion; its ``initial`` is the motion as it was, and ``roughness``
+        tells how much was gained. If none is found, the solution as it was, and its
+        message says so.
+
+    Raises:
+        ProblemError: If there is no motion that keeps all constraints.
+        OptionsError: If the slack is not a share >= 0.
+    """
+    try:
+        share = real_number(slack)
+    except ValueError:
+        share = np.nan
+    if not 0.0 <= share < np.inf:
+        raise OptionsError(f"slack is {slack!r}, expected a share of T >= 0", "slack")
+    former = solution.trajectory
+    if former is None or not solution.success:
+        raise ProblemError(
+            f"there is no motion to smooth: {solution.message}", "solution"
+        )
+    begin = time.perf_counter()
+    options, problem = solution.options, solution.problem
+    limit = options.max_planning_time
+
+    def over() -> bool:
+        return limit is not None and time.perf_counter() - begin > limit
+
+    reached = problem.alternative_at(former.q[-1], former.v[-1])
+    system = System.of(reached)
+    guess = former_motion(system, former)
+    before = roughness(former, problem.robot.limits)
+    intervals = former.t.size - 1
+    found: tuple[Trajectory, Verification] | None = None
+    for refinement in range(1 + REFINEMENTS):
+        quiet = _quieter(system, options, guess, former, intervals, share, over)
+        if quiet is None:
+            break
+        found = (
+            quiet,
+            verify(problem, quiet, options.tolerances, checker=problem.checker),
+        )
+        if found[1].ok or over():
+            break
+        intervals = intervals * 2 ** (refinement + 1)
+    seconds = solution.planning_time + time.perf_counter() - begin
+    if found is None or not found[1].ok:
+        reason = "no quieter motion was found" if found is None else found[1].message
+        message = f"{solution.message} Its torques were left as they are: {reason}"
+        return replace(solution, message=message, planning_time=seconds)
+    trajectory, verification = found
+    after = roughness(trajectory, problem.robot.limits)
+    return replace(
+        solution,
+        options=replace(options, slack=share or None),
+        message=f"{solution.message} Quiet torques: roughness {before:.3g} to "
+        f"{after:.3g} for {100 * share:g} % more time, T = {trajectory.duration:.4f} "
+        "s.",
+        trajectory=trajectory,
+        initial=former,
+        planning_time=seconds,
+        violations={},
+        verification=verification,
+    )
+
+
+def _quieter(
+    system: System,
+    options: Options,
+    guess: FormerMotion,
+    former: Trajectory,
+    intervals: int,
+    slack: float,
+    over: Callable[[], bool],
+) -> Trajectory | None:
+    """Quieter motion in the form of the former one; None if there is none."""
+    transcription, z = _program(system, options, guess, former, intervals)
+    z = transcription.stretch(z, 1.0 + slack)
+    best: Array | None = None
+    for _ in range(EXCHANGES):
+        solver = QuietSolver(transcription, options, _times(transcription, z), over)
+        best = solver.run(z)
+        if best is None or over():
+            break
+        z = best
+        if isinstance(transcription, InverseTranscription):
+            extra = transcription.inspect(z, OVERLOAD)
+            if not extra.size:
+                break
+            transcription = transcription.with_rows(extra)
+        elif isinstance(transcription, BSplineTranscription):
+            more = transcription.inspect(z, OVERLOAD)
+            if not (more[0].size or more[1].size):
+                break
+            transcription = transcription.with_rows(more)
+        else:
+            break
+    return None if best is None else transcription.trajectory(best)
+
+
+def _times(transcription: Transcription, z: Array) -> Array:
+    """Instants of the torques that are compared, as shares of T."""
+    if isinstance(transcription, BSplineTranscription):
+        return transcription.sequence_times
+    t = transcription.trajectory(z).t
+    return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
+
+
+def _program(
+    system: System,
+    options: Options,
+    guess: FormerMotion,
+    former: Trajectory,
+    intervals: int,
+) -> tuple[Transcription, Array]:
+    """Program in the form of a motion, and the motion as its iterate."""
+    kind = options.grid
+    if former.inverse_dynamics is None:
+        return guess.lifted_program(system, intervals, kind)
+    if former.a is not None and former.a.shape[0] == former.t.size - 1:
+        return guess.inverse_program(system, intervals, kind)
+    degree = 3 if former.a is None else 5
+    return guess.spline_program(system, intervals, kind, degree)

@@ -1,0 +1,318 @@
+r"""Second stage: the quietest torques for a given duration.
+
+With T fixed the torques are made as even as the constraints let them:
+
+.. math:: \min \sum_k \frac{\bar d}{d_k} |u_{k+1} - u_k|^2
+
+over a sequence of torques u_k, in full ranges, a time d_k apart: the mean torques of
+the intervals, where torques jump between these, or those at nodes and middles. It is
+the sum of squared differences on a uniform grid, and the same for the same torques on
+any other. Torques and rows are
+linearised and the quadratic program is solved; steps are taken as in
+:mod:`tominpmp.solvers.slp`, of which this is the counterpart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.options import Options
+from tominpmp.solvers.iterate import Trial
+from tominpmp.solvers.lp import LinearProgram, LpSolution, solve_quadratic
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.subproblem import Subproblem, build_subproblem
+from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
+from tominpmp.transcription.base import Linearization, Transcription, Variation
+
+# Solver of the quadratic programs, and its tolerances: looser where it fails.
+QP_SOLVER = "piqp"
+QP_TOLERANCES = (1e-9, 1e-7)
+# Weight of violations before any multiplier is known; the objective begins at 1/2.
+FIRST_WEIGHT = 10.0
+# The iteration ends when a step promises less than this share of the objective, or the
+# last few brought less.
+SETTLED = 5e-3
+WINDOW = 3
+# Second-order corrections of a step, while each leaves at most this share of the
+# violation.
+CORRECTIONS = 4
+CONTRACTION = 0.5
+LINE_SEARCH = (0.5, 0.25, 0.1, 0.03)
+# Residuals of motions without any unevenness are measured against this.
+LEAST_NORM = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class QuietState:
+    """State of the iteration.
+
+    Attributes:
+        z: Unknowns.
+        values: Row values there.
+        merit: Weights of the violations.
+        region: Trust region.
+    """
+
+    z: Array
+    values: Array
+    merit: Merit
+    region: TrustRegion
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of all rows."""
+        return float(np.max(self.merit.rows.violation(self.values), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class QuietSolver:
+    """Sequential quadratic programming on any transcription, with T fixed.
+
+    Attributes:
+        transcription: The nonlinear program.
+        options: Tolerances, limits and the trust region.
+        times: Instants of the sequence of torques as shares of T, shape (k,).
+        over: Tells whether the time is up.
+    """
+
+    transcription: Transcription
+    options: Options
+    times: Array
+    over: Callable[[], bool] = field(default=lambda: False)
+
+    def run(self, z: Array) -> Array | None:
+        """Iterate until nothing more is to be had.
+
+        Args:
+            z: Where to begin; its duration is kept.
+
+        Returns:
+            The quietest iterate that keeps all constraints; None if there is none.
+        """
+        state = self.init(z)
+        norm = max(float(np.linalg.norm(self.unevenness(z, state.values))), LEAST_NORM)
+        best: tuple[float, Array] | None = None
+        costs: list[float] = []
+        for _ in range(self.options.max_iterations):
+            state, promised = self.step(state, norm)
+            cost = self.cost(state.z, state.values, norm)
+            costs = [*costs, cost][-WINDOW - 1 :]
+            if state.violation <= self.options.feasibility:
+                if best is None or cost < best[0]:
+                    best = cost, state.z
+                gained = costs[0] - cost if len(costs) > WINDOW else np.inf
+                if min(promised, gained) < SETTLED * cost:
+                    break
+            if state.region.exhausted or self.over():
+                break
+        return None if best is None else best[1]
+
+    def init(self, z: Array) -> QuietState:
+        """State at the start."""
+        nlp = self.transcription
+        weights = np.full(len(nlp.rows.kinds), FIRST_WEIGHT)
+        merit = Merit(np.zeros(z.size), nlp.rows, 0.0, weights)
+        return QuietState(z, nlp.evaluate(z), merit, TrustRegion())
+
+    def step(self, state: QuietState, norm: float) -> tuple[QuietState, float]:
+        """One iteration: linearise, solve, correct, search, accept or shrink.
+
+        Returns:
+            The next state, and by how much the program promised to lower the merit.
+        """
+        nlp, z, values = self.transcription, state.z, state.values
+        radius = self.options.trust_region * state.region.radius
+        bounds = nlp.step_bounds(z, radius)
+        timed = nlp.cost != 0.0
+        bounds = bounds._replace(
+            lower=np.where(timed, 0.0, bounds.lower),
+            upper=np.where(timed, 0.0, bounds.upper),
+        )
+        linearization = nlp.linearize(z, values, bounds)
+        frame = build_subproblem(state.merit, values, linearization, bounds, None, z)
+        uneven = self.linearized(z, values, linearization)
+        program, curvature = _with_squares(frame, uneven, z, norm)
+        solution = _solve(program, curvature)
+        if solution is None:
+            return replace(state, region=state.region.after(0.0, 0.3)), np.inf
+        merit, now = state.merit, self.merit(state, z, values, norm)
+        step = frame.step(solution)
+        model = self.model(frame, uneven, state, step, norm)
+        promised = max(now - model, 0.0)
+
+        def attempt(step: Array, damping: float) -> Trial:
+            there = z + damping * step
+            reached = nlp.evaluate(there)
+            return Trial(
+                there, reached, self.merit(state, there, reached, norm), damping
+            )
+
+        trial = last = attempt(step, 1.0)
+        for _ in range(CORRECTIONS):
+            left = self.violation(last)
+            if left <= self.options.feasibility:
+                break
+            moved = frame.matrix @ (last.z - z)
+            error = last.values[frame.rows] - values[frame.rows] - moved
+            low, high = frame.corrected(error)
+            count = low.size
+            again = _solve(
+                replace(
+                    program,
+                    row_lower=np.concatenate([low, program.row_lower[count:]]),
+                    row_upper=np.concatenate([high, program.row_upper[count:]]),
+                ),
+                curvature,
+            )
+            if again is None:
+                break
+            last = attempt(frame.step(again), 1.0)
+            trial = min(trial, last, key=lambda trial: trial.merit)
+            if self.violation(last) > CONTRACTION * left:
+                break
+        ratio = (now - trial.merit) / max(promised, 1e-15)
+        if ratio < ACCEPT:
+            for damping in LINE_SEARCH:
+                shorter = attempt(step, damping)
+                if now - shorter.merit > ACCEPT * damping * promised:
+                    trial = shorter
+                    break
+            else:
+                trial = replace(trial, damping=LINE_SEARCH[-1])
+        expected = values.copy()
+        expected[frame.rows] += frame.matrix @ step
+        merit = merit.raised(frame.multipliers(solution), values, expected)
+        state = replace(
+            state, merit=merit, region=state.region.after(ratio, trial.damping)
+        )
+        if trial.merit < now:
+            state = replace(state, z=trial.z, values=trial.values)
+        return state, promised
+
+    # -- unevenness --------------------------------------------------------------------
+
+    def unevenness(self, z: Array, values: Array) -> Array:
+        """Weighted differences of neighbouring torques in full ranges."""
+        torques = self._of_torques
+        if torques is None:
+            variation = self.transcription.variation(z)
+            return np.asarray(self._of_jumps(variation) @ z)
+        return np.asarray(torques @ values[self._torque_rows])
+
+    def linearized(
+        self, z: Array, values: Array, linearization: Linearization
+    ) -> Variation:
+        """The same as a linear function near z."""
+        torques = self._of_torques
+        if torques is None:
+            matrix = self._of_jumps(self.transcription.variation(z))
+            return Variation(matrix, np.zeros(matrix.shape[0]))
+        # All torque rows are linearised, in order.
+        among = np.isin(linearization.rows, self._torque_rows)
+        matrix = sp.csr_matrix(torques @ linearization.matrix[among])
+        return Variation(matrix, self.unevenness(z, values) - matrix @ z)
+
+    @cached_property
+    def _torque_rows(self) -> IntArray:
+        rows = self.transcription.rows
+        return np.flatnonzero(rows.kind == rows.kinds.index("torque"))
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Square roots of mean distance over distance, shape (k - 1,)."""
+        apart = np.diff(self.times)
+        return np.asarray(np.sqrt(apart.mean() / apart))
+
+    @cached_property
+    def _of_torques(self) -> sp.csr_matrix | None:
+        """Unevenness from the torque rows; None where torques are unknowns."""
+        sequence: sp.csr_matrix | None
+        sequence = getattr(self.transcription, "torque_sequence", None)
+        if sequence is None:
+            return None
+        count = sequence.shape[0]
+        n = self._torque_rows.size // sequence.shape[1]
+        # Rows are in half ranges.
+        jumps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
+        return sp.csr_matrix(
+            sp.kron(sp.diags(self._weights) @ jumps @ sequence, sp.identity(n))
+        )
+
+    def _of_jumps(self, variation: Variation) -> sp.csr_matrix:
+        """Unevenness from unknown torques."""
+        joints = variation.matrix.shape[0] // self._weights.size
+        return sp.csr_matrix(
+            sp.diags(np.repeat(self._weights, joints)) @ variation.matrix
+        )
+
+    def cost(self, z: Array, values: Array, norm: float) -> float:
+        """Objective: 1/2 at the start."""
+        return 0.5 * float(np.sum(self.unevenness(z, values) ** 2)) / norm**2
+
+    def merit(self, state: QuietState, z: Array, values: Array, norm: float) -> float:
+        """Objective and weighted violations."""
+        return self.cost(z, values, norm) + state.merit.penalty(values)
+
+    def violation(self, trial: Trial) -> float:
+        """Largest violation at a trial."""
+        rows = self.transcription.rows
+        return float(np.max(rows.violation(trial.values), initial=0.0))
+
+    def model(
+        self,
+        frame: Subproblem,
+        uneven: Variation,
+        state: QuietState,
+        step: Array,
+        norm: float,
+    ) -> float:
+        """Merit that the linearisation promises for a step."""
+        values = state.values.copy()
+        values[frame.rows] += frame.matrix @ step
+        residual = uneven.matrix @ (state.z + step) + uneven.offset
+        return 0.5 * float(residual @ residual) / norm**2 + state.merit.penalty(values)
+
+
+def _with_squares(
+    frame: Subproblem, uneven: Variation, z: Array, norm: float
+) -> tuple[LinearProgram, sp.csc_matrix]:
+    """Program with columns y for the residuals, whose squares are the objective."""
+    program, count = frame.program, uneven.offset.size
+    columns = program.cost.size
+    residual = (uneven.matrix @ z + uneven.offset) / norm
+    by_step = sp.csr_matrix(uneven.matrix[:, frame.free] / norm)
+    spare = sp.csr_matrix((count, columns - frame.free.size))
+    matrix = sp.bmat(
+        [[program.matrix, None], [sp.hstack([by_step, spare]), -sp.identity(count)]],
+        format="csc",
+    )
+    none = np.full(count, np.inf)
+    keys = np.arange(columns + count)
+    wide = LinearProgram(
+        np.concatenate([program.cost, np.zeros(count)]),
+        matrix,
+        np.concatenate([program.row_lower, -residual]),
+        np.concatenate([program.row_upper, -residual]),
+        np.concatenate([program.lower, -none]),
+        np.concatenate([program.upper, none]),
+        np.arange(matrix.shape[0]),
+        keys,
+    )
+    squares = np.concatenate([np.zeros(columns), np.ones(count)])
+    return wide, sp.csc_matrix(sp.diags(squares))
+
+
+def _solve(program: LinearProgram, curvature: sp.csc_matrix) -> LpSolution | None:
+    for accuracy in QP_TOLERANCES:
+        solution = solve_quadratic(
+            program, curvature, QP_SOLVER, eps_abs=accuracy, eps_rel=accuracy
+        )
+        if solution.optimal and np.all(np.isfinite(solution.x)):
+            return solution
+    return None

@@ -1,0 +1,95 @@
+"""What a certificate of the minimum principle holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tominpmp.arrays import Array, BoolArray, Record, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveLimit(Record):
+    """A limit that holds a motion for some of the time.
+
+    Attributes:
+        kind: "effort", "velocity", "position", "acceleration", "jerk", "effort rate",
+            "effort over speed" or "clearance".
+        name: The joint, or the pair as "one and other".
+        begin: Beginnings of the intervals on which it holds [s], shape (m,).
+        end: Their ends [s], shape (m,).
+        multiplier: Time gained per time and unit of the limit: its share, rad or m,
+            shape (m,).
+        upper: Whether the upper side holds, shape (m,).
+    """
+
+    kind: str
+    name: str
+    begin: Array
+    end: Array
+    multiplier: Array
+    upper: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate(Record):
+    """How near a motion is to the first-order conditions of a time-optimal one.
+
+    Attributes:
+        joint_names: Names of the joints, in column order.
+        ok: Whether the motion keeps the conditions, within the tolerance.
+        message: What was found, in words: to what they are kept, or which fails where.
+        t: Nodes at which the motion was looked at [s], shape (N + 1,).
+        costates: Derivatives of the duration by (q, v) [s/rad or s/m, s^2/rad or
+            s^2/m], just after the start and just before the other nodes, shape
+            (N + 1, 2 n).
+        switching: Derivatives of the Hamiltonian by the torques, each in units of half
+            its range, mean over the intervals, shape (N, n).
+        hamiltonian: H, mean over the intervals, shape (N,); 0 at the optimum.
+        obeys: Whether the torques obey their switching functions, shape (N, n).
+        active: Limits that hold the motion.
+        hamiltonian_deviation: Largest difference of H to its mean, relative to the cost
+            of time, which is 1.
+        hamiltonian_mean_deviation: The same in the mean over time.
+        sign_share: Share of the time, mean over the joints, in which the torque obeys
+            its switching function: it is at the limit that the sign asks for, or the
+            switching function is zero.
+        saturated_share: Share of the time in which an actuator is at its limit.
+        active_share: The same for limits of any kind.
+        complementarity: Sum of multiplier times room over all limits, as a share of T.
+        stationarity: Reduction of T that changes within a unit trust region promise to
+            first order, as a share of T: the complementarity, and what moving freely
+            would bring.
+        grid_gain: The same if torques could switch within the intervals, too.
+        costate_error: Largest difference of the costates to the adjoint equation,
+            integrated over each interval, relative to the largest costate; None where
+            limits on accelerations or torque rates enter it.
+        tolerance: What ``stationarity`` may be.
+        seconds: Time it took [s].
+    """
+
+    joint_names: tuple[str, ...]
+    ok: bool
+    message: str
+    t: Array
+    costates: Array
+    switching: Array
+    hamiltonian: Array
+    obeys: BoolArray
+    active: tuple[ActiveLimit, ...]
+    hamiltonian_deviation: float
+    hamiltonian_mean_deviation: float
+    sign_share: float
+    saturated_share: float
+    active_share: float
+    complementarity: float
+    stationarity: float
+    grid_gain: float
+    costate_error: float | None
+    tolerance: float
+    seconds: float
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for name in ("t", "costates", "switching", "hamiltonian"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        self.obeys.setflags(write=False)

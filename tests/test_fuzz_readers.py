@@ -1,0 +1,381 @@
+"""Files that are damaged, swapped or hostile: a clear error, in bounded time and memory.
+
+Every reader gets a sound file that was damaged in its bytes, in its values and in its
+structure, and the files of the other readers. It reads them or raises the library's
+error that names the file; nothing else, and no warning of NumPy either.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.description.srdf import read_srdf
+from tominpmp.robot import Robot, load_robot
+
+pytestmark = pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
+
+# What a reader may take while it refuses a small file [bytes].
+MEMORY = 64 * 2**20
+# Messages are for reading.
+LONGEST = 4000
+
+# Words that are put in the place of numbers and names.
+WORDS = (
+    b"", b"nan", b"inf", b"-inf", b"1e999", b"-1", b"0", b"1e308", b"1e-320", b"0x10",
+    b"1e9", b"-1e9", b"9" * 5000, b"1 2 3 4", b"\xd9\xa1", b"\xff\xfe", b"\x00", b"\n",
+    b"../../../../etc/passwd", b"package://../../etc/passwd", b"file:///dev/zero",
+    b"http://127.0.0.1/x", b"package://", b"~", b"x" * 20_000, b"&lt;", b"&a;", b"]]>",
+    b"{", b"[", b"'", b'"', b"*a", b"&a", b"!!python/object:x", b"%s", b"\\", b"none",
+)  # fmt: skip
+
+URDF = """<robot name="sample">
+<link name="base"><collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision>
+</link>
+<link name="l1"><inertial><origin xyz="0.5 0 0" rpy="0 0 0.1"/><mass value="2"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.3"/></inertial>
+<collision><origin xyz="0.4 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
+<visual><geometry><cylinder radius="0.05" length="0.2"/></geometry>
+<material name="red"><color rgba="1 0 0 1"/></material></visual></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/>
+<origin xyz="1 0 0" rpy="0 1 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="2" effort="10" velocity="3"/><dynamics damping="0.1"/></joint>
+<link name="l2"><inertial><mass value="1"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>
+<collision><geometry><mesh filename="part.stl" scale="1 1 1"/></geometry></collision>
+</link>
+<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/>
+<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="10" velocity="3"/>
+</joint>
+<link name="l3"/>
+<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/>
+<mimic joint="j1" multiplier="-1" offset="0.1"/>
+<limit lower="-3" upper="3" effort="10" velocity="3"/></joint>
+</robot>
+"""
+
+SRDF = """<robot name="sample"><group name="arm"><joint name="j1"/></group>
+<group_state name="home" group="arm"><joint name="j1" value="0.5"/>
+<joint name="j2" value="0.1"/></group_state>
+<disable_collisions link1="base" link2="l1" reason="Adjacent"/></robot>
+"""
+
+TOML = """
+margin = 0.02
+[robot]
+path = "sample.urdf"
+locked_joints = {j2 = 0.1}
+velocity = {j1 = 2.5}
+joint_limits = "joint_limits.yaml"
+[start]
+q = [0.5]
+v = [0.0]
+[goal]
+type = "any"
+[[goal.goals]]
+type = "position"
+frame = "l1"
+position = [1, 0, 0]
+[[goal.goals]]
+type = "region"
+frame = "l3"
+lower = [-1, -2, -inf]
+upper = [1, 2, 3]
+pose = {position = [1, 0, 0], rotation = [0, 0, 0.6, 0.8]}
+[[scene.obstacles]]
+type = "box"
+name = "a"
+size = [0.1, 0.2, 0.3]
+position = [0, 9, 0]
+[[scene.obstacles]]
+type = "height_field"
+name = "b"
+heights = [[0, 0.1], [0.1, 0.2]]
+size = [0.2, 0.2]
+position = [0, -9, 0]
+[[scene.obstacles]]
+type = "oc_tree"
+name = "c"
+points = [[0, 0, 9], [0.1, 0, 9]]
+resolution = 0.05
+[[scene.obstacles]]
+type = "mesh"
+name = "d"
+path = "part.stl"
+position = [0, 0, -9]
+[motion_limits]
+acceleration = [10]
+effort_curves.j1 = {speed = [0.0, 1.0], effort = [10.0, 5.0]}
+[options]
+intervals = 50
+"""
+
+SCENE = """
+robot_state:
+  joint_state: {name: [joint1, joint2, joint3], position: [0, 0, 0]}
+  multi_dof_joint_state:
+    joint_names: [virtual_joint]
+    transforms:
+    - {translation: [0, 0, 0], rotation: [0, 0, 0, 1]}
+fixed_frame_transforms:
+- child_frame_id: desk
+  transform: {translation: [0, 0, 2], rotation: [0, 0, 1, 0]}
+world:
+  collision_objects:
+  - id: box
+    primitives: [{type: box, dimensions: [0.1, 0.2, 0.3]}]
+    primitive_poses: [{position: [5, 4, 0], orientation: [0, 0, 0.6, 0.8]}]
+  - id: pair
+    header: {frame_id: desk}
+    pose: {position: {x: -4.0, y: 0.0, z: 1.0}, orientation: {x: 0, y: 0, z: 0, w: 0}}
+    primitives:
+    - {type: 2, dimensions: [0.25]}
+    - {type: CYLINDER, dimensions: [0.4, 0.1]}
+    primitive_poses:
+    - {position: [0, 0, 0], orientation: [0, 0, 0, 1]}
+    - {position: [0, 1, 0], orientation: [0, 0, 0, 1]}
+"""
+
+REQUEST = """
+group_name: arm
+max_velocity_scaling_factor: 0.5
+start_state:
+  joint_state: {name: [joint1, joint2, joint3], position: [0.5, 1.7, -1.7]}
+goal_constraints:
+- joint_constraints:
+  - {joint_name: joint1, position: 2.0, tolerance_above: 0.001, tolerance_below: 0.001}
+  - {joint_name: joint2, position: -1.0, tolerance_above: 0.1, tolerance_below: 0.2}
+  - {joint_name: joint3, position: 0.5, weight: 1.0}
+- position_constraints:
+  - link_name: tip
+    constraint_region:
+      primitives: [{type: 1, dimensions: [0.1, 0.1, 0.1]}]
+      primitive_poses: [{position: [2, 4, 0], orientation: [0, 0, 0, 1]}]
+  orientation_constraints:
+  - link_name: tip
+    orientation: [0, 0, 0.6, 0.8]
+    absolute_x_axis_tolerance: 0.1
+    absolute_y_axis_tolerance: 0.1
+    absolute_z_axis_tolerance: 3.2
+"""
+
+JOINT_LIMITS = """
+default_velocity_scaling_factor: 0.5
+joint_limits:
+  j1: {has_velocity_limits: true, max_velocity: 2.0, has_jerk_limits: true, max_jerk: 9}
+  j2: {max_acceleration: 3.0}
+"""
+
+MOTION_LIMITS = """
+effort_scale: 0.9
+effort_rate: 1000
+joints:
+  j1:
+    acceleration: 15
+    effort_curve: {speed: [0, 1, 2.5], effort: [9, 9, 4]}
+  j2:
+    effort_curve: {stall: 8, no_load_speed: 3}
+"""
+
+
+def stl() -> bytes:
+    """A tetrahedron, binary."""
+    points = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], "<f4")
+    faces = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+    rows = (struct.pack("<3f", 0, 0, 0) + points[list(f)].tobytes() for f in faces)
+    return bytes(80) + struct.pack("<I", 4) + b"".join(row + b"\0\0" for row in rows)
+
+
+OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1/1 2/2 4/3\nf 2 3 -1\nf 1 4 3\n"
+
+
+def samples() -> tm.Samples:
+    t = np.linspace(0.0, 1.0, 6)
+    q = np.stack([t, -t], axis=1)
+    return tm.Samples(("j1", "j2"), t, q, np.gradient(q, t, axis=0), 0 * q, q)
+
+
+def written(write: Callable[[Any, Any], None]) -> bytes:
+    file = io.BytesIO()
+    write(samples(), file)
+    return file.getvalue()
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader, and a sound file for it.
+
+    Attributes:
+        name: Name of the file.
+        content: The file.
+        read: Reads the file of a path.
+        errors: What it may raise.
+    """
+
+    name: str
+    content: bytes
+    read: Callable[[Path], Any]
+    errors: type[tm.TominpmpError] | tuple[type[tm.TominpmpError], ...]
+
+
+def read_motion(path: Path) -> None:
+    tm.load_motion(path)
+
+
+@pytest.fixture(scope="module")
+def planar() -> Robot:
+    return load_robot("planar3r")
+
+
+def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
+    """All readers; files that theirs refer to are put into the folder."""
+    from tominpmp.output import export, ros
+
+    good = folder / "good"
+    good.mkdir(exist_ok=True)
+    for name, content in {
+        "sample.urdf": URDF.encode(), "part.stl": stl(),
+        "joint_limits.yaml": JOINT_LIMITS.encode(),
+        "scene.yaml": SCENE.encode(),
+        "request.yaml": REQUEST.encode(),
+    }.items():  # fmt: skip
+        (good / name).write_bytes(content)
+        (folder / name).write_bytes(content)
+    arm = load_robot(good / "sample.urdf")
+    scenario, robot = tm.ScenarioError, tm.RobotLoadError
+    table = [
+        Reader("urdf.urdf", URDF.encode(), load_robot, robot),
+        Reader(
+            "srdf.srdf",
+            SRDF.encode(),
+            lambda p: read_srdf(p, ["base", "l1", "l2", "l3"], ["j1", "j2"]),
+            robot,
+        ),
+        Reader("scenario.toml", TOML.encode(), tm.load_scenario, scenario),
+        Reader(
+            "moveit_scene.yaml",
+            SCENE.encode(),
+            lambda p: tm.load_moveit(planar, p, good / "request.yaml"),
+            scenario,
+        ),
+        Reader(
+            "moveit_request.yaml",
+            REQUEST.encode(),
+            lambda p: tm.load_moveit(planar, good / "scene.yaml", p),
+            scenario,
+        ),
+        Reader("limits.yaml", JOINT_LIMITS.encode(), tm.load_joint_limits, scenario),
+        Reader(
+            "motion_limits.yaml",
+            MOTION_LIMITS.encode(),
+            lambda p: tm.load_motion_limits(p, arm),
+            scenario,
+        ),
+        Reader("motion.csv", written(export._write_csv), read_motion, scenario),
+        Reader("motion.npz", written(export._write_npz), read_motion, scenario),
+        Reader("motion.json", written(ros.write_json), read_motion, scenario),
+        Reader("motion.yaml", written(ros.write_yaml), read_motion, scenario),
+        Reader("mesh.stl", stl(), lambda p: tm.Mesh("m", path=p), tm.SceneError),
+        Reader("mesh.obj", OBJ, lambda p: tm.Mesh("m", path=p), tm.SceneError),
+    ]
+    return {reader.name: reader for reader in table}
+
+
+@pytest.fixture(scope="module")
+def readers(
+    tmp_path_factory: pytest.TempPathFactory, planar: Robot
+) -> tuple[Path, dict[str, Reader]]:
+    folder = tmp_path_factory.mktemp("fuzz")
+    return folder, make_readers(folder, planar)
+
+
+NAMES = (
+    "urdf.urdf", "srdf.srdf", "scenario.toml", "moveit_scene.yaml",
+    "moveit_request.yaml", "limits.yaml", "motion_limits.yaml", "motion.csv",
+    "motion.npz", "motion.json", "motion.yaml", "mesh.stl", "mesh.obj",
+)  # fmt: skip
+# Formats of which most damages leave a sound file.
+FORGIVING = {"motion.csv": 0.2, "mesh.stl": 0.05, "mesh.obj": 0.1, "srdf.srdf": 0.1}
+
+
+def refused(reader: Reader, path: Path, content: bytes) -> bool:
+    """Whether a reader refuses a file; anything but its own error is a failure."""
+    path.write_bytes(content)
+    try:
+        reader.read(path)
+    except reader.errors as error:
+        message = str(error)
+        assert len(message) < LONGEST
+        assert message.strip()
+        return True
+    return False
+
+
+def damages(content: bytes, rng: np.random.Generator, count: int) -> Iterator[bytes]:
+    """Versions of a file that are cut, spoilt, shuffled, or have odd words in them."""
+    words = [m.span() for m in re.finditer(rb"[-+.\w]+", content)]
+    for case in range(count):
+        kind = case % 5
+        if kind == 0:
+            yield content[: int(rng.integers(len(content)))]
+        elif kind == 1:
+            spoilt = bytearray(content)
+            for place in rng.integers(len(content), size=int(rng.integers(1, 4))):
+                spoilt[place] = int(rng.integers(256))
+            yield bytes(spoilt)
+        elif kind == 2:
+            a, b, c = np.sort(rng.integers(len(content) + 1, size=3)).tolist()
+            yield content[:a] + content[b:c] + content[a:b] + content[c:]
+        elif kind == 3:
+            a, b = np.sort(rng.integers(len(content) + 1, size=2)).tolist()
+            yield content[:a] + content[a:b] * int(rng.choice([0, 2, 30])) + content[b:]
+        else:
+            a, b = words[rng.integers(len(words))]
+            yield content[:a] + WORDS[rng.integers(len(WORDS))] + content[b:]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_sound_file_is_read(name: str, readers: tuple[Path, dict[str, Reader]]) -> None:
+    folder, table = readers
+    assert not refused(table[name], folder / name, table[name].content)
+
+
+COUNT = 120
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_damaged_files(
+    name: str, readers: tuple[Path, dict[str, Reader]], rng: np.random.Generator
+) -> None:
+    folder, table = readers
+    reader = table[name]
+    count = sum(
+        refused(reader, folder / name, content)
+        for content in damages(reader.content, rng, COUNT)
+    )
+    assert count > FORGIVING.get(name, 0.3) * COUNT
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_of_other_readers(
+    name: str, readers: tuple[Path, dict[str, Reader]]
+) -> None:
+    folder, table = readers
+    for other in table.values():
+        if other.name == name:
+            continue
+        alike = {name, other.name} == {"urdf.urdf", "srdf.srdf"}
+        assert refused(table[name], folder / name, other.content) or alike
+    for content in (b"", b"\n", b"\0", b"\xff" * 100, b"null", b"[]", b"{}", b"<a/>"):
+        # A description that says nothing is one.
+        harmless = name == "srdf.srdf"
+        assert refused(table[name], folder / name, content) or harmless

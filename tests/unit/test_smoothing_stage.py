@@ -1,0 +1,140 @@
+"""The second stage: quiet torques for a little more time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, minimize
+
+import tominpmp as tm
+from tominpmp.solution import roughness
+
+START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
+POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+SLIDER = """<robot name="slider"><link name="base"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="cart"/>
+<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="4" velocity="9"/></joint></robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return tm.load_robot("planar3r")
+
+
+@pytest.fixture(scope="module")
+def problem(planar):
+    goal = tm.PositionGoal("tip", (4, 1, 0))
+    return tm.Problem(planar, START, goal, scene=POST)
+
+
+FORMS = [
+    {},
+    {"method": "collocation"},
+    {"method": "adjoint"},
+    {"control": "linear"},
+    {"control": "spline"},
+    {"refine": "grid"},
+]
+
+
+@pytest.mark.parametrize(
+    "options", FORMS, ids=lambda options: str(options or "default")
+)
+def test_any_motion_can_be_made_quiet(problem, options):
+    solution = tm.plan(problem, tm.Options(starts=1, **options))
+    quiet = tm.smooth(solution, 0.02)
+    assert quiet.success and quiet.verification.ok
+    assert quiet.T == pytest.approx(1.02 * solution.T, rel=1e-9)
+    assert quiet.roughness < 0.4 * solution.roughness
+    assert quiet.initial is solution.trajectory
+    # The limits hold on a dense motion, the clearance in the replay.
+    motion = quiet.trajectory(np.linspace(0, quiet.T, 2000))
+    limits = problem.robot.limits
+    assert np.max(np.abs(motion.v) / limits.velocity) <= 1.005
+    assert np.max(np.abs(motion.u) / limits.effort_upper) <= 1.005
+    assert quiet.verification.min_clearance >= -1e-5
+
+
+def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
+    """Least squares over torques held on a uniform grid, by another solver."""
+    path = tmp_path / "slider.urdf"
+    path.write_text(SLIDER)
+    problem = tm.Problem(tm.load_robot(path), [0.0], tm.JointGoal([1.0]))
+    options = tm.Options(grid="uniform", intervals=20)
+    solution = tm.plan(problem, options)
+    assert solution.T == pytest.approx(np.sqrt(2.0), rel=1e-3)  # bang-bang, a = 2
+    quiet = tm.smooth(solution, 0.1)
+    N, h, m = 20, quiet.T / 20, 2.0
+    # v = h sum a and q = sum (v + h a / 2) at the end.
+    speed = np.full(N, h) / m
+    way = h**2 * (N - np.arange(N) - 0.5) / m
+    jumps = np.diff(np.eye(N), axis=0) / 8.0
+    best = minimize(
+        lambda u: np.sum((jumps @ u) ** 2),
+        np.zeros(N),
+        jac=lambda u: 2 * jumps.T @ (jumps @ u),
+        method="SLSQP",
+        bounds=[(-4, 4)] * N,
+        constraints=LinearConstraint(np.stack([speed, way]), [0, 1], [0, 1]),
+        options={"maxiter": 500, "ftol": 1e-14},
+    )
+    found = np.sum((jumps @ quiet.trajectory.u[:-1, 0]) ** 2)
+    assert found == pytest.approx(best.fun, rel=1e-2)
+
+
+def test_more_slack_is_quieter(planar):
+    solution = tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
+    rough = [tm.smooth(solution, slack).roughness for slack in (0.0, 0.02, 0.2)]
+    assert solution.roughness * 1.001 >= rough[0] > rough[1] > rough[2]
+
+
+def test_motion_limits_are_kept(planar):
+    limits = tm.MotionLimits(effort_rate=300.0, acceleration=25.0)
+    problem = tm.Problem(planar, START, tm.JointGoal(END), motion_limits=limits)
+    solution = tm.plan(problem, tm.Options(intervals=30))
+    quiet = tm.smooth(solution, 0.03)
+    assert quiet.success and quiet.roughness < solution.roughness
+    motion = quiet.trajectory(np.linspace(0, quiet.T, 4000))
+    assert np.max(np.abs(motion.a)) <= 25.0 * 1.005
+    rate = np.diff(motion.u, axis=0) / (quiet.T / 3999)
+    assert np.max(np.abs(rate)) <= 300.0 * 1.02
+
+
+def test_a_moving_start_stays_as_it_is(planar):
+    v = np.array([0.2, -0.3, 0.1])
+    problem = tm.Problem(planar, START, tm.JointGoal(END), v_start=v)
+    quiet = tm.smooth(tm.plan(problem), 0.05)
+    assert quiet.success
+    np.testing.assert_allclose(quiet.trajectory.v[0], v, atol=1e-12)
+
+
+def test_as_an_option_of_the_plan(planar):
+    problem = tm.Problem(planar, START, tm.JointGoal(END))
+    plain, quiet = tm.plan(problem), tm.plan(problem, tm.Options(slack=0.02))
+    assert quiet.T == pytest.approx(1.02 * plain.T, rel=1e-9)
+    assert quiet.options.slack == 0.02
+    assert "roughness" in quiet.message
+
+
+def test_roughness_by_hand(planar):
+    """A torque that jumps once, by half of its range."""
+    t = np.array([0.0, 0.5, 1.0])
+    still = np.tile(START, (3, 1))
+    effort = planar.limits.effort_upper
+    u = np.array([0 * effort, effort, effort])
+    motion = tm.Trajectory(planar.joint_names, t, still, 0 * still, u)
+    assert roughness(motion, planar.limits) == pytest.approx(3 * 0.25)
+
+
+def test_what_cannot_be_smoothed(planar):
+    from dataclasses import replace
+
+    solution = tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
+    with pytest.raises(tm.ProblemError, match="no motion to smooth"):
+        tm.smooth(replace(solution, trajectory=None))
+    for slack in (-0.01, np.nan, "much", True):
+        with pytest.raises(tm.OptionsError, match="slack is"):
+            tm.smooth(solution, slack)

@@ -1,0 +1,192 @@
+"""Warm starts: a former motion as the beginning of a plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.seeding.warm import former_motion
+from tominpmp.transcription.system import System
+
+START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
+POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return tm.load_robot("planar3r")
+
+
+@pytest.fixture(scope="module")
+def free(planar):
+    return tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
+
+
+@pytest.fixture(scope="module")
+def around(planar):
+    """The paper's problem with the obstacle."""
+    problem = tm.Problem(planar, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
+    return tm.plan(problem, tm.Options(starts=1))
+
+
+def test_the_same_problem_takes_one_iteration(free):
+    again = tm.plan(free.problem, start=free)
+    assert again.success and again.iterations == 1
+    assert again.T <= free.T * (1 + 1e-12)
+
+
+def test_the_motion_is_taken_over_to_the_last_bit(free):
+    system = System.of(free.problem)
+    guess = former_motion(system, free.trajectory)
+    assert guess.unchanged and guess.entry == 0.0
+    # On its own grid, and on a finer one that its intervals are split for.
+    for intervals in (free.trajectory.t.size - 1, 57):
+        program, z = guess.inverse_program(system, intervals, "cosine")
+        motion = program.trajectory(z)
+        assert motion.t.size == intervals + 1
+        expected = free.trajectory(motion.t)
+        np.testing.assert_allclose(motion.q, expected.q, atol=1e-12)
+        np.testing.assert_allclose(motion.v, expected.v, atol=1e-9)
+        # Between the nodes torques may be this much too high.
+        assert np.max(program.rows.violation(program.evaluate(z))) <= 2.1e-3
+
+
+@pytest.mark.parametrize("control", ["linear", "spline"])
+def test_splines_are_taken_over(free, control):
+    options = tm.Options(control=control, intervals=24)
+    solution = tm.plan(free.problem, options)
+    system = System.of(free.problem)
+    guess = former_motion(system, solution.trajectory)
+    degree = 3 if control == "linear" else 5
+    program, z = guess.spline_program(system, 24, "cosine", degree)
+    times = np.linspace(0, solution.T, 300)
+    expected = solution.trajectory(times).q
+    np.testing.assert_allclose(program.trajectory(z)(times).q, expected, atol=1e-7)
+
+
+def test_the_bend_meets_the_new_ends(planar, free):
+    rng = np.random.default_rng(1)
+    v_start = rng.uniform(-0.2, 0.2, 3)
+    problem = tm.Problem(
+        planar,
+        np.add(START, rng.uniform(-0.1, 0.1, 3)),
+        tm.JointGoal(np.add(END, rng.uniform(-0.1, 0.1, 3))),
+        v_start=v_start,
+    )
+    guess = former_motion(System.of(problem), free.trajectory)
+    T, h = guess.duration, 1e-6
+    ends = guess.position(np.array([0.0, h, T - h, T]))
+    np.testing.assert_allclose(ends[0], problem.q_start, atol=1e-12)
+    np.testing.assert_allclose(ends[3], problem.goal.q, atol=1e-12)
+    np.testing.assert_allclose((ends[1] - ends[0]) / h, v_start, atol=1e-3)
+    np.testing.assert_allclose((ends[3] - ends[2]) / h, 0, atol=1e-3)
+
+
+def test_a_bent_guess_stays_within_the_position_limits(planar):
+    lower = planar.limits.position_lower
+    start = np.maximum(START, lower + 0.02)
+    first = tm.plan(tm.Problem(planar, start, tm.JointGoal((lower[0], -1.0, 0.3))))
+    goal = tm.JointGoal((lower[0] + 0.3, -1.0, 0.3))
+    problem = tm.Problem(planar, (lower[0], *start[1:]), goal)
+    guess = former_motion(System.of(problem), first.trajectory)
+    assert np.all(guess.q >= lower)
+    assert tm.plan(problem, start=first).success
+
+
+def test_another_goal_is_as_good_as_from_scratch_and_quicker(around):
+    goal = tm.PositionGoal("tip", (4, 1.15, 0))
+    problem = replace(around.problem, goal=goal)
+    cold = tm.plan(problem, tm.Options(starts=1))
+    warm = tm.plan(problem, tm.Options(starts=1), start=around)
+    assert warm.success and warm.verification.ok
+    assert warm.T <= cold.T * 1.002
+    assert warm.iterations < cold.iterations
+
+
+def test_an_obstacle_in_the_way_is_avoided(around):
+    """The former motion would hit the larger obstacle."""
+    scene = tm.Scene([tm.Sphere("O", radius=1.0, position=(4, -0.2, 0))])
+    problem = replace(around.problem, scene=scene)
+    tight = replace(around.problem, scene=scene, margin=0.05)
+    for changed in (problem, tight):
+        warm = tm.plan(changed, start=around)
+        assert warm.success
+        assert warm.verification.min_clearance >= changed.margin - 1e-5
+
+
+def test_going_on_from_a_moving_state(planar, free):
+    """Bellman: the rest of an optimal motion is the optimal motion for the rest."""
+    at = 0.4 * free.T
+    state = free.trajectory(at)
+    problem = tm.Problem(planar, state.q, tm.JointGoal(END), v_start=state.v)
+    guess = former_motion(System.of(problem), free.trajectory)
+    assert guess.entry == pytest.approx(at, abs=1e-6)
+    warm = tm.plan(problem, start=free)
+    assert warm.success
+    assert warm.T <= free.T - at + 1e-6
+    assert warm.T >= 0.98 * (free.T - at)
+
+
+@pytest.mark.parametrize("method", ["collocation", "adjoint"])
+def test_other_methods(around, method):
+    options = tm.Options(method=method, starts=1)
+    first = tm.plan(around.problem, options)
+    goal = tm.PositionGoal("tip", (4, 1.05, 0))
+    problem = replace(around.problem, goal=goal)
+    warm = tm.plan(problem, options, start=first)
+    assert warm.success
+    assert warm.iterations < first.iterations
+
+
+def test_wider_limits_never_make_it_slower(planar, free):
+    faster = planar.with_changes(effort=1.05 * planar.limits.effort_upper)
+    problem = tm.Problem(faster, START, tm.JointGoal(END))
+    warm = tm.plan(problem, tm.Options(intervals=8), start=free)
+    assert warm.success and warm.T <= free.T + 1e-9
+
+
+def test_a_motion_that_cannot_be_bettered_is_kept(planar, free):
+    """A grid that is too coarse for anything as fast."""
+    fine = tm.plan(free.problem, tm.Options(intervals=120))
+    warm = tm.plan(free.problem, tm.Options(intervals=10), start=fine)
+    coarse = tm.plan(free.problem, tm.Options(intervals=10))
+    assert coarse.T > fine.T
+    assert warm.success and warm.T <= fine.T
+
+
+def test_other_guesses_follow_where_it_leads_to_nothing(planar, around, monkeypatch):
+    import tominpmp.planner as planner
+
+    solve = planner.solve_from_former
+
+    def fails(system, options, former, watch):
+        return replace(solve(system, options, former, watch), feasible=False)
+
+    monkeypatch.setattr(planner, "solve_from_former", fails)
+    problem = tm.Problem(planar, START, tm.JointGoal(END))
+    again = tm.plan(problem, start=around)
+    assert again.success
+    assert {record.start for record in again.history} == {0, 1}
+
+
+def test_samples_of_a_file_do(free, tmp_path):
+    path = free.export(tmp_path / "motion.npz", dt=0.01)
+    warm = tm.plan(free.problem, start=tm.load_motion(path))
+    assert warm.success
+    assert warm.T <= 1.003 * free.T
+
+
+def test_motions_of_other_joints_are_refused(free):
+    other = replace(free.trajectory, joint_names=("a", "b", "c"))
+    with pytest.raises(tm.ProblemError, match="one of a, b, c, expected one of joint"):
+        tm.plan(free.problem, start=other)
+    with pytest.raises(tm.ProblemError, match="start is a str"):
+        tm.plan(free.problem, start="motion.npz")
+    with pytest.raises(tm.ProblemError, match="there is no motion in it"):
+        tm.plan(free.problem, start=replace(free, trajectory=None))
+    holes = replace(free.trajectory, u=np.full_like(free.trajectory.u, np.nan))
+    with pytest.raises(tm.ProblemError, match="no numbers"):
+        tm.plan(free.problem, start=holes)
