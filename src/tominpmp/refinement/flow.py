@@ -176,8 +176,10 @@ def march(
 
         def rate(state: Array, torque: Array = torque, kept: BoolArray = kept) -> Array:
             if not kept.any():
-                return dynamics.forward(state[None], torque)[0]
-            return differentiate_rates(dynamics, state[None], torque, kept).f[0]
+                rates = dynamics.forward(state[None], torque)
+            else:
+                rates = differentiate_rates(dynamics, state[None], torque, kept).f
+            return np.asarray(rates[0])
 
         with np.errstate(all="ignore"):
             # The classical method of order 4, and Hermite's cubic between.

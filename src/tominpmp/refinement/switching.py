@@ -27,8 +27,8 @@ logger = logging.getLogger(__name__)
 
 States = Callable[[Array], Array]
 
-# Steps over the whole motion while arcs are looked for, and in the end; what the duration may change by when they are
-# doubled, relatively.
+# Steps over the whole motion while arcs are looked for, and in the end; what the
+# duration may change by when they are doubled, relatively.
 FEWER_STEPS = 30
 STEPS = 60
 ACCURACY = 1e-7

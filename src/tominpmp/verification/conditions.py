@@ -186,7 +186,8 @@ class _Failures:
         far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"
         return (
             f"Most of it, {share}: the {what} of joint {self.names[subject]} stays off "
-            f"the {side} limit that its multiplier asks for, by {far} and most at {when:.3f} s."
+            f"the {side} limit that its multiplier asks for, by {far} and most at "
+            f"{when:.3f} s."
         )
 
 
