@@ -44,7 +44,7 @@ def cell(planar3r: Robot) -> Workcell:
 def pair() -> Workcell:
     """Two UR5s that face each other."""
     arm = load_robot("ur5")
-    turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([1.2, 0.0, 0.0]))
     return Workcell({"one": (arm, (0, 0, 0)), "two": (arm, turned)})
 
 
@@ -153,7 +153,7 @@ def test_a_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
 def test_split_motion_with_constant_torque(cell: Workcell) -> None:
     start = dict.fromkeys(ENDS, START)
     goal = {k: JointGoal(end) for k, end in ENDS.items()}
-    options = Options(intervals=12, method="collocation")
+    options = Options(intervals=24, method="collocation")
     solution = plan(cell.problem(start, goal), options)
     assert solution.success
     for name, motion in cell.split(solution.trajectory).items():
@@ -166,13 +166,17 @@ def test_split_motion_with_constant_torque(cell: Workcell) -> None:
 
 
 def test_margin_is_kept_between_robots(pair: Workcell) -> None:
-    # Hands that point at each other, 6 cm apart or so.
+    # Forearms that point at each other, 21 cm apart or so; links of either arm are
+    # nearer to each other than that.
     q = np.array([0.0, -1.2, 1.9, -0.7, -1.571, 0.0])
-    arms = {"one": q + [np.pi, 0, 0, 0, 0, 0], "two": q + [np.pi, 0, 0, 0, 0, 0]}
+    arms = {"one": q, "two": q}
     goal = {name: JointGoal(value) for name, value in arms.items()}
     free = pair.problem(arms, goal)
-    nearest = free.checker.closest(free.q_start)
+    own = free.checker.closest(free.q_start)
+    nearest = free.checker.closest(free.q_start, free.checker.margins(1.0))
+    assert own is not None
     assert nearest is not None
+    assert own.distance < nearest.distance - 0.01
     assert nearest.own
     assert {nearest.link[:3], nearest.obstacle[:3]} == {"one", "two"}
     margins = free.checker.margins(0.25)
@@ -186,7 +190,7 @@ def test_margin_is_kept_between_robots(pair: Workcell) -> None:
 
 def test_margin_from_obstacles_too(pair: Workcell) -> None:
     q = np.array([0.0, -1.2, 1.9, -0.7, -1.571, 0.0])
-    ball = Scene([Sphere("ball", radius=0.05, position=(0.5, 0.0, 2.0))])
+    ball = Scene([Sphere("ball", radius=0.05, position=(0.6, 0.0, 2.0))])
     problem = pair.problem(
         {"one": q, "two": q},
         {"one": JointGoal(q + 0.1), "two": JointGoal(q + 0.1)},
@@ -243,8 +247,8 @@ def test_wrong_goals_and_starts(cell: Workcell) -> None:
 
 
 def test_unreachable_goals_are_told_of(cell: Workcell) -> None:
-    # Within the length of the arm from the origin of the world, not from its base.
-    goal = {"b": None, "a": PositionGoal("tip", (36.0, 0.0, 1.0))}
+    # Near enough to its base, but beside the plane that it moves in.
+    goal = {"b": None, "a": PositionGoal("tip", (35.0, 0.0, 1.0))}
     with pytest.raises(ProblemError, match="no configuration within the position lim"):
         plan(cell.problem({"a": START, "b": START}, goal), QUICK)
 

@@ -83,7 +83,7 @@ class PoseFunction(Motion):
             bound = number(name, value)
             if not (np.isfinite(bound) and bound >= 0.0):
                 raise SceneError(f"motion: {name} is {value!r}, expected 0 or more")
-            object.__setattr__(self, name, number)
+            object.__setattr__(self, name, bound)
 
     def start(self, given: Placement) -> Placement:
         """Placement at time 0."""
