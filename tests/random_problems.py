@@ -1,4 +1,4 @@
-"""Random arms and problems, and a check of motions that shares no code with the library.
+"""Random arms and problems for property tests.
 
 Arms have 1 to 9 joints of any kind about tilted axes, any inertia, friction, and limits
 that need neither hold zero nor be alike; each link may carry a ball for collisions.
@@ -46,7 +46,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm of bodies one after another, with the frame "tip" at the last one's end."""
+    """An arm of bodies one after another, with the frame "tip" at the end of the last."""
 
     bodies: tuple[Body, ...]
     tip: Array

@@ -21,10 +21,19 @@ from scenario_samples import (
 )
 
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals import (
+    AllGoals,
+    AnyGoal,
+    AxisGoal,
+    JointGoal,
+    JointRegionGoal,
+    PoseGoal,
+    PositionGoal,
+    RegionGoal,
+)
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scenario.moveit import load_moveit, load_moveit_scene, resting_joints
-from tominpmp.scene import Box, Cylinder, Sphere
+from tominpmp.scene import Box, Cylinder, Mesh, Sphere
 
 
 def place(link: str = "tip", **changes: Any) -> dict[str, Any]:
@@ -42,6 +51,24 @@ def place(link: str = "tip", **changes: Any) -> dict[str, Any]:
 def turn(link: str = "tip", **changes: Any) -> dict[str, Any]:
     constraint = {"link_name": link, "orientation": [0.0, 0.0, 0.6, 0.8]}
     return {"orientation_constraints": [constraint | changes]}
+
+
+def within(kind: str, size: list[float], **changes: Any) -> dict[str, Any]:
+    """Goal constraints with a region."""
+    region = {
+        "primitives": [{"type": kind, "dimensions": size}],
+        "primitive_poses": [
+            {"position": [4.0, 1.0, 0.0], "orientation": [0.0, 0.0, 0.6, 0.8]}
+        ],
+    }
+    return place(constraint_region=region, **changes)
+
+
+def free(goal: dict[str, Any], *widths: float) -> dict[str, Any]:
+    """The same with tolerances of the orientation about x, y and z."""
+    keys = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
+    one = goal["orientation_constraints"][0] | dict(zip(keys, widths, strict=True))
+    return goal | {"orientation_constraints": [one]}
 
 
 def goal_of(robot: Robot, folder: Path, goal: dict[str, Any], **scene: Any) -> Any:
@@ -108,6 +135,144 @@ def test_goals_on_frames(planar3r: Robot, tmp_path: Path) -> None:
     goal = goal_of(planar3r, tmp_path, place(**offset) | turn())
     np.testing.assert_allclose(goal.pose.translation, [3.72, 0.04, 0.0], atol=1e-15)
     assert isinstance(goal.pose, pin.SE3)
+
+
+def test_wide_tolerances_are_regions(planar3r: Robot, tmp_path: Path) -> None:
+    def read(goal: dict[str, Any]) -> Any:
+        return goal_of(planar3r, tmp_path, goal)
+
+    centre, rotation = [4.0, 1.0, 0.0], pin.Quaternion(0.8, 0.0, 0.0, 0.6).matrix()
+    pose = pin.SE3(rotation, np.array(centre))
+    ball = read(within("sphere", [0.2]))
+    assert ball == PositionGoal("tip", centre, tolerance=0.2)
+    box = read(within("box", [0.2, 0.4, 0.6]))
+    assert box == RegionGoal("tip", [-0.1, -0.2, -0.3], [0.1, 0.2, 0.3], box.pose)
+    assert box.pose.isApprox(pose)
+    # What tools ask for as accuracy is a point.
+    assert read(within("box", [0.02, 0.02, 0.02])) == PositionGoal("tip", centre)
+    can = read(within("cylinder", [0.5, 0.1]))
+    assert np.hypot(*can.upper[:2]) == pytest.approx(0.1)
+    assert (can.lower[2], can.upper[2]) == (-0.25, 0.25)
+    # Any yaw: the direction of z is asked for.
+    axis = read(free(turn(), 0.1, 0.2, 4.0))
+    assert axis == AxisGoal("tip", [0, 0, 1], [0, 0, 1], angle_tolerance=0.1)
+    askew = read(free(turn(), 0.1, 0.005, 0.3))
+    np.testing.assert_array_equal(askew.angle_tolerance, [0.1, 0.0, 0.3])
+    np.testing.assert_allclose(askew.pose.rotation, rotation, atol=1e-15)
+    assert not np.any(np.isfinite(askew.lower))
+    both = read(within("sphere", [0.2]) | turn())
+    assert isinstance(both, AllGoals)
+    assert [type(goal) for goal in both.goals] == [PositionGoal, RegionGoal]
+    two = read(place() | turn("link1"))
+    assert [goal.frame for goal in two.goals] == ["tip", "link1"]
+
+
+def test_joint_tolerances(planar3r: Robot, tmp_path: Path) -> None:
+    wide = {"joint_name": "joint2", "position": -1.0, "tolerance_above": 0.3}
+    goal = goal_of(planar3r, tmp_path, {"joint_constraints": [wide]})
+    assert isinstance(goal, JointRegionGoal)
+    np.testing.assert_allclose(goal.q, [START[0], -0.85, START[2]])
+    np.testing.assert_allclose(goal.tolerance, [0.0, 0.15, 0.0])
+    # Beside a goal for a frame, the joints that are not named are free.
+    goal = goal_of(planar3r, tmp_path, place() | {"joint_constraints": [wide]})
+    assert goal == AllGoals(
+        [
+            JointRegionGoal([-0.85], [0.15], ("joint2",)),
+            PositionGoal("tip", [4.0, 1.0, 0.0]),
+        ]
+    )
+
+
+def test_alternatives(planar3r: Robot, tmp_path: Path) -> None:
+    """Several sets of constraints, or several regions for one link: any will do."""
+    request = changed(
+        REQUEST, "goal_constraints", [*REQUEST["goal_constraints"], {}, place()]
+    )
+    paths = write(tmp_path, request=request)
+    goal = load_moveit(planar3r, *paths).goal
+    places = PositionGoal("tip", [4.0, 1.0, 0.0])
+    assert goal == AnyGoal([JointGoal(GOAL), places])
+    assert resting_joints(paths[1]) == {}
+    twice = place()["position_constraints"][0]["constraint_region"]
+    region = {key: value * 2 for key, value in twice.items()}
+    region["primitive_poses"] = [twice["primitive_poses"][0], {"position": [3, 2, 0]}]
+    goal = goal_of(planar3r, tmp_path, place(constraint_region=region))
+    assert goal == AnyGoal([places, PositionGoal("tip", [3.0, 2.0, 0.0])])
+    many = [place()] * 65
+    with pytest.raises(ScenarioError, match="65 alternatives, expected 64"):
+        load_moveit(
+            planar3r, *write(tmp_path, None, changed(REQUEST, "goal_constraints", many))
+        )
+
+
+CORNERS = [[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.3]]
+FACES = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+
+
+def meshes(*shapes: dict[str, Any]) -> dict[str, Any]:
+    """A scene with one object of meshes."""
+    poses = [{"position": [5, 4, 0]} for _ in shapes]
+    item = {"id": "part", "meshes": list(shapes), "mesh_poses": poses}
+    return changed(SCENE, "world", "collision_objects", [item])
+
+
+def test_meshes(planar3r: Robot, tmp_path: Path) -> None:
+    """Corners and triangles in both ways of writing, and files."""
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES]
+    (tmp_path / "pkg" / "meshes").mkdir(parents=True)
+    (tmp_path / "pkg" / "meshes" / "part.obj").write_text("\n".join(lines))
+    ros = {
+        "vertices": [dict(zip("xyz", corner, strict=True)) for corner in CORNERS],
+        "triangles": [{"vertex_indices": face} for face in FACES],
+    }
+    scene = meshes(
+        {"vertices": CORNERS, "triangles": FACES},
+        ros,
+        {"resource": "package://pkg/meshes/part.obj", "dimensions": [1, 2, 3]},
+        {"mesh_path": "pkg/meshes/part.obj"},
+    )
+    paths = write(tmp_path, scene)
+    found = load_moveit(planar3r, *paths).scene
+    assert [item.name for item in found] == [f"part.{i}" for i in range(4)]
+    for item in found:
+        assert isinstance(item, Mesh)
+        np.testing.assert_array_equal(item.position, [5.0, 4.0, 0.0])
+        corners = {tuple(row) for row in item.points.tolist()}
+        scale = [1, 2, 3] if item.name == "part.2" else [1, 1, 1]
+        assert corners == {tuple(np.multiply(row, scale)) for row in CORNERS}
+    np.testing.assert_array_equal(found["part.0"].triangles, FACES)
+    assert len(load_moveit_scene(paths[0])) == 4
+
+
+@pytest.mark.parametrize(
+    ("mesh", "key", "words"),
+    [
+        ({}, "", "neither a type"),
+        ({"vertices": CORNERS}, "", "neither a type"),
+        ({"vertices": CORNERS, "triangles": [[0, 1, 4]]}, "", "not among its 4"),
+        ({"vertices": CORNERS, "triangles": [[0, 1, 0.5]]}, ".triangles[0]", "three"),
+        ({"vertices": [[0, 0]], "triangles": FACES}, ".vertices[0]", "3 numbers"),
+        ({"resource": "gone.stl"}, ".resource", "no file 'gone.stl'; tried: /"),
+        ({"resource": "package://a/../../x.stl"}, ".resource", "leads out of"),
+        ({"resource": "http://a/x.stl"}, ".resource", "nothing is fetched"),
+        ({"resource": "scene.yaml"}, "", "cannot be read"),
+    ],
+)
+def test_wrong_meshes(
+    mesh: dict[str, Any], key: str, words: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path, meshes(mesh))[0]
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_moveit_scene(path)
+    assert caught.value.path == path
+    assert caught.value.key == f"world.collision_objects[0].meshes[0]{key}"
+
+
+def test_request_is_no_scene(planar3r: Robot, tmp_path: Path) -> None:
+    _, request = write(tmp_path)
+    with pytest.raises(ScenarioError, match="is no planning scene"):
+        load_moveit(planar3r, request, request)
 
 
 def test_start_velocity_and_slower_robots(planar3r: Robot, tmp_path: Path) -> None:
@@ -272,11 +437,31 @@ def test_wrong_scene(
             "goal_constraints[0].position_constraints[0].link_name",
             "no frame 'hand'; the robot has",
         ),
-        (("goal_constraints", [turn()]), "goal_constraints[0]", "orientation alone"),
         (
-            ("goal_constraints", [place() | turn("link1")]),
-            "goal_constraints[0].orientation_constraints[0].link_name",
-            "expected 'tip'",
+            ("goal_constraints", [free(turn(), 4.0, 4.0, 4.0)]),
+            "goal_constraints[0]",
+            "every orientation will do",
+        ),
+        (
+            ("goal_constraints", [free(turn(), 0.0, -0.1, 0.0)]),
+            "goal_constraints[0].orientation_constraints[0].absolute_y_axis_tolerance",
+            "expected a number >= 0",
+        ),
+        (
+            ("goal_constraints", [place(target_point_offset=[1, 0, 0])]),
+            "goal_constraints[0].position_constraints[0].target_point_offset",
+            "without an exact orientation",
+        ),
+        (
+            ("goal_constraints", [place(constraint_region={"primitives": []})]),
+            "goal_constraints[0].position_constraints[0].constraint_region",
+            "holds 0 regions",
+        ),
+        (
+            ("goal_constraints", [within("sphere", [-1.0])]),
+            "goal_constraints[0].position_constraints[0].constraint_region"
+            ".primitives[0].dimensions",
+            "positive",
         ),
         (
             ("path_constraints", {"joint_constraints": [{"joint_name": "joint1"}]}),

@@ -13,6 +13,14 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ScenarioError
 
+# Characters of a key or a value that a message shows.
+SHOWN = 80
+
+
+def _shown(text: str) -> str:
+    """Shorten what a message shows: a file may hold anything, of any length."""
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+
 
 @dataclass(frozen=True)
 class Field:
@@ -35,13 +43,11 @@ class Field:
         Raises:
             ScenarioError: Always.
         """
-        where = f"{self.path}: {self.key}: " if self.key else f"{self.path}: "
+        where = f"{self.path}: {_shown(self.key)}: " if self.key else f"{self.path}: "
         raise ScenarioError(where + message, self.path, self.key or None)
 
     def _expected(self, what: str) -> NoReturn:
-        shown = repr(self.value)
-        shown = shown if len(shown) <= 80 else f"{shown[:77]}..."
-        self.fail(f"is {shown}, expected {what}")
+        self.fail(f"is {_shown(repr(self.value))}, expected {what}")
 
     @property
     def given(self) -> bool:

@@ -58,6 +58,8 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
     path = Path(path).expanduser()
     document = Field(read_yaml(path), path)
     document.only("effort_scale", "joints", *UNITS)
+    if not document.given:
+        document.fail(f"is empty, expected {', '.join(UNITS)}, effort_scale or joints")
     scale = document.get("effort_scale")
     share = 1.0 if scale.value is None else scale.number()
     if not 0.0 < share <= 1.0:

@@ -4,40 +4,30 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
     JointNotFound,
     ProblemError,
-    ScenarioError,
-    TominpmpError,
     TominpmpWarning,
 )
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.moveit_goals import APART, read_goal
 from tominpmp.scenario.moveit_scene import (
     Frames,
     load_moveit_scene,
     read_frames,
     read_message,
-    read_pose,
-    read_rotation,
     read_scene,
     refuse_attached,
 )
 
 __all__ = ["load_moveit", "load_moveit_scene"]
-
-# A locked joint that is this far from where the request has it causes a warning
-# [rad or m].
-APART = 1e-3
 
 
 def load_moveit(
@@ -49,8 +39,10 @@ def load_moveit(
 ) -> Problem:
     """Load a problem from a MoveIt planning scene and a motion plan request.
 
-    The goal is the middle of what the request tolerates. All poses become those in the
-    frame of the robot's first link. A velocity scaling factor below 1 scales the
+    Tolerances up to 0.01 rad or m are taken for accuracy, and the goal is the middle of
+    what they leave; wider ones make a goal region. Several sets of goal constraints are
+    alternatives, of which any will do. All poses become those in the frame of the
+    robot's first link. A velocity scaling factor below 1 scales the
     robot's speed limits.
 
     Args:
@@ -83,7 +75,7 @@ def load_moveit(
     frames = read_frames(scene_message, robot, state)
     _check_upright(frames, robot, scene_message)
     scene = read_scene(scene_message, frames)
-    goal = _read_goal(request, robot, frames, start)
+    goal = read_goal(request, robot, frames, start)
     try:
         return Problem(
             _scaled(robot, request.get("max_velocity_scaling_factor")),
@@ -132,6 +124,8 @@ def resting_joints(request_path: str | Path) -> dict[str, float]:
 def _unmoved(request: Field, start: dict[str, float]) -> dict[str, float]:
     moved = set()
     for goal in request.get("goal_constraints").items():
+        if any(goal.get(f"{k}_constraints").given for k in ("position", "orientation")):
+            return {}  # any joint may move to bring a link to its place
         for item in goal.get("joint_constraints").items():
             moved.add(item.need("joint_name").text())
     return {k: v for k, v in start.items() if k not in moved} if moved else {}
@@ -190,103 +184,3 @@ def _scaled(robot: Robot, factor: Field) -> Robot:
     if not 0.0 < value < 1.0:
         return robot
     return robot.with_changes(velocity=value * robot.limits.velocity)
-
-
-def _read_goal(
-    request: Field, robot: Robot, frames: Frames, start: dict[str, float]
-) -> Goal:
-    constraints = request.need("goal_constraints")
-    goals = [
-        _one_goal(item, robot, frames, start)
-        for item in constraints.items()
-        if any(value.given for value in item.table().values())
-    ]
-    if not goals:
-        constraints.fail("is empty, expected a goal")
-    if len(goals) > 1:
-        constraints.fail(f"holds {len(goals)} alternatives, expected one goal")
-    return goals[0]
-
-
-def _one_goal(
-    item: Field, robot: Robot, frames: Frames, start: dict[str, float]
-) -> Goal:
-    joints = list(item.get("joint_constraints").items())
-    places = list(item.get("position_constraints").items())
-    turns = list(item.get("orientation_constraints").items())
-    if item.get("visibility_constraints").given:
-        item.get("visibility_constraints").fail("visibility goals are not read")
-    if joints and (places or turns):
-        item.fail("joint and pose constraints together are not read")
-    if joints:
-        return _joint_goal(joints, robot, start)
-    if len(places) > 1 or len(turns) > 1:
-        item.fail("expected one position and one orientation at most")
-    if not places:
-        item.fail("a goal of an orientation alone is not read")
-    return _frame_goal(places[0], turns, robot, frames)
-
-
-def _joint_goal(
-    constraints: Sequence[Field], robot: Robot, start: dict[str, float]
-) -> JointGoal:
-    asked: dict[str, float] = {}
-    for item in constraints:
-        name = item.need("joint_name").text()
-        position = item.need("position").number()
-        if name in asked:
-            item.get("joint_name").fail(f"the joint {name!r} is there twice")
-        asked[name] = position
-        if name in robot.joint_names:
-            continue
-        if name not in robot.locked_joints:
-            item.get("joint_name").fail(
-                f"there is no joint {name!r} that moves; the robot has: "
-                f"{', '.join(robot.joint_names)}"
-            )
-        if abs(position - robot.locked_joints[name]) > APART:
-            item.get("position").fail(
-                f"is {position:g}, but joint {name!r} is locked at "
-                f"{robot.locked_joints[name]:g}"
-            )
-    return JointGoal(
-        np.array([asked.get(name, start[name]) for name in robot.joint_names])
-    )
-
-
-def _frame_goal(
-    place: Field, turns: Sequence[Field], robot: Robot, frames: Frames
-) -> Goal:
-    link = _link(place, robot)
-    region = place.need("constraint_region")
-    poses = [
-        *region.get("primitive_poses").items(),
-        *region.get("mesh_poses").items(),
-    ]
-    if len(poses) != 1:
-        region.fail(f"holds {len(poses)} regions, expected one")
-    centre = frames.to_base(place.get("header")) * read_pose(poses[0])
-    offset = place.get("target_point_offset")
-    shift = offset.vector("xyz") if offset.given else np.zeros(3)
-    if not turns:
-        if np.any(shift):
-            offset.fail("an offset without an orientation is not read")
-        return PositionGoal(link, centre.translation)
-    turn = turns[0]
-    if _link(turn, robot) != link:
-        turn.get("link_name").fail(f"expected {link!r}, of which the position is given")
-    rotation = frames.to_base(turn.get("header")).rotation @ read_rotation(
-        turn.need("orientation")
-    )
-    return PoseGoal(link, pin.SE3(rotation, centre.translation - rotation @ shift))
-
-
-def _link(item: Field, robot: Robot) -> str:
-    link = item.need("link_name")
-    try:
-        robot.frame_id(link.text())
-    except ScenarioError:
-        raise
-    except TominpmpError as error:
-        link.fail(str(error))
-    return link.text()

@@ -15,15 +15,29 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
+from tominpmp.description.files import resolve_resource
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import ScenarioError, SceneError, TominpmpWarning
+from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
 from tominpmp.robot import Robot
-from tominpmp.scene import Box, Cylinder, Obstacle, Scene, Sphere, rotation_matrix
+from tominpmp.scene import (
+    Box,
+    Cylinder,
+    Mesh,
+    Obstacle,
+    Scene,
+    Sphere,
+    rotation_matrix,
+)
 
 # Numbers of the shapes in the message SolidPrimitive.
 _SHAPES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
 _SIZES = {"box": "x, y and z", "sphere": "the radius", "cylinder": "height and radius"}
+# Keys of the message of which there is one at least.
+SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
+# Keys under which tools write the file of a mesh.
+MESH_FILES = ("resource", "mesh_path", "filename", "path")
 # Frames that are the world whatever the file is about.
 _WORLD = ("", "world", "/world")
 
@@ -36,11 +50,13 @@ class Frames:
         base: Placement base_to_world of the robot's first link.
         root: Name of that link, empty if no robot is given.
         fixed: Placements child_to_world of further frames.
+        package_dirs: Folders in which to look for the packages of mesh files.
     """
 
     base: pin.SE3 = field(default_factory=pin.SE3.Identity)
     root: str = ""
     fixed: Mapping[str, pin.SE3] = field(default_factory=dict)
+    package_dirs: tuple[Path, ...] = ()
 
     def to_base(self, header: Field) -> pin.SE3:
         """Placement frame_to_base of the frame that a header names.
@@ -133,8 +149,11 @@ def read_frames(
             continue
         above = fixed.get(str(parent.value), pin.SE3.Identity())
         fixed[name] = above * read_pose(item.need("transform"))
-    root = "" if robot is None else robot.description.links[0]
-    return Frames(base, root, fixed)
+    if robot is None:
+        return Frames(base, "", fixed)
+    urdf = robot.description
+    # Packages are often found beside that of the robot.
+    return Frames(base, urdf.links[0], fixed, urdf.package_dirs)
 
 
 def read_pose(value: Field) -> pin.SE3:
@@ -171,6 +190,8 @@ def read_scene(message: Field, frames: Frames) -> Scene:
     Raises:
         ScenarioError: As :func:`load_moveit_scene`.
     """
+    if not any(key in message.table() for key in SCENE_KEYS):
+        message.fail(f"is no planning scene: it has none of {', '.join(SCENE_KEYS)}")
     refuse_attached(message.get("robot_state"))
     world = message.get("world")
     _warn_of_unread(message)
@@ -244,7 +265,7 @@ def _read_object(item: Field, frames: Frames) -> list[Obstacle]:
     for index, (shape, pose) in enumerate(shapes):
         label = name if len(shapes) == 1 else f"{name}.{index}"
         within = place if pose is None else place * read_pose(pose)
-        obstacles.append(_obstacle(label, shape, within))
+        obstacles.append(_obstacle(label, shape, within, frames))
     return obstacles
 
 
@@ -262,11 +283,11 @@ def _shapes(item: Field, kind: str) -> Iterator[tuple[Field, Field | None]]:
     yield from zip(shapes, poses, strict=True)
 
 
-def _obstacle(name: str, shape: Field, place: pin.SE3) -> Obstacle:
+def _obstacle(name: str, shape: Field, place: pin.SE3, frames: Frames) -> Obstacle:
     where: dict[str, Any] = {"position": place.translation, "rotation": place.rotation}
     try:
         if "type" not in shape.table():
-            return _mesh(name, shape, where)
+            return Mesh(name, **_mesh(shape, frames), **where)
         kind, size = read_primitive(shape)
         if kind == "box":
             return Box(name, size=np.array(size), **where)
@@ -303,8 +324,56 @@ def read_primitive(shape: Field) -> tuple[str, list[float]]:
     return name, size.numbers(count)
 
 
-def _mesh(name: str, shape: Field, where: dict[str, Any]) -> Obstacle:
+def read_mesh_corners(shape: Field, frames: Frames) -> Array:
+    """Read the corners of a mesh [m], shape (k, 3).
+
+    Raises:
+        ScenarioError: If it is no mesh or cannot be read.
+    """
+    try:
+        return Mesh("region", **_mesh(shape, frames)).points
+    except SceneError as error:
+        shape.fail(str(error))
+
+
+def _mesh(shape: Field, frames: Frames) -> dict[str, Any]:
     """Read a mesh: corners and triangles, or the name of a file."""
-    raise ScenarioError(
-        f"{shape.path}: {shape.key}: meshes are not read", shape.path, shape.key
-    )
+    named = [shape.get(key) for key in MESH_FILES if shape.get(key).given]
+    if named:
+        scale = shape.get("dimensions" if shape.get("dimensions").given else "scale")
+        values: dict[str, Any] = {"path": _mesh_file(named[0], frames)}
+        if scale.given:
+            values["scale"] = np.array(scale.numbers(3))
+        return values
+    if not (shape.get("vertices").given and shape.get("triangles").given):
+        shape.fail(
+            "has neither a type, as primitives have, nor vertices and triangles, nor "
+            f"the file of a mesh ({', '.join(MESH_FILES)})"
+        )
+    rows = [item.vector("xyz") for item in shape.get("vertices").items()]
+    return {
+        "vertices": np.array(rows),
+        "triangles": np.array([_corners(t) for t in shape.get("triangles").items()]),
+    }
+
+
+def _corners(triangle: Field) -> list[int]:
+    indices = triangle
+    if isinstance(triangle.value, dict):
+        indices = triangle.need("vertex_indices")
+    numbers = indices.numbers(3)
+    if not all(number.is_integer() and 0 <= number < 2**31 for number in numbers):
+        indices.fail(f"is {indices.value!r}, expected three numbers of vertices")
+    return [int(number) for number in numbers]
+
+
+def _mesh_file(name: Field, frames: Frames) -> Path:
+    """Find the file of a mesh: relative to the scene, or in a package."""
+    try:
+        path, tried = resolve_resource(name.text(), name.path, frames.package_dirs)
+    except RobotLoadError as error:
+        name.fail(str(error).removeprefix(f"{name.path}: "))
+    if path is None:
+        places = [str(place) for place in tried[:10]]
+        name.fail(f"there is no file {name.value!r}; tried: {', '.join(places)}")
+    return path

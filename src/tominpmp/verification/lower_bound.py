@@ -42,6 +42,9 @@ from tominpmp.verification.reach import Ball, LinkReach
 # and steps of the search for the time.
 MAX_BOXES = 128
 BISECTIONS = 5
+# A motion is accepted that ends this far off, so that a goal which the arm does not
+# reach by less is none that it never reaches [m].
+ACCEPTED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -288,7 +291,7 @@ class _Vicinity:
         boxes = (0.5 * (low + high)[None], 0.5 * (high - low)[None])
         for _ in range(MAX_BOXES):
             shifts = self.reach.shifts(*boxes)[:, 0]
-            near = self._distance(boxes[0]) <= np.sum(shifts, axis=1)
+            near = self._distance(boxes[0]) <= np.sum(shifts, axis=1) + ACCEPTED
             if not near.any():
                 return True
             if 2 * int(near.sum()) > MAX_BOXES:
