@@ -35,13 +35,7 @@ def planar3r() -> Robot:
 # too coarsely on their grid. They are to be mended, not to be forgotten.
 SHORTFALLS = (
     "test_two_links[vertical-vertical rods-adjoint]",
-    "test_two_links[vertical-vertical rods, payload-collocation]",
-    "test_two_links[vertical-vertical rods, payload-adjoint]",
-    "test_two_links[vertical-vertical rods, payload, friction-collocation]",
-    "test_two_links[vertical-vertical rods, payload, moving ends-collocation]",
     "test_inverse_is_of_first_order[level-rods, moving ends]",
-    "test_replay_ends_at_the_goal[level-rods, friction-collocation]",
-    "test_replay_ends_at_the_goal[level-rods, friction-adjoint]",
 )
 
 

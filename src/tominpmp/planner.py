@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,10 +15,11 @@ from tominpmp.attempts import (
     STOPPED,
     Attempt,
     Watch,
+    shots,
     solve_alone,
     solve_and_verify,
-    solve_by_shooting,
     solve_from_former,
+    solve_with_continuous_accelerations,
 )
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import FrameGoal, PlaceGoal
@@ -98,12 +99,29 @@ def plan(
             logger.info("start %d: %s", watch.start, status.value)
             if watch.ended(status) or (any_will_do and attempt.found):
                 break
+        else:
+            attempts.extend(continued(problem, options, watch, attempts))
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     solution = conclude(problem, options, watch, attempts, status)
     if options.slack is None or not solution.success or status in STOPPED:
         return solution
     return smooth(solution, options.slack)
+
+
+def continued(
+    problem: Problem, options: Options, watch: Watch, attempts: Sequence[Attempt]
+) -> Iterator[Attempt]:
+    """Go on from the fastest motion with continuous accelerations, if that is free."""
+    if options.control != "auto" or options.refine is not None or watch.best == np.inf:
+        return
+    fastest = min(attempts, key=lambda attempt: attempt.duration)
+    q, v = fastest.trajectory.q[-1], fastest.trajectory.v[-1]
+    system = System.of(problem.alternative_at(q, v))
+    watch.share(1)
+    faster = solve_with_continuous_accelerations(system, options, fastest, watch)
+    if faster is not None:
+        yield faster
 
 
 def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:
@@ -135,7 +153,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
             "method",
         )
-    control = resolve_control(problem, options.control, method)
+    control = resolve_control(problem, options, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
         lp_solver = LP_SOLVERS[method]
@@ -153,13 +171,13 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     return replace(options, method=method, lp_solver=lp_solver, control=control)
 
 
-def resolve_control(problem: Problem, control: Control, method: str) -> Control:
+def resolve_control(problem: Problem, options: Options, method: str) -> Control:
     """Control parameterisation that fits the problem and the method.
 
     Raises:
         OptionsError: If there is none.
     """
-    limits = problem.motion_limits
+    limits, control = problem.motion_limits, options.control
     smooth = limits is not None and limits.need_smooth
     if method != "inverse" and (smooth or control not in ("auto", "constant")):
         raise OptionsError(
@@ -173,9 +191,12 @@ def resolve_control(problem: Problem, control: Control, method: str) -> Control:
             "continuous accelerations: expected 'linear', 'spline' or 'auto'",
             "control",
         )
-    if control == "auto":
-        return "linear" if smooth else "constant"
-    return control
+    if control != "auto":
+        return control
+    if smooth:
+        return "linear"
+    # Left to choose, "constant" and then "linear" where that is faster.
+    return "auto" if options.method == "auto" and method == "inverse" else "constant"
 
 
 def make_attempts(
@@ -190,8 +211,7 @@ def make_attempts(
         if attempt.found and (options.starts or 1) == 1:
             return
     if options.method in ("adjoint", "penalty"):
-        watch.begin()
-        yield solve_by_shooting(system, options, watch)
+        yield from shots(system, options, watch)
         return
     rng = np.random.default_rng(options.seed)
     moving = bool(system.problem.scene.moving)
@@ -342,9 +362,10 @@ def _message(
     if best.found:
         T = best.trajectory.duration
         sentence = f"{status.value} T = {T:.4f} s"
-        if not bound.T * TELLING > T:
-            return f"{sentence}."
-        return f"{sentence}, {100 * (T / bound.T - 1):.1f} % above what none can beat."
+        if bound.T * TELLING > T:
+            above = 100 * (T / bound.T - 1)
+            sentence = f"{sentence}, {above:.1f} % above what none can beat"
+        return f"{sentence}. {best.remark}".rstrip()
     if best.feasible and best.verification is not None:
         return f"{status.value} {best.verification.message}"
     return explain(problem, attempts, status)

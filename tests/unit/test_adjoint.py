@@ -186,11 +186,13 @@ def solve(nlp, z, **options):
     return solver.run(z)
 
 
-@pytest.mark.parametrize("instants", ["near", "exact"])
-def test_a_mass_on_a_rail_keeps_its_speed_limit(instants):
+@pytest.mark.parametrize(("instants", "N"), [("near", 20), ("near", 40), ("exact", 40)])
+def test_a_mass_on_a_rail_keeps_its_speed_limit(instants, N):
+    # Instants that become rows once they are violated, the paper's choice, are no smooth
+    # constraints: on coarse grids a trust region may end at a kink. Plans use "near".
     robot = make_arm(slide(2.0), effort=4.0, velocity=0.8)
-    nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), 20, instants=instants)
-    result = solve(nlp, nlp.pack(np.zeros((20, 1)), np.array([1.0])))
+    nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), N, instants=instants)
+    result = solve(nlp, nlp.pack(np.zeros((N, 1)), np.array([1.0])))
     assert result.status is Status.CONVERGED
     least = 1.0 / 0.8 + 0.8 / 2.0  # d / v + v / a; the switches lie within intervals
     assert least * (1 - 1e-6) <= result.best.duration <= 1.01 * least

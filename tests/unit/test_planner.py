@@ -140,7 +140,8 @@ def test_smoothing_quiets_the_controls(planar):
     problem = tm.Problem(planar, START, tm.JointGoal((1.2, 0.3, 0.4)))
 
     def variation(smoothing):
-        solution = tm.plan(problem, tm.Options(smoothing=smoothing))
+        options = tm.Options(control="constant", smoothing=smoothing)
+        solution = tm.plan(problem, options)
         return np.abs(np.diff(solution.trajectory.a, axis=0)).sum(), solution.T
 
     rough, fastest = variation(0.0)

@@ -173,5 +173,6 @@ def test_trust_region_follows_the_error():
     assert region.after(1.0, 1.0).radius > 2.0  # a perfect model
     assert region.after(0.5, 1.0).radius == pytest.approx(1.0)  # half is lost: stay
     assert region.after(-3.0, 1.0).radius == pytest.approx(0.5)
-    assert region.after(-3.0, 0.2).radius == pytest.approx(0.2)
+    assert region.after(-3.0, 0.4).radius == pytest.approx(0.4)
+    assert region.after(-3.0, 0.1).radius == pytest.approx(0.3)  # no faster than that
     assert TrustRegion(1e-7).exhausted and not region.exhausted

@@ -26,28 +26,34 @@ def free(planar):
 
 
 @pytest.fixture(scope="module")
+def stepped(free):
+    """The same with constant accelerations on the intervals."""
+    return tm.plan(free.problem, tm.Options(control="constant"))
+
+
+@pytest.fixture(scope="module")
 def around(planar):
     """The paper's problem with the obstacle."""
     problem = tm.Problem(planar, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
     return tm.plan(problem, tm.Options(starts=1))
 
 
-def test_the_same_problem_takes_one_iteration(free):
+def test_the_same_problem_takes_few_iterations(free):
     again = tm.plan(free.problem, start=free)
-    assert again.success and again.iterations == 1
+    assert again.success and again.iterations <= free.iterations / 2
     assert again.T <= free.T * (1 + 1e-12)
 
 
-def test_the_motion_is_taken_over_to_the_last_bit(free):
-    system = System.of(free.problem)
-    guess = former_motion(system, free.trajectory)
+def test_the_motion_is_taken_over_to_the_last_bit(stepped):
+    system = System.of(stepped.problem)
+    guess = former_motion(system, stepped.trajectory)
     assert guess.unchanged and guess.entry == 0.0
     # On its own grid, and on a finer one that its intervals are split for.
-    for intervals in (free.trajectory.t.size - 1, 57):
+    for intervals in (stepped.trajectory.t.size - 1, 57):
         program, z = guess.inverse_program(system, intervals, "cosine")
         motion = program.trajectory(z)
         assert motion.t.size == intervals + 1
-        expected = free.trajectory(motion.t)
+        expected = stepped.trajectory(motion.t)
         np.testing.assert_allclose(motion.q, expected.q, atol=1e-12)
         np.testing.assert_allclose(motion.v, expected.v, atol=1e-9)
         # Between the nodes torques may be this much too high.
@@ -169,7 +175,7 @@ def test_other_guesses_follow_where_it_leads_to_nothing(planar, around, monkeypa
     problem = tm.Problem(planar, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)
     assert again.success
-    assert {record.start for record in again.history} == {0, 1}
+    assert {record.start for record in again.history} >= {0, 1}
 
 
 def test_samples_of_a_file_do(free, tmp_path):

@@ -79,6 +79,12 @@ class FormerMotion(Guess):
         """Whether the motion is as it was, from the entry on."""
         return not np.any(np.abs(self.bend) > 1e-9)
 
+    @property
+    def continuous(self) -> bool:
+        """Whether its accelerations are continuous."""
+        motion = self.trajectory
+        return not self.held and (motion.a is None or len(motion.a) == motion.t.size)
+
     def remainder(self, system: System) -> Trajectory | None:
         """The motion as it was from the entry on; None if it was bent.
 

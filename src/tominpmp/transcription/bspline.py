@@ -35,6 +35,8 @@ TIME_STEP = 0.3
 # Instants of each interval at which torques and clearances are rows.
 TORQUE_SHARES = (0.0, 0.5)
 CLEARANCE_SHARES = (0.5, 1.0)
+# Where torques are looked at besides, as many in either half of an interval.
+INSPECTED_SHARES = (0.125, 0.25, 0.375, 0.625, 0.75, 0.875)
 # Clearances beyond this, in shares of the reach per rad of trust region, wait.
 ATTENTION = 0.07
 # However far the trust region reaches; beyond this clearances are not exact.
@@ -351,9 +353,12 @@ class BSplineTranscription:
         )
 
     def _overloaded(self, z: Array, tolerance: float) -> Array:
-        times = (self._nodes[:-1] + np.outer((0.25, 0.75), self._h)).T.ravel()
-        load = np.abs(self.system.torque(*self._states(z, times))).max(axis=1)
-        return np.asarray(times[load > 1.0 + tolerance])
+        times = (self._nodes[:-1] + np.outer(INSPECTED_SHARES, self._h)).T
+        load = np.abs(self.system.torque(*self._states(z, times.ravel()))).max(axis=1)
+        # The worst instant of either half of an interval.
+        half = load.reshape(-1, len(INSPECTED_SHARES) // 2)
+        worst = times.reshape(half.shape)[np.arange(len(half)), half.argmax(axis=1)]
+        return np.asarray(worst[half.max(axis=1) > 1.0 + tolerance])
 
     def _grazing(self, z: Array) -> Array:
         clearance = self.system.clearance

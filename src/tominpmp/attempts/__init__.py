@@ -1,0 +1,21 @@
+"""Attempts: what one initial guess, or a former motion, leads to."""
+
+from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.continuation import (
+    solve_from_former,
+    solve_with_continuous_accelerations,
+)
+from tominpmp.attempts.guessed import solve_alone, solve_and_verify
+from tominpmp.attempts.shooting import shots
+from tominpmp.attempts.watch import Watch
+
+__all__ = [
+    "STOPPED",
+    "Attempt",
+    "Watch",
+    "shots",
+    "solve_alone",
+    "solve_and_verify",
+    "solve_from_former",
+    "solve_with_continuous_accelerations",
+]

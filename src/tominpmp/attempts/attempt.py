@@ -1,0 +1,109 @@
+"""What one initial guess leads to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Transcription
+from tominpmp.verification.verdict import Verification, verify
+
+# How a solver ends when it was told to.
+STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
+# Doublings of the grid, or of the steps, of a motion that the replay does not confirm.
+REFINEMENTS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What one initial guess led to.
+
+    Attributes:
+        name: What it began with.
+        status: How the iteration ended.
+        feasible: Whether the motion keeps all constraints.
+        trajectory: The best motion.
+        initial: The motion it began with.
+        violations: Largest violation by kind of constraint.
+        history: One record an iteration.
+        verification: Replay of the torques, if the motion is feasible.
+        remark: A sentence for the user, if there is something to say.
+    """
+
+    name: str
+    status: Status
+    feasible: bool
+    trajectory: Trajectory
+    initial: Trajectory
+    violations: dict[str, float]
+    history: tuple[IterationRecord, ...]
+    verification: Verification | None = None
+    remark: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        transcription: Transcription,
+        initial: Array | Trajectory,
+        result: SlpResult,
+    ) -> Attempt:
+        """Attempt from the iterate it began with and the outcome of a solver."""
+        feasible = result.best is not None
+        iterate = result.iterate if result.best is None else result.best
+        rows = transcription.rows
+        violation = rows.violation(iterate.values)
+        violations = {
+            kind: float(np.max(violation[rows.kind == index], initial=0.0))
+            for index, kind in enumerate(rows.kinds)
+        }
+        return cls(
+            name,
+            result.status,
+            feasible,
+            transcription.trajectory(iterate.z),
+            initial
+            if isinstance(initial, Trajectory)
+            else transcription.trajectory(initial),
+            violations,
+            result.history,
+            remark=result.remark,
+        )
+
+    @property
+    def violation(self) -> float:
+        """Largest violation."""
+        return max(self.violations.values(), default=0.0)
+
+    def after(self, former: Attempt) -> Attempt:
+        """This attempt as what another one that it goes on from has led to."""
+        count = len(former.history)
+        more = (replace(r, iteration=r.iteration + count) for r in self.history)
+        history = (*former.history, *more)
+        return replace(self, initial=former.initial, history=history)
+
+    @property
+    def found(self) -> bool:
+        """Whether the motion keeps all constraints, in the replay too."""
+        return self.feasible and (self.verification is None or self.verification.ok)
+
+    @property
+    def duration(self) -> float:
+        """T of the motion if it keeps all constraints [s]; else infinite."""
+        return self.trajectory.duration if self.found else np.inf
+
+    def verified(self, problem: Problem, options: Options) -> Attempt:
+        """Replay the torques of a motion that is said to keep all constraints."""
+        if not self.feasible:
+            return self
+        verification = verify(
+            problem, self.trajectory, options.tolerances, checker=problem.checker
+        )
+        return replace(self, verification=verification)

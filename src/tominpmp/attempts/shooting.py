@@ -1,0 +1,127 @@
+"""Motions improved from torques that need reach nothing, as the paper begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
+from tominpmp.attempts.watch import Watch
+from tominpmp.options import Options
+from tominpmp.refinement import refine, unrefined
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.paper import PaperSolver
+from tominpmp.solvers.penalty import PenaltySolver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.transcription.adjoint import AdjointTranscription, Instants
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.controls import torque_shares
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.system import System
+
+# Which instants of path constraints the methods that shoot differentiate.
+INSTANTS: dict[str, Instants] = {
+    "paper": "exact",
+    "adjoint": "near",
+    "penalty": "violated",
+}
+# Duration that shooting begins with: the paper's T^0 [s].
+FIRST_DURATION = 1.5
+# Starts that are made while none has led to a motion, and what random torques are: a
+# few pieces of a share of the limits, for up to so many times the first duration.
+RESCUE_SHOTS = 4
+PIECES = 4
+LONGER = 2.0
+
+
+def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
+    """Improve the torques to begin with, then random ones where that led to nothing."""
+    rng = np.random.default_rng(options.seed)
+    wanted = most = options.starts or 1
+    if options.starts is None and options.method == "adjoint":
+        most = RESCUE_SHOTS
+    for number in range(most):
+        if number >= wanted and watch.best < np.inf:
+            return
+        watch.begin()
+        first = random_torques(system, options, rng) if number else None
+        attempt = solve_by_shooting(system, options, watch, first)
+        watch.best = min(watch.best, attempt.duration)
+        yield attempt
+
+
+def given_torques(system: System, options: Options) -> Array:
+    """Iterate of the torques and the duration that the options begin with."""
+    control = np.zeros(system.n)
+    if options.initial_control is not None:
+        control = options.initial_control
+    shares = torque_shares(
+        system, np.broadcast_to(control, (options.intervals, system.n))
+    )
+    return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
+
+
+def random_torques(system: System, options: Options, rng: np.random.Generator) -> Array:
+    """Iterate of random torques, constant on a few pieces, and a random duration."""
+    pieces = rng.uniform(-1.0, 1.0, (PIECES, system.n))
+    piece = np.arange(options.intervals) * PIECES // options.intervals
+    longer = LONGER ** rng.uniform(-1.0, 1.0)
+    duration = longer * (options.initial_duration or FIRST_DURATION)
+    return np.append(pieces[piece].ravel(), duration)
+
+
+def solve_by_shooting(
+    system: System, options: Options, watch: Watch, first: Array | None = None
+) -> Attempt:
+    """Improve torques, the paper's kind of start unless others are given.
+
+    Where the replay fails, go on with shorter steps of the integration.
+    """
+    z = given_torques(system, options) if first is None else first
+    attempt, z = shoot(system, options, watch, z, substeps=1)
+    for refinement in range(REFINEMENTS):
+        if attempt.found or not attempt.feasible or attempt.status in STOPPED:
+            break
+        finer, z = shoot(system, options, watch, z, substeps=2 ** (refinement + 1))
+        if not finer.feasible:
+            break
+        attempt = finer.after(attempt)
+    return attempt
+
+
+def shoot(
+    system: System, options: Options, watch: Watch, z: Array, substeps: int
+) -> tuple[Attempt, Array]:
+    """Improve torques and duration with so many integration steps an interval."""
+    shares = interval_shares(options.grid, options.intervals)
+    paper = options.step_rule == "paper" and options.method == "adjoint"
+    transcription = AdjointTranscription(
+        system,
+        shares,
+        float(z[-1]),
+        substeps=substeps,
+        instants=INSTANTS["paper" if paper else options.method],
+    )
+    lp = make_solver(options.lp_solver)
+    solver: PaperSolver | PenaltySolver | SlpSolver
+    if options.method == "penalty":
+        solver = PenaltySolver(transcription, options, watch)
+    elif paper:
+        solver = PaperSolver(transcription, options, lp, watch)
+    else:
+        smoothing = options.smoothing or 0.0
+        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+    result = solver.run(z)
+    found = result.iterate if result.best is None else result.best
+    if paper or options.method == "penalty":
+        refined: tuple[Transcription, SlpResult]
+        refined = transcription, unrefined(options, result)
+    else:
+        refined = refine(system, options, transcription, result, lp, watch)
+    attempt = Attempt.of(
+        "shooting", refined[0], transcription.trajectory(z), refined[1]
+    )
+    return attempt.verified(system.problem, options), found.z
