@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.scene import Obstacle
@@ -51,16 +50,23 @@ class Movers:
         R, t = joints
         if times is None:
             times = np.zeros(R.shape[0])
-        placed = [item.poses(times) for item in self._obstacles]
+        placed_R, placed_t = self.placements(times)
         return (
-            np.concatenate([R, np.stack([item.R for item in placed], axis=1)], axis=1),
-            np.concatenate([t, np.stack([item.p for item in placed], axis=1)], axis=1),
+            np.concatenate([R, placed_R], axis=1),
+            np.concatenate([t, placed_t], axis=1),
         )
 
-    def placements(self, time: float) -> list[pin.SE3]:
-        """Placements at one time [s]."""
-        found = (item.poses(np.array([time])) for item in self._obstacles)
-        return [pin.SE3(np.array(R[0]), np.array(p[0])) for R, p in found]
+    def placements(self, times: Array) -> tuple[Array, Array]:
+        """Placements at times [s], shape (m,).
+
+        Returns:
+            Rotations, shape (m, count, 3, 3), and positions [m], shape (m, count, 3).
+        """
+        R = np.empty((times.size, self.count, 3, 3))
+        p = np.empty((times.size, self.count, 3))
+        for number, item in enumerate(self._obstacles):
+            R[:, number], p[:, number] = item.poses(times)
+        return R, p
 
     def approach(
         self, joint: IntArray, times: Array, point: Array, normal: Array

@@ -77,14 +77,19 @@ class NarrowPhase:
             request.gjk_tolerance = GJK_TOLERANCE
             request.epa_tolerance = EPA_TOLERANCE
 
-    def place(self, q: Array, time: float = 0.0) -> None:
+    def place(
+        self, q: Array, time: float = 0.0, movers: tuple[Array, Array] | None = None
+    ) -> None:
         """Bring the bodies where they are at a configuration of the model.
 
         Args:
             q: Configuration of the model, shape (nv,).
             time: Time [s], for obstacles that move.
+            movers: Placements of these obstacles then, shapes (count, 3, 3) and
+                (count, 3), where they are known already; asking for many instants at
+                once is faster.
         """
-        self._shifter.shift(time)
+        self._shifter.shift(time, movers)
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._results, q
         )
@@ -189,11 +194,13 @@ class Shifter:
         ]
         self._time: float | None = None
 
-    def shift(self, time: float) -> None:
-        """Go to a time [s]."""
+    def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
+        """Go to a time [s], for which the placements may be known."""
         if self._movers is None or not self._parts or time == self._time:
             return
-        placements = self._movers.placements(time)
+        R, p = self._movers.placements(np.array([time])) if known is None else known
+        R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
+        placements = [pin.SE3(*place) for place in zip(R, p, strict=True)]
         for index, number, offset in self._parts:
             item = self._geometry.geometryObjects[index]
             item.placement = placements[number] * offset

@@ -192,12 +192,11 @@ class DistanceQuery:
         distances: list[float] = []
         normals: list[Array] = []
         starts = np.flatnonzero(np.diff(instant, prepend=-1))
-        for group, chosen in zip(
-            instant[starts].tolist(), np.split(pair, starts[1:]), strict=True
-        ):
-            self.narrow.place(
-                q_model[group], 0.0 if times is None else float(times[group])
-            )
+        groups = instant[starts]
+        when = np.zeros(groups.size) if times is None else times[groups]
+        R, p = self.movers.placements(when)
+        for k, chosen in enumerate(np.split(pair, starts[1:])):
+            self.narrow.place(q_model[groups[k]], float(when[k]), (R[k], p[k]))
             found = self.narrow.planes(chosen.tolist())
             distances += found[0]
             normals += found[1]

@@ -33,6 +33,8 @@ APART_MOVING = 2e-5
 # share of the padding, but no oftener than by this factor.
 FINE = 0.25
 FINEST = 128
+# So many instants take the place of one when it is looked at more closely.
+SPLIT = 4
 # Share of the padding that may be used up there.
 GRAZE_MOVING = 0.5
 
@@ -148,24 +150,31 @@ def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Arra
     """
     clearance, h = system.clearance, spline.h
     assert clearance is not None  # noqa: S101
-    times = at.times(h)
-    counts = np.bincount(at.interval, minlength=h.size)
-    step = h[at.interval] / counts[at.interval]
+    width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
     rise = clearance.rise(float(h.sum()))
-    reached = 0.5 * rise * step
-    values = clearance.values(
-        at.states(spline)[0], attention=float(np.max(reached)), times=times
-    )
     room = FINE * float(np.max(system.padding)) + LEAST_GRAZE
-    parts = int(np.clip(np.ceil(rise * np.max(step) / room), 1, FINEST))
-    near = np.flatnonzero(np.max(values, axis=1) > -reached)
-    if parts == 1 or not near.size:
-        return at, values
-    places = (np.arange(parts) + 0.5) / parts - 0.5
-    share = at.share[near, None] + places / counts[at.interval[near], None]
-    more = Instants(np.repeat(at.interval[near], parts), share.ravel())
-    fine = clearance.values(more.states(spline)[0], attention=0.0, times=more.times(h))
-    return at.joined(more), np.concatenate([values, fine])
+    parts = float(np.clip(rise * np.max(width * h[at.interval]) / room, 1.0, FINEST))
+    found = []
+    while True:
+        # Between instants a step apart a value rises by this much, seen from the
+        # nearer one: only where that matters is it worth while to look closer.
+        reached = 0.5 * rise * width * h[at.interval]
+        attention = float(np.max(reached)) if parts > 1.0 else 0.0
+        times, q = at.times(h), at.states(spline)[0]
+        values = clearance.values(q, attention=attention, times=times)
+        found.append((at, values))
+        near = np.flatnonzero(np.max(values, axis=1) > -reached)
+        if parts <= 1.0 or not near.size:
+            break
+        split = min(int(np.ceil(parts)), SPLIT)
+        places = (np.arange(split) + 0.5) / split - 0.5
+        share = at.share[near, None] + places * width[near, None]
+        at = Instants(np.repeat(at.interval[near], split), share.ravel())
+        width, parts = np.repeat(width[near] / split, split), parts / split
+    every = found[0][0]
+    for more, _ in found[1:]:
+        every = every.joined(more)
+    return every, np.concatenate([values for _, values in found])
 
 
 def _samples(h: Array) -> Instants:

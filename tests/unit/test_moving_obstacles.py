@@ -1,0 +1,288 @@
+"""Obstacles that move: their motions, rows of clearances, derivatives by time."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+import tominpmp as tm
+from tominpmp.transcription import adjoint, bspline, inverse
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.exchange import Extra
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.spline_rows import Instants
+from tominpmp.transcription.system import System
+
+START = np.array([0.5, 1.0, -1.0])
+END = np.array([1.0, 0.6, -0.8])
+INTERVALS = 7
+
+
+def orbit(time: float) -> pin.SE3:
+    """A callable path: around a circle, turning on the way."""
+    angle = 2.0 + 0.8 * time
+    turn = pin.exp3(np.array([0.3 * time, 0.0, angle]))
+    return pin.SE3(turn, np.array([5.0 * np.cos(angle), 5.0 * np.sin(angle), 0.0]))
+
+
+STEADY = tm.ConstantVelocity(
+    velocity=(0.5, -1.0, 0.2),
+    angular=(0.1, 0.2, 1.5),
+    pivot=(-4.0, 4.5, 0.0),
+    begin=0.05,
+)
+WAY = tm.Waypoints(
+    times=(0.0, 0.45, 1.3, 2.1),
+    positions=[(-2.0, 6.0, 0.0), (-1.0, 5.5, 0.3), (0.5, 5.5, 0.0), (0.5, 6.5, 0.0)],
+    rotations=Rotation.from_rotvec(
+        [(0, 0, 0), (0.2, 0.1, 1.0), (0, 0.3, 2.0), (0.1, 0, 3.5)]
+    ).as_quat(),
+)
+MOTIONS = {"steady": STEADY, "waypoints": WAY, "function": orbit}
+
+
+def mover(motion, **place) -> tm.Capsule:
+    return tm.Capsule("mover", radius=0.3, length=1.5, motion=motion, **place)
+
+
+def obstacle(name: str) -> tm.Capsule:
+    place = {"position": (-3.0, 5.0, 0.0)} if name == "steady" else {}
+    return mover(MOTIONS[name], **place)
+
+
+# Motions
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_velocities_are_derivatives_of_placements(name):
+    item = obstacle(name)
+    times = np.array([0.07, 0.3, 0.44, 0.46, 0.9, 1.29, 1.31, 2.0, 2.5])
+    step = 1e-5
+    before, after = item.poses(times - step), item.poses(times + step)
+    twist = item.twists(times)
+    linear = (after.p - before.p) / (2 * step)
+    np.testing.assert_allclose(twist.linear, linear, atol=1e-5)
+    turned = after.R @ np.swapaxes(before.R, 1, 2)
+    angular = Rotation.from_matrix(turned).as_rotvec() / (2 * step)
+    np.testing.assert_allclose(twist.angular, angular, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_bounds_on_speeds_hold(name):
+    item = obstacle(name)
+    begin = np.linspace(0.0, 2.4, 9)
+    linear, angular = item.speed_bounds(begin, begin + 0.3)
+    for k, low in enumerate(begin):
+        twist = item.twists(np.linspace(low, low + 0.3, 16))
+        assert np.linalg.norm(twist.linear, axis=1).max() <= linear[k] + 1e-9
+        assert np.linalg.norm(twist.angular, axis=1).max() <= angular[k] + 1e-9
+
+
+def test_steady_motion_about_a_hinge():
+    gate = tm.Box(
+        "gate",
+        size=(2, 0.1, 1),
+        position=(1, 0, 0),
+        motion=tm.ConstantVelocity(
+            angular=(0, 0, 0.5 * np.pi), pivot=(0, 0, 0), begin=1.0, end=2.0
+        ),
+    )
+    found = gate.poses(np.array([0.0, 1.0, 1.5, 2.0, 9.0]))
+    root = np.sqrt(0.5)
+    expected = [(1, 0, 0), (1, 0, 0), (root, root, 0), (0, 1, 0), (0, 1, 0)]
+    np.testing.assert_allclose(found.p, expected, atol=1e-12)
+    np.testing.assert_allclose(found.R[-1] @ (1, 0, 0), (0, 1, 0), atol=1e-12)
+    np.testing.assert_array_equal(gate.motion.kinks, [1.0, 2.0])
+    still = gate.twists(np.array([0.5, 2.5]))
+    np.testing.assert_array_equal(still.linear, 0.0)
+    moving = gate.twists(np.array([1.0]))
+    np.testing.assert_allclose(moving.linear, [(0.0, 0.5 * np.pi, 0.0)], atol=1e-12)
+
+
+def test_waypoints_are_passed():
+    item = mover(WAY)
+    found = item.poses(np.asarray(WAY.times))
+    np.testing.assert_allclose(found.p, WAY.positions, atol=1e-12)
+    np.testing.assert_allclose(found.R, WAY.rotations, atol=1e-12)
+    # It begins at the first of them, halfway it is halfway, and it stays at the last.
+    np.testing.assert_array_equal(item.position, WAY.positions[0])
+    middle = item.poses(np.array([0.225])).p[0]
+    np.testing.assert_allclose(middle, np.mean(WAY.positions[:2], axis=0), atol=1e-12)
+    np.testing.assert_allclose(item.poses(np.array([50.0])).p[0], WAY.positions[-1])
+
+
+def test_bounds_of_a_function_are_used_and_checked():
+    def slide(time: float) -> np.ndarray:
+        place = np.eye(4)
+        place[0, 3] = 2.0 * time
+        return place
+
+    fine = mover(tm.PoseFunction(slide, speed=2.5, angular_speed=0.0))
+    linear, angular = fine.speed_bounds(np.array([0.0, 1.0]), np.array([1.0, 1.2]))
+    np.testing.assert_array_equal(linear, 2.5)
+    np.testing.assert_array_equal(angular, 0.0)
+    wrong = mover(tm.PoseFunction(slide, speed=1.5))
+    with pytest.raises(tm.SceneError, match=r"'mover'.*speed is 1\.5.*has 2:"):
+        wrong.twists(np.array([0.3]))
+
+
+def test_scenes_at_a_time():
+    scene = tm.Scene([tm.Sphere("rest", radius=1.0, position=(9, 0, 0)), mover(WAY)])
+    assert [item.name for item in scene.moving] == ["mover"]
+    later = scene.at(1.3)
+    assert not later.moving
+    np.testing.assert_allclose(later["mover"].position, WAY.positions[2])
+    assert [item.name for item in scene.resting()] == ["rest"]
+    for motion in (STEADY, WAY):
+        assert pickle.loads(pickle.dumps(motion)) == motion
+    assert mover(WAY) == mover(WAY)
+    assert mover(WAY) != mover(STEADY)
+
+
+# Wrong input
+
+WRONG = [
+    (lambda: tm.Waypoints([0.5, 1.0], np.zeros((2, 3))), "begins at 0.5 s, expected 0"),
+    (
+        lambda: tm.Waypoints([0, 1, 1], np.zeros((3, 3))),
+        r"not increasing: 1 s is followed by 1 s \(waypoints 1 and 2",
+    ),
+    (lambda: tm.Waypoints([0, 2, 1], np.zeros((3, 3))), "2 s is followed by 1 s"),
+    (
+        lambda: tm.Waypoints([0, 1], np.zeros((3, 3))),
+        r"positions has shape \(3, 3\), expected \(2, 3\), as there are 2 times",
+    ),
+    (
+        lambda: tm.Waypoints([0, 1], [(0, 0, 0), (np.nan, 0, 0)]),
+        r"positions holds what is no finite number, at index \[1, 0\]",
+    ),
+    (lambda: tm.Waypoints([0, np.inf], np.zeros((2, 3))), "times holds what is no fin"),
+    (lambda: tm.Waypoints([], np.zeros((0, 3))), "expected one time or more"),
+    (lambda: tm.Waypoints([0, 1]), "needs positions, rotations, or both"),
+    (
+        lambda: tm.Waypoints([0, 1], rotations=[(0, 0, 0, 1), (0, 0, 0, 0)]),
+        r"waypoint 1 \(counted from 0\) is .*length is not zero",
+    ),
+    (
+        lambda: tm.Waypoints([0, 1], rotations=[(0, 0, 0, 1), (0, 0, 1, 0)]),
+        "half a turn from waypoint 0 to 1",
+    ),
+    (lambda: tm.ConstantVelocity((1, 2)), r"velocity is \(1, 2\), expected three"),
+    (lambda: tm.ConstantVelocity(pivot="here"), "pivot is not made of numbers"),
+    (lambda: tm.ConstantVelocity(begin=-1.0), "begin is -1, expected a time >= 0"),
+    (lambda: tm.ConstantVelocity(begin=2, end=1), "end is 1, .*the beginning at 2 s"),
+    (lambda: tm.ConstantVelocity(end=np.nan), "end is nan, expected a number"),
+    (lambda: tm.PoseFunction(3), "function is 3, expected one"),
+    (lambda: tm.PoseFunction(orbit, speed=-1), "speed is -1, expected 0 or more"),
+    (lambda: mover((1, 0, 0)), r"'mover': motion is \(1, 0, 0\), expected a Const"),
+    (lambda: mover(tm.ConstantVelocity), "motion is <class.*expected a ConstantV"),
+    (lambda: mover(lambda t: None), "'mover': motion: the function fails at 0 s"),
+    (lambda: mover(lambda t: np.eye(3)), r"gives shape \(3, 3\) at 0 s"),
+    (lambda: mover(lambda t: 2 * np.eye(4)), "gives no placement at 0 s"),
+    (lambda: mover(WAY, position=(1, 2, 3)), r"position is \[1.*motion begins at \[-2"),
+    (lambda: mover(WAY, rotation=(0, 0, 1, 1)), "rotation is .*begins with"),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), WRONG)
+def test_wrong_motions(make, message):
+    with pytest.raises(tm.SceneError, match=message):
+        make()
+
+
+def test_a_gap_in_a_function_is_told_of():
+    def gap(time: float) -> np.ndarray:
+        if time > 0.4:
+            raise KeyError("no placement is known")
+        return np.eye(4)
+
+    item = mover(gap)
+    with pytest.raises(tm.SceneError, match=r"'mover': .*at 0\.5 s: KeyError"):
+        item.poses(np.array([0.1, 0.5]))
+
+
+def test_a_start_in_collision_is_judged_at_the_start():
+    robot = tm.load_robot("planar3r")
+    away = tm.ConstantVelocity(velocity=(0.0, 9.0, 0.0))
+    scene = tm.Scene([tm.Sphere("ball", radius=0.5, position=(1, 0.5, 0), motion=away)])
+    with pytest.raises(tm.ProblemError, match="start in collision"):
+        tm.Problem(robot, [0.5, 0, 0], tm.JointGoal([1.5, 0, 0]), scene)
+    # Where the goal is, the ball will not be any more.
+    tm.Problem(robot, [1.5, 0, 0], tm.JointGoal([0.5, 0, 0]), scene)
+
+
+# Rows
+
+
+def build(kind: str, problem: tm.Problem, seed: int):
+    """A transcription and a random motion near the way from START to END."""
+    system, rng = System.of(problem), np.random.default_rng(seed)
+    shares = interval_shares("cosine", INTERVALS)
+    way = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
+    q = START + way * (END - START) + 0.05 * rng.normal(size=(INTERVALS + 1, 3))
+    q[0] = START
+    effort = problem.robot.limits.effort_upper
+    u = effort * rng.uniform(-0.1, 0.1, (INTERVALS, 3))
+    T = np.array([1.1])
+    if kind in ("inverse", "free lengths"):
+        more = Instants(np.array([0, 2, 6]), np.array([0.3, 0.7, 0.2]))
+        free = kind == "free lengths"
+        lengths = np.eye(INTERVALS) if free else shares
+        nlp = InverseTranscription(system, lengths, 1.1, Extra(clearance=more))
+        eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
+        return nlp, nlp.pack(q[:-1], np.zeros(3), eta)
+    if kind == "collocation":
+        nlp = CollocationTranscription(system, shares, 1.1)
+        v = 0.3 * rng.normal(size=q.shape)
+        return nlp, nlp.pack(np.hstack([q, v]), u, T)
+    if kind == "adjoint":
+        nlp = AdjointTranscription(system, shares, 1.1)
+        return nlp, nlp.pack(u, np.array([0.3]))
+    nlp = BSplineTranscription(system, shares, 5)
+    times = np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+    return nlp, nlp.fitted(times, q, 1.1)
+
+
+KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_of_clearance_rows(kind, name, monkeypatch):
+    # All rows are exact, and all are there, however far the obstacle is.
+    for module in (inverse, bspline):
+        monkeypatch.setattr(module, "MAX_ATTENTION", 10.0)
+    monkeypatch.setattr(adjoint, "NEAR", 10.0)
+    problem = tm.Problem(
+        tm.load_robot("planar3r"), START, tm.JointGoal(END), tm.Scene([obstacle(name)])
+    )
+    nlp, z = build(kind, problem, 3)
+    values = nlp.evaluate(z)
+    linearization = nlp.linearize(z, values, nlp.step_bounds(z, 10.0))
+    matrix = linearization.matrix.toarray()
+    clearance = nlp.rows.kind == nlp.rows.kinds.index("clearance")
+    chosen = clearance[linearization.rows]
+    assert np.all(values[clearance] < -1e-3)
+    step, steps = 1e-6, nlp.step_bounds(z, 10.0)
+    free = np.flatnonzero(np.asarray(steps.upper) > np.asarray(steps.lower))
+    worst, by_time = 0.0, 0.0
+    for i in free:
+        shift = np.zeros(nlp.size)
+        shift[i] = step
+        up, down = nlp.evaluate(z + shift), nlp.evaluate(z - shift)
+        expected = ((up - down) / (2 * step))[linearization.rows][chosen]
+        found = matrix[chosen, i]
+        scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+        worst = max(worst, float(np.abs(found - expected).max(initial=0.0)) / scale)
+        if nlp.cost[i]:
+            by_time = max(by_time, float(np.abs(expected).max(initial=0.0)))
+    assert np.count_nonzero(chosen) == np.count_nonzero(clearance) > 10
+    assert by_time > 1e-3
+    assert worst < 2e-5
