@@ -167,6 +167,7 @@ def attach(
     shapes = tuple(_shape(item) for item in payload.geometry)
     parts = LinkParts(payload.name, payload.mass, payload.com, inertia, shapes)
     described = with_link(description, parts, link)
+    described = replace(described, attached=(*description.attached, payload))
     if srdf is None or not srdf.disabled_pairs:
         return described, srdf
     beside = _links_beside(model, geometry, int(model.getBodyId(link)))

@@ -289,6 +289,11 @@ class Robot(Record):
         model = configured_model(plain, self._table(), self.gravity, *ties)
         return replace(self, model=model, description=description, srdf=srdf)
 
+    @property
+    def payloads(self) -> tuple[Payload, ...]:
+        """What :meth:`with_payload` attached, in that order."""
+        return self.description.attached
+
     def _table(self) -> JointTable:
         given = self.limits, self.damping, self.armature
         return JointTable.of_limits(self.joint_names, *given)

@@ -27,6 +27,7 @@ from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
 
 START, GOAL = [0.5, 1.7, -1.7], [2.0, -1.0, 0.5]
 TURN = pin.rpy.rpyToMatrix(0.3, -0.2, 0.9)
+PLACE = pin.SE3(TURN, np.array([4.0, 1.0, 0.0]))
 
 SMALL = """
 [robot]
@@ -85,8 +86,23 @@ def test_defaults_are_left_out(planar3r: Robot, tmp_path: Path) -> None:
         PositionGoal("tip", [4.0, 1.0, 0.0], [0.0, 1.0 / 3.0, 0.0]),
         PoseGoal("tip", pin.SE3(TURN, np.array([4.0, 1.0, 0.0]))),
         PoseGoal("tip", pin.SE3(np.eye(3), np.array([4.0, 1.0, 0.0])), [0.0, 1.0, 0.0]),
+        PositionGoal("tip", [4.0, 1.0, 0.0], tolerance=0.05),
+        PoseGoal("tip", PLACE, tolerance=0.05, angle_tolerance=0.1),
+        tm.JointRegionGoal(GOAL, 0.1),
+        tm.JointRegionGoal([0.3, 0.2], [0.1, 0.0], ("joint3", "joint1")),
+        tm.AxisGoal("tip", [1, 0, 0], [0.0, 0.6, 0.8], angle_tolerance=0.1),
+        tm.AxisGoal("tip", [1, 0, 0], [0.0, 1.0, 0.0], [4.0, 1.0, 0.0]),
+        tm.RegionGoal("tip", [-0.1, -math.inf, 0.0], [0.1, 0.2, math.inf], PLACE),
+        tm.RegionGoal("tip", [-1, -1, -1], [5, 1, 1], None, [0.1, 4.0, 0.2]),
+        tm.AnyGoal([JointGoal(GOAL), PositionGoal("tip", [4.0, 1.0, 0.0])]),
+        tm.AllGoals(
+            [
+                PositionGoal("tip", [4.0, 1.0, 0.0], tolerance=0.1),
+                tm.JointRegionGoal([0.2], 0.1, ("joint2",)),
+            ]
+        ),
     ],
-    ids=["joint", "position", "moving position", "pose", "moving pose"],
+    ids=lambda goal: type(goal).__name__,
 )
 def test_goals_come_back(planar3r: Robot, goal: Goal, tmp_path: Path) -> None:
     round_trip(problem_of(planar3r, goal), Options(), tmp_path)
@@ -109,6 +125,102 @@ def test_every_obstacle_comes_back(planar3r: Robot, tmp_path: Path) -> None:
     problem = problem_of(planar3r, scene=scene, margin=0.05, v_start=[0.1, 0.0, 0.0])
     text = round_trip(problem, Options(), tmp_path)
     assert "rotation = [0.0, 0.0, 0.6, 0.8]" in text
+
+
+def test_grids_and_triangles_come_back(planar3r: Robot, tmp_path: Path) -> None:
+    corners = [[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.1 + 0.2]]
+    triangles = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    far: dict[str, Any] = {"position": [0.0, 0.0, 9.0]}
+    scene = Scene(
+        [
+            tm.Mesh("wedge", vertices=corners, triangles=triangles, scale=2.0, **far),
+            tm.HeightField("ground", heights=[[0.1, 0.2], [0, 1]], size=[2, 3], **far),
+            tm.OcTree("cloud", points=corners, resolution=0.05, **far),
+        ]
+    )
+    round_trip(problem_of(planar3r, scene=scene), Options(), tmp_path)
+
+
+def test_mesh_files_are_relative_to_the_scenario(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    folder, elsewhere = tmp_path / "here", tmp_path / "there"
+    (folder / "meshes").mkdir(parents=True)
+    content = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3"
+    mesh = folder / "meshes" / "part.obj"
+    mesh.write_text(content)
+    scene = Scene([tm.Mesh("part", path=mesh, position=[0, 0, 9], convex="hull")])
+    path = save_scenario(folder / "s.toml", problem_of(planar3r, scene=scene))
+    (entry,) = tomllib.loads(path.read_text())["scene"]["obstacles"]
+    assert entry["path"] == "meshes/part.obj"
+    assert "vertices" not in entry
+    assert load_scenario(path).problem.scene == scene
+    # The folder as a whole can be moved.
+    folder.rename(elsewhere)
+    found = load_scenario(elsewhere / "s.toml").problem.scene["part"]
+    assert found.path == elsewhere / "meshes" / "part.obj"
+    # Without the file as it was, the triangles themselves are kept.
+    (elsewhere / "meshes" / "part.obj").write_text(content.replace("v 1", "v 2"))
+    changed = problem_of(planar3r, scene=Scene([found]))
+    again = load_scenario(save_scenario(elsewhere / "b.toml", changed))
+    assert again.problem.scene["part"] == found
+
+
+def test_motions_of_obstacles_come_back(planar3r: Robot, tmp_path: Path) -> None:
+    turns = [[0, 0, 0, 1], [0, 0, 0.6, 0.8], [0.1, 0.2, 0.3, 0.4]]
+    line = [[0, 0, 9], [0.1 + 0.2, 0, 9], [1, 1, 9]]
+    motions: list[tm.Motion] = [
+        tm.ConstantVelocity(velocity=[0.0, 0.2, 1 / 3]),
+        tm.ConstantVelocity(angular=[0, 0, 1], pivot=[1, 2, 9], begin=0.5, end=2.5),
+        tm.Waypoints([0.0, 0.1, 2.0], line),
+        tm.Waypoints([0.0, 0.1, 2.0], rotations=turns),
+        tm.Waypoints([0.0, 0.1, 2.0], line, turns),
+    ]
+    scene = Scene(
+        [
+            Box(f"box {i}", size=[0.1, 0.2, 0.3], position=[0, 0, 9], motion=motion)
+            for i, motion in enumerate(motions)
+        ]
+    )
+    text = round_trip(problem_of(planar3r, scene=scene), Options(), tmp_path)
+    assert 'type = "constant_velocity"' in text
+    times = np.linspace(0.0, 3.0, 13)
+    loaded = load_scenario(tmp_path / "a.toml").problem.scene
+    for item in scene:
+        for one, other in zip(
+            item.poses(times), loaded[item.name].poses(times), strict=True
+        ):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_payloads_come_back(planar3r: Robot, tmp_path: Path) -> None:
+    cup = tm.Payload(
+        mass=0.1 + 0.2,
+        frame="tip",
+        com=[0.1, 0.0, 0.0],
+        inertia=np.diag([0.01, 0.02, 0.015]),
+        geometry=[Box("cup", size=[0.1, 0.2, 0.3], position=[0.2, 0, 0])],
+    )
+    lid = tm.Payload(mass=0.1, frame="payload", name="lid")
+    robot = planar3r.with_payload(cup).with_payload(lid)
+    assert robot.payloads == (cup, lid)
+    text = round_trip(problem_of(robot), Options(), tmp_path)
+    assert text.count("[[robot.payloads]]") == 2
+    loaded = load_scenario(tmp_path / "a.toml").problem.robot
+    for one, other in zip(loaded.model.inertias, robot.model.inertias, strict=True):
+        np.testing.assert_array_equal(
+            one.toDynamicParameters(), other.toDynamicParameters()
+        )
+    assert len(loaded.collision_model.geometryObjects) == 1 + len(
+        planar3r.collision_model.geometryObjects
+    )
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_self_collision_comes_back(planar3r: Robot, own: bool, tmp_path: Path) -> None:
+    problem = problem_of(planar3r, self_collision=own)
+    text = round_trip(problem, Options(), tmp_path)
+    assert f"self_collision = {str(own).lower()}" in text
 
 
 def test_options_come_back(planar3r: Robot, tmp_path: Path) -> None:
@@ -244,7 +356,11 @@ joint_limits:
 @pytest.mark.parametrize(
     ("change", "key", "words"),
     [
-        (("[robot]", "[robots]"), "robots", "no such key; there are: margin, robot"),
+        (
+            ("[robot]", "[robots]"),
+            "robots",
+            "no such key; there are: margin, self_collision, robot",
+        ),
         (('name = "planar3r"', ""), "robot", "either the name or the path"),
         (('"planar3r"', '"planar9r"'), "robot", "no robot 'planar9r'"),
         (('"planar3r"', "3"), "robot.name", "expected a text"),
@@ -427,6 +543,15 @@ def test_what_cannot_be_saved(planar3r: Robot, tmp_path: Path) -> None:
     problem = problem_of(replace(planar3r, model=heavy))
     with pytest.raises(ScenarioError, match="robot: cannot be saved: it differs"):
         save_scenario(tmp_path / "s.toml", problem)
+    gate = Sphere("gate", radius=0.1, motion=lambda t: np.eye(4) * [1, 1, 1, 1])
+    object.__setattr__(problem, "robot", planar3r)
+    object.__setattr__(problem, "scene", Scene([gate]))
+    with pytest.raises(ScenarioError, match=r"moved by a function.*Waypoints can"):
+        save_scenario(tmp_path / "s.toml", problem)
+    pair = tm.Workcell({"a": (planar3r, (0, 0, 0)), "b": (planar3r, (20, 0, 0))})
+    both = Problem(pair.robot, START * 2, JointGoal(GOAL * 2))
+    with pytest.raises(ScenarioError, match=r"robot: .*combined from several: a, b"):
+        save_scenario(tmp_path / "s.toml", both)
     assert list(tmp_path.iterdir()) == []
 
 

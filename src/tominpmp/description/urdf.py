@@ -21,6 +21,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from tominpmp.description.links import (
@@ -90,6 +91,7 @@ class UrdfDescription:
         path: The file.
         package_dirs: Folders given for ``package://``.
         parts: Names of the robots that it was put together from; mostly none.
+        attached: What was fixed to its links after it was read, in that order.
     """
 
     name: str
@@ -100,6 +102,7 @@ class UrdfDescription:
     path: Path
     package_dirs: tuple[Path, ...]
     parts: tuple[str, ...] = ()
+    attached: tuple[Any, ...] = ()
 
 
 def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:

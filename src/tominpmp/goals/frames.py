@@ -19,6 +19,8 @@ from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation
 
 COORDINATES = "three coordinates [m]"
+# What the square of a unit vector may be off by.
+ROUNDING = 1e-15
 
 
 class FrameGoal(PlaceGoal):
@@ -213,8 +215,11 @@ class AxisGoal(Record, FrameGoal):
                     "zero",
                     f"goal.{name}",
                 )
-            value = value / largest  # so that no square overflows
-            object.__setattr__(self, name, frozen_array(value / np.linalg.norm(value)))
+            # Divided again, as by saving and loading, a unit vector would change.
+            if largest > 1.0 or abs(float(value @ value) - 1.0) > ROUNDING:
+                value = value / largest  # so that no square overflows
+                value = value / np.linalg.norm(value)
+            object.__setattr__(self, name, frozen_array(value))
         if self.position is not None:
             position = goal_vector(self.position, "goal.position", COORDINATES, 3)
             object.__setattr__(self, "position", position)

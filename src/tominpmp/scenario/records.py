@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import ScenarioError, SceneError, TominpmpError
-from tominpmp.scene import Motion, PoseFunction, rotation_matrix
+from tominpmp.scene import Mesh, Motion, PoseFunction, rotation_matrix
 
 T = TypeVar("T")
 
@@ -33,14 +33,14 @@ def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
     Args:
         base: Base class.
         suffix: What is left out at the end of their names; None for the name of the
-            base class: ``JointGoal`` is "joint".
+            base class: ``JointGoal`` is "joint", ``AllGoals`` is "all".
     """
     suffix = base.__name__ if suffix is None else suffix
     found: dict[str, type[Any]] = {}
     for child in base.__subclasses__():
         own = child.__module__.startswith("tominpmp.") and is_dataclass(child)
         if own and not getattr(child, "__abstractmethods__", None):
-            name = child.__name__.removesuffix(suffix)
+            name = re.sub(rf"{suffix}s?$", "", child.__name__)
             found[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()] = child
         found |= classes(child, suffix)
     return found
@@ -87,7 +87,22 @@ def to_table(record: Any, kinds: Mapping[str, type[Any]], folder: Path) -> Any:
     names = {kind: name for name, kind in kinds.items()}
     if type(record) not in names:
         raise TypeError(f"a {type(record).__name__} cannot be written")
-    return {"type": names[type(record)]} | field_table(record, kinds, folder)
+    table = {"type": names[type(record)]} | field_table(record, kinds, folder)
+    if isinstance(record, Mesh) and _is_as_in_file(record):
+        table = {k: v for k, v in table.items() if k not in ("vertices", "triangles")}
+    return table
+
+
+def _is_as_in_file(mesh: Mesh) -> bool:
+    """Whether a mesh has a file that still holds its corners and triangles."""
+    try:
+        return mesh.path is not None and mesh == replace(
+            mesh,
+            vertices=None,  # type: ignore[arg-type]
+            triangles=None,  # type: ignore[arg-type]
+        )
+    except SceneError:
+        return False
 
 
 def field_table(

@@ -14,9 +14,11 @@ from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.linkage import Linkage
 from tominpmp.exceptions import RobotLoadError, ScenarioError, TominpmpError
+from tominpmp.payload import Payload
 from tominpmp.robot import DEFAULT_GRAVITY, Robot, load_robot
 from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
-from tominpmp.scenario.records import file_name
+from tominpmp.scenario.records import classes, field_table, file_name, make
+from tominpmp.scene import Obstacle
 
 # Overrides per joint, as load_robot has them.
 OVERRIDES = (
@@ -35,6 +37,7 @@ KEYS = (
     "joint_limits",
     "gravity",
     "locked_joints",
+    "payloads",
     *OVERRIDES,
 )
 
@@ -45,7 +48,9 @@ def read_robot(table: Field) -> tuple[Robot, MoveItLimits | None]:
     Args:
         table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``,
             ``locked_joints``, ``gravity`` and the overrides of :func:`load_robot`;
-            ``joint_limits``, a file of MoveIt. Paths are relative to the scenario.
+            ``joint_limits``, a file of MoveIt; ``payloads``, a list of tables with the
+            fields of :class:`~tominpmp.payload.Payload`. Paths are relative to the
+            scenario.
 
     Returns:
         The robot, and what that file of MoveIt says.
@@ -87,6 +92,12 @@ def read_robot(table: Field) -> tuple[Robot, MoveItLimits | None]:
         option = getattr(error, "option", None)
         where = table.get(option) if option in KEYS else table
         where.fail(str(error))
+    for item in table.get("payloads").items():
+        payload = make(Payload, item.table(), item, classes(Obstacle))
+        try:
+            robot = robot.with_payload(payload)
+        except TominpmpError as error:
+            item.fail(str(error))
     return robot, limits
 
 
@@ -110,7 +121,15 @@ def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
 
     Returns:
         The table for :func:`read_robot`.
+
+    Raises:
+        TypeError: If the robot holds what cannot be written.
     """
+    if robot.parts:
+        raise TypeError(
+            f"it was combined from several: {', '.join(robot.parts)}; expected one "
+            "that was loaded"
+        )
     table = _source(robot, folder)
     default = find_srdf(robot.urdf_path)
     if "name" in table:
@@ -126,6 +145,10 @@ def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
     locked = {k: v for k, v in robot.locked_joints.items() if k not in followers}
     if locked:
         table["locked_joints"] = locked
+    kinds = classes(Obstacle)
+    payloads = [field_table(payload, kinds, folder) for payload in robot.payloads]
+    if payloads:
+        table["payloads"] = payloads
     return table | _overrides(robot, locked)
 
 

@@ -3,6 +3,7 @@
 ::
 
     margin = 0.01                       # distance to keep from obstacles [m]
+    self_collision = true               # the default where there are obstacles
 
     [robot]
     name = "panda"                      # or path = "arm.urdf"
@@ -20,6 +21,13 @@
     name = "table"
     size = [1.0, 1.0, 0.1]
     position = [0.6, 0.0, -0.05]
+
+    [[scene.obstacles]]
+    type = "sphere"
+    name = "ball"
+    radius = 0.1
+    position = [0.5, -0.5, 0.4]
+    motion = {type = "constant_velocity", velocity = [0.0, 0.2, 0.0]}
 
     [motion_limits]                     # beyond those of the URDF
     acceleration = 10.0
@@ -65,7 +73,16 @@ except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
 
 MAX_BYTES = 16 * 2**20
-SECTIONS = ("margin", "robot", "start", "goal", "scene", "motion_limits", "options")
+SECTIONS = (
+    "margin",
+    "self_collision",
+    "robot",
+    "start",
+    "goal",
+    "scene",
+    "motion_limits",
+    "options",
+)
 # Fields of a problem that the file has under other names.
 PLACES = {"q_start": "start", "v_start": "start", "goal": "goal", "margin": "margin"}
 
@@ -103,7 +120,7 @@ def load_scenario(path: str | Path) -> Scenario:
     q_start = _positions(document.need("start"), robot, None)
     v_start = document.get("start").get("v")
     goal = _read_goal(document.need("goal"), robot, q_start)
-    margin = document.get("margin")
+    margin, own = document.get("margin"), document.get("self_collision")
     try:
         problem = Problem(
             robot,
@@ -115,6 +132,7 @@ def load_scenario(path: str | Path) -> Scenario:
             motion_limits=read_motion_limits(
                 document.get("motion_limits"), moveit, robot
             ),
+            self_collision=None if own.value is None else own.flag(),
         )
     except ScenarioError:
         raise
@@ -263,13 +281,18 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
     def fail(key: str, reason: object) -> NoReturn:
         raise ScenarioError(f"{path}: {key}: cannot be saved: {reason}", path, key)
 
-    known = ("robot", "scene", "motion_limits", *PLACES)
+    known = ("robot", "scene", "motion_limits", "self_collision", *PLACES)
     for name in _changed(problem, without=known):
         fail(name, "scenario files do not know it")
     document: dict[str, Any] = {}
     if problem.margin:
         document["margin"] = problem.margin
-    document["robot"] = robot_table(problem.robot, folder)
+    if problem.self_collision is not None:
+        document["self_collision"] = problem.self_collision
+    try:
+        document["robot"] = robot_table(problem.robot, folder)
+    except TypeError as error:
+        fail("robot", error)
     _check_robot(document["robot"], problem.robot, path)
     document["start"] = {"q": problem.q_start.tolist()}
     if problem.v_start is not None and np.any(problem.v_start):
@@ -313,7 +336,7 @@ def _without_callback(options: Options) -> Options:
 
 
 def _check_robot(table: dict[str, Any], robot: Robot, path: Path) -> None:
-    """Check that a table gives the robot back: with a payload, say, it would not."""
+    """Check that a table gives the robot back: with a changed model it would not."""
     import warnings
 
     with warnings.catch_warnings():
