@@ -1,15 +1,18 @@
-"""Problems whose minimum time is known: how near each method comes, on which grid.
+r"""Problems whose minimum time is known: how near each method comes, on which grid.
 
 The problems, their minimum times in closed form or by shooting and their sources are in
 tests/optimum_cases.py and tests/two_link_cases.py.
 
     python -m benchmarks.known_optima
     python -m benchmarks.known_optima --methods inverse --families level,vertical
+    python -m benchmarks.known_optima --methods inverse --intervals 40 \
+        --grids cosine --refine none,grid,switching --markdown out/known_optima.md
     python -m benchmarks.known_optima --search --families level
 
 ``--search`` looks for faster motions than the known ones by a direct method that shares
 nothing with the library: Runge-Kutta steps on the equations written by hand, IPOPT,
-random starts. It needs casadi. Results go to a CSV file, a row as soon as it is known.
+random starts. It needs casadi. Results go to a CSV file, a row as soon as it is known,
+and as tables to the standard output or to a file.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -28,6 +31,7 @@ for _name in (
 
 import argparse
 import csv
+import itertools
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -49,12 +53,14 @@ from tominpmp import Options, plan
 
 METHODS = ("inverse", "collocation", "adjoint")
 GRIDS = ("cosine", "uniform")
+REFINEMENTS = ("none", "grid", "switching")
 COLUMNS = (
     "family",
     "problem",
     "method",
     "intervals",
     "grid",
+    "refine",
     "T_known",
     "T",
     "error",
@@ -64,7 +70,9 @@ COLUMNS = (
     "seconds",
 )
 # Longest planning of one problem [s].
-PATIENCE = 20.0
+PATIENCE = 60.0
+# Relative errors at least this large are given in per cent.
+PER_CENT = 1e-5
 # The direct search: intervals, Runge-Kutta steps in each, and how far apart durations
 # of different local optima are at least.
 SEARCH_INTERVALS = 80
@@ -74,13 +82,19 @@ DISTINCT = 5e-4
 Row = dict[str, Any]
 
 
-def measure(family: str, case: Case, method: str, intervals: int, grid: str) -> Row:
+def measure(
+    family: str, case: Case, method: str, intervals: int, grid: str, refine: str
+) -> Row:
     """Plan a problem and compare T with the known one."""
     options = Options(
-        method=method, intervals=intervals, grid=grid, max_planning_time=PATIENCE
+        method=method,
+        intervals=intervals,
+        grid=grid,
+        refine=None if refine == "none" else refine,
+        max_planning_time=PATIENCE,
     )
     problem = case.problem()
-    started = time.perf_counter()
+    started = time.process_time()
     solution = plan(problem, options)
     return {
         "family": family,
@@ -88,13 +102,14 @@ def measure(family: str, case: Case, method: str, intervals: int, grid: str) -> 
         "method": method,
         "intervals": intervals,
         "grid": grid,
+        "refine": refine,
         "T_known": case.minimum,
         "T": solution.T,
         "error": solution.T / case.minimum - 1.0,
         "status": solution.status.name,
         "success": solution.success,
         "iterations": solution.iterations,
-        "seconds": time.perf_counter() - started,
+        "seconds": time.process_time() - started,
     }
 
 
@@ -105,45 +120,53 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     with arguments.csv.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
-        for family in arguments.families:
-            for case in CASES[family].values():
-                for method in arguments.methods:
-                    for intervals in arguments.intervals:
-                        for grid in arguments.grids:
-                            row = measure(family, case, method, intervals, grid)
-                            rows.append(row)
-                            writer.writerow(row)
-                            file.flush()
-                            print(_progress(row), file=sys.stderr, flush=True)
+        cases = [(name, case) for name in arguments.families for case in _cases(name)]
+        settings = itertools.product(
+            arguments.methods, arguments.intervals, arguments.grids, arguments.refine
+        )
+        for (family, case), setting in itertools.product(cases, settings):
+            row = measure(family, case, *setting)
+            rows.append(row)
+            writer.writerow(row)
+            file.flush()
+            print(_progress(row), file=sys.stderr, flush=True)
     return rows
+
+
+def _cases(family: str) -> list[Case]:
+    return list(CASES[family].values())
 
 
 def _progress(row: Row) -> str:
     return (
-        f"{row['problem']}, {row['method']}, {row['intervals']} {row['grid']}: "
-        f"{_cell(row)}"
+        f"{row['problem']}, {row['method']}, {row['intervals']} {row['grid']}, "
+        f"refine {row['refine']}: {_cell(row)}"
     )
 
 
 def _cell(row: Row) -> str:
-    """Relative error in per cent, iterations, seconds, and what went wrong."""
+    """Relative error, iterations, seconds, and what went wrong."""
     if not row["success"]:
         return f"no motion ({row['status'].lower()})"
     note = "" if row["status"] == "CONVERGED" else f", {row['status'].lower()}"
-    return (
-        f"{100.0 * row['error']:+.3f} %, {row['iterations']} it, "
-        f"{row['seconds']:.2f} s{note}"
-    )
+    error = f"{100.0 * row['error']:+.3f} %"
+    if abs(row["error"]) < PER_CENT:
+        error = f"{row['error']:+.0e}"
+    return f"{error}, {row['iterations']} it, {row['seconds']:.2f} s{note}"
 
 
 def markdown_tables(rows: Iterable[Row]) -> str:
-    """One table a method: a row for each problem, a column for each grid."""
+    """One table a method: a row for each problem, a column for each setting."""
     rows = list(rows)
     parts = []
     for method in dict.fromkeys(row["method"] for row in rows):
         chosen = [row for row in rows if row["method"] == method]
-        grids = list(dict.fromkeys((row["intervals"], row["grid"]) for row in chosen))
-        header = ["problem", "T [s]", *(f"N = {n}, {grid}" for n, grid in grids)]
+        settings = dict.fromkeys(
+            f"N = {row['intervals']}, {row['grid']}"
+            + (f", refine {row['refine']}" if row["refine"] != "none" else "")
+            for row in chosen
+        )
+        header = ["problem", "T [s]", *settings]
         lines = [f"### {method}", "", _line(header), "|" + "---|" * len(header)]
         cells: dict[str, list[str]] = {}
         for row in chosen:
@@ -321,11 +344,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--families", type=names(families), default=families)
     parser.add_argument("--methods", type=names(METHODS), default=list(METHODS))
     parser.add_argument("--grids", type=names(GRIDS), default=list(GRIDS))
+    parser.add_argument("--refine", type=names(REFINEMENTS), default=["none"])
     parser.add_argument("--intervals", type=numbers, default=[20, 40, 80])
     parser.add_argument("--search", action="store_true", help="look for faster motions")
     parser.add_argument("--starts", type=int, default=10, help="of a search")
     parser.add_argument("--seed", type=int, default=0, help="of a search")
     parser.add_argument("--csv", type=Path, default=Path("out/known_optima.csv"))
+    parser.add_argument("--markdown", type=Path, help="write the tables to this file")
     return parser
 
 
@@ -333,7 +358,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the benchmark and print its tables."""
     options = _parser().parse_args(arguments)
     if not options.search:
-        print(markdown_tables(run(options)))
+        tables = markdown_tables(run(options))
+        if options.markdown is None:
+            print(tables)
+        else:
+            options.markdown.parent.mkdir(parents=True, exist_ok=True)
+            options.markdown.write_text(f"{tables}\n", encoding="utf-8")
         return
     for family in options.families:
         for case in CASES[family].values():

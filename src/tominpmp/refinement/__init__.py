@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from tominpmp.options import Options
 from tominpmp.refinement.exact import refine_switching
 from tominpmp.refinement.grid import refine_grid
 from tominpmp.refinement.monitor import Monitor
+from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.lp import LpSolver
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.system import System
 
-__all__ = ["refine", "refine_grid", "refine_switching"]
+__all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
+
+# What needs no refinement: planning that was stopped, and a motion that will do.
+DONE = (Status.TIME_LIMIT, Status.INTERRUPTED, Status.FEASIBLE)
 
 
 def refine(
@@ -36,8 +42,25 @@ def refine(
         Program and solution of the refined motion; what was given where nothing better
         was found. The motion is never slower, unless its replay was not all right.
     """
+    if result.status in DONE:
+        return transcription, result
     if options.refine == "grid":
         return refine_grid(system, options, transcription, result, lp, watch)
     if options.refine == "switching":
         return refine_switching(system, options, transcription, result, lp, watch)
     return transcription, result
+
+
+def unrefined(options: Options, result: SlpResult) -> SlpResult:
+    """The outcome of a solver whose motions no refinement knows, with a word on it.
+
+    Args:
+        options: Options of the plan.
+        result: The outcome.
+    """
+    if options.refine is None:
+        return result
+    way = f"method {options.method!r}"
+    if options.method == "inverse":
+        way = f"control {options.control!r}"
+    return replace(result, remark=f"It was not refined: that is not done for {way}.")

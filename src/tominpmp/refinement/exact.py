@@ -40,8 +40,10 @@ MOST_UNKNOWNS = 160
 # iterations on them.
 GRIDS = (60, 90)
 GRID_ITERATIONS = 30
-# A motion this much longer than the plan is none, relatively.
+# A motion this much longer than the plan is none, relatively; and than a plan that its
+# replay does not confirm.
 LONGER = 1e-6
+UNCONFIRMED = 0.02
 # Wild paths that are tried, evaluations of the dynamics for each, and up to how many
 # motors there is any hope of finding something.
 TRIES = 12
@@ -49,6 +51,10 @@ TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
 # Time that a refinement has at most [s].
 PATIENCE = 20.0
+KEPT = (
+    "No exact switching was found that is faster and that the replay confirms: the "
+    "motion on the grid was kept."
+)
 # Motions shorter by less than this share are the same.
 SAME = 1e-6
 
@@ -117,7 +123,11 @@ def refine_switching(
     plan = transcription.trajectory(iterate.z)
     clock = Clock(watch, PATIENCE)
     given = result.best is not None and replayed_well(system, plan, options)
-    limit = plan.duration * (1.0 + LONGER) if given else np.inf
+    limit = np.inf
+    if result.best is not None:
+        # A motion that its replay does not confirm may be somewhat too fast; without
+        # arcs that are about as fast, a finer grid is better.
+        limit = plan.duration * (1.0 + (LONGER if given else UNCONFIRMED))
     search = Search(system, clock, limit)
     _look(search, options, plan, lp)
     for motion in reversed(search.found):
@@ -125,10 +135,9 @@ def refine_switching(
         arcs = _transcribe(sharpen(system, motion, budget))
         if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
             return arcs[0], _result(*arcs, result, iterate, clock)
-    logger.info("no arcs were found that are faster than the plan, which is kept")
     if clock.stopped is not None:
         result = replace(result, status=clock.stopped)
-    return transcription, result
+    return transcription, replace(result, remark=KEPT)
 
 
 def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> None:
@@ -139,6 +148,8 @@ def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> N
     tries = TRIES if options.starts is None else options.starts - 1
     if small and search.clock.first:
         _explore(search, options, plan, lp, tries)
+    if small and not search.found:
+        search.read(plan, EVALUATIONS)
     for trajectory in _finer(search.system, options, plan, lp, search.clock):
         if search.found:
             return

@@ -44,6 +44,9 @@ FEWEST, MOST = 0.1, 0.5
 WORST_SHARE = 0.15
 # Losses below this share of the duration are none.
 LITTLE = 1e-6
+# Torques that change by more than this, in half ranges, switch: to the other limit, or
+# to what keeps a speed.
+JUMP = 0.5
 # Rounds of adding rows between the nodes, iterations of each solve.
 EXCHANGES = 4
 ITERATIONS = 30
@@ -68,7 +71,7 @@ def refine_grid(
         system: The functions of the problem.
         options: Options of the plan.
         transcription: The program of the motion, "inverse" or "collocation"; others are
-            handed back.
+            handed back with a remark.
         result: Its solution.
         lp: Solver of linear programs.
         watch: Time limit and callback.
@@ -80,7 +83,10 @@ def refine_grid(
         return _refine(system, options, transcription, result, lp, watch)
     if isinstance(transcription, CollocationTranscription):
         return _refine(system, options, transcription, result, lp, watch)
-    return transcription, result
+    remark = (
+        f"Its grid was not refined: that is not done for method {options.method!r}."
+    )
+    return transcription, replace(result, remark=remark)
 
 
 def _refine(
@@ -105,7 +111,8 @@ def _refine(
         refined, found = _solve(finer, start, options, outcome, lp, watch)
         replayed = replayed_well(system, refined.trajectory(_last(found)), options)
         gain = 1.0 - (np.inf if found.best is None else found.best.duration) / T
-        logger.info("%d intervals: gain %.1e, replay %s", start.size, gain, replayed)
+        count = losses.size + int(split.sum())
+        logger.info("%d intervals: gain %.1e, replay %s", count, gain, replayed)
         if found.best is None or (gain < 0.0 and not replayed):
             break
         better = gain > 0.0 or not replayed_well(system, kept.trajectory(z), options)
@@ -168,9 +175,9 @@ def _spline_losses(
 
 
 def _jumps(shares: Array) -> Array:
-    """How much the torques change around each interval, in half ranges, (N, n)."""
+    """Where torques jump around an interval, shape (N, n): 1, else 0."""
     padded = np.vstack([shares[:1], shares, shares[-1:]])
-    return np.asarray(np.abs(padded[2:] - padded[:-2]) > 1.0).astype(np.float64)
+    return np.asarray(np.abs(padded[2:] - padded[:-2]) > JUMP).astype(np.float64)
 
 
 def step_errors(system: System, x: Array, u: Array, h: Array) -> Array:

@@ -55,12 +55,14 @@ class SlpResult:
         iterate: The last iterate.
         best: The fastest iterate without violation, if there was one.
         history: One record an iteration.
+        remark: A sentence for the user, if there is something to say.
     """
 
     status: Status
     iterate: Iterate
     best: Iterate | None
     history: tuple[IterationRecord, ...]
+    remark: str = ""
 
 
 @dataclass

@@ -1,0 +1,181 @@
+"""Finer grids: where intervals are split, and what that brings."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from two_link_cases import CASES
+
+import tominpmp as tm
+from tominpmp.options import Tolerances
+from tominpmp.refinement.grid import (
+    MOST_INTERVALS,
+    interval_losses,
+    split_intervals,
+    step_errors,
+    worst_intervals,
+)
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.system import System
+
+FEW = 8
+
+
+@cache
+def planned(
+    family: str, name: str, method: str, refine: str | None, intervals: int = FEW
+) -> tm.Solution:
+    options = tm.Options(
+        method=method,  # type: ignore[arg-type]
+        refine=refine,  # type: ignore[arg-type]
+        intervals=intervals,
+        control="constant",
+        starts=1,
+    )
+    return tm.plan(CASES[family][name].problem(), options)
+
+
+@pytest.mark.parametrize("method", ["inverse", "collocation"])
+@pytest.mark.parametrize(
+    ("family", "name"),
+    [
+        ("rail", "rail, speed limit"),
+        ("pendulum", "pendulum, upright"),
+        ("level", "rods, friction"),
+    ],
+)
+def test_coarse_start(family: str, name: str, method: str) -> None:
+    """From 8 intervals the replay meets its tolerances, and T comes down."""
+    rough = planned(family, name, method, None)
+    solution = planned(family, name, method, "grid")
+    assert solution.success, solution.message
+    assert solution.verification is not None
+    assert solution.verification.goal_error <= Tolerances().goal
+    assert solution.verification.speed_error <= Tolerances().speed
+    case = CASES[family][name]
+    assert solution.T >= case.minimum * (1.0 - 1e-4)
+    assert solution.trajectory is not None
+    assert solution.trajectory.t.size > FEW + 1
+    if rough.success:
+        assert solution.T <= rough.T * (1.0 + 1e-9)
+
+
+def test_half_of_the_excess_goes() -> None:
+    """On the best grid of its size; equal intervals would bring as much as this."""
+    case = CASES["vertical"]["vertical rods"]
+    rough = planned("vertical", "vertical rods", "inverse", None)
+    solution = planned("vertical", "vertical rods", "inverse", "grid")
+    excess = [T / case.minimum - 1.0 for T in (rough.T, solution.T)]
+    assert excess[1] < 0.5 * excess[0]
+
+
+def test_intervals_are_short_where_torques_switch() -> None:
+    solution = planned("level", "rods, friction", "inverse", "grid", 20)
+    case, motion = CASES["level"]["rods, friction"], solution.trajectory
+    assert motion is not None
+    h = np.diff(motion.t)
+    around = np.searchsorted(motion.t, case.structures[0].times[:-1]) - 1
+    assert np.median(h[around]) < np.median(h)
+
+
+def test_grid_of_a_hopeless_problem_says_so() -> None:
+    """A joint too weak to lift itself within the bounds: no exception, no success."""
+    case = CASES["swing"]["pendulum, one swing"]
+    robot = case.robot()
+    narrow = tm.Problem(
+        robot,
+        case.task.ends[0][:1],
+        tm.JointGoal(case.task.ends[1][:1]),
+    )
+    options = tm.Options(refine="grid", max_iterations=2, starts=1)
+    solution = tm.plan(narrow, options)
+    assert solution.message
+    if solution.success:
+        assert solution.verification is not None
+        assert solution.verification.ok
+
+
+def test_stopped_planning_is_not_refined() -> None:
+    options = tm.Options(refine="grid", callback=lambda record: record.iteration == 2)
+    solution = tm.plan(CASES["level"]["rods"].problem(), options)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert len(solution.history) == 3
+
+
+# -- the pieces ------------------------------------------------------------------------
+
+
+def system_of(family: str, name: str) -> System:
+    return System.of(CASES[family][name].problem())
+
+
+@pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
+def test_splitting_leaves_the_motion_as_it_is(
+    kind: type[InverseTranscription] | type[CollocationTranscription],
+    rng: np.random.Generator,
+) -> None:
+    """The next solve begins where the last one ended."""
+    system = system_of("vertical", "vertical rods")
+    shares = interval_shares("uniform", FEW)
+    transcription = kind(system, shares, 1.3)
+    path = rng.normal(size=(FEW + 1, 2))
+    path[0] = system.problem.q_start
+    if isinstance(transcription, InverseTranscription):
+        s = np.linspace(0.0, 1.3, FEW + 1)
+        z = transcription.start(
+            lambda t: np.stack([np.interp(t, s, x) for x in path.T], axis=1), 1.3
+        )
+    else:
+        z = transcription.start(path, np.array([1.3]))
+    split = np.arange(FEW) % 3 == 0
+    finer, start = split_intervals(transcription, z, split)
+    before, after = transcription.trajectory(z), finer.trajectory(start)
+    assert after.t.size == before.t.size + int(split.sum())
+    times = np.linspace(0.0, before.duration, 57)
+    if kind is CollocationTranscription:
+        times = before.t  # in between torques rule, whatever the states
+    np.testing.assert_allclose(after(times).q, before(times).q, atol=1e-10)
+    np.testing.assert_allclose(after(times).v, before(times).v, atol=1e-10)
+
+
+def test_errors_of_steps() -> None:
+    """Constant force on a mass is integrated exactly; an error of 1 mm is seen."""
+    system = system_of("rail", "rail")
+    a, h = 5.0, np.array([0.2, 0.3])
+    t = np.concatenate([[0.0], np.cumsum(h)])
+    x = np.stack([0.5 * a * t**2, a * t], axis=1)
+    u = np.full((2, 1), 10.0)
+    np.testing.assert_allclose(step_errors(system, x, u, h), 0.0, atol=1e-12)
+    x[1, 0] += 1e-3
+    found = step_errors(system, x, u, h)
+    np.testing.assert_allclose(found[:, 0], 1e-3, rtol=1e-9)
+
+
+def test_losses_tell_where_a_torque_switches() -> None:
+    """Full force, then brakes from within the fourth of eight intervals on."""
+    system = system_of("rail", "rail")
+    transcription = CollocationTranscription(
+        system, interval_shares("uniform", FEW), 0.9
+    )
+    u = np.array([10.0, 10.0, 10.0, 4.0, -10.0, -10.0, -10.0, -10.0])[:, None]
+    h = np.full(FEW, 0.9 / FEW)
+    v = np.concatenate([[0.0], np.cumsum(h * u[:, 0] / 2.0)])
+    q = np.concatenate([[0.0], np.cumsum(0.5 * h * (v[1:] + v[:-1]))])
+    z = transcription.pack(np.stack([q, v], axis=1), u, np.array([0.9]))
+    losses = interval_losses(system, transcription, z)
+    assert int(np.argmax(losses)) == 3
+    assert losses[3] > 100.0 * np.delete(losses, 3).max()
+
+
+def test_which_intervals_are_split() -> None:
+    losses = np.array([1e-3, 1e-9, 4e-4, 1e-5, 0.0, 0.0])
+    split = worst_intervals(losses, 1.0)
+    np.testing.assert_array_equal(split, [True, False, True, False, False, False])
+    assert not worst_intervals(np.full(6, 1e-8), 1.0).any()
+    assert not worst_intervals(np.ones(MOST_INTERVALS), 1.0).any()
+    most = worst_intervals(np.ones(MOST_INTERVALS - 3), 1.0)
+    assert most.sum() == 3

@@ -1,0 +1,265 @@
+"""Exact switching, against minimum times that are known without the library."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from optimum_cases import DOWNWARD, GRAVITY, HANGING, ROD, Case
+from sample_arms import make_arm, slide
+from two_link_cases import CASES, all_cases
+
+import tominpmp as tm
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.refinement import exact
+from tominpmp.refinement.arcs import Arcs, read_arcs
+from tominpmp.refinement.shooting import ArcProgram
+from tominpmp.refinement.switching import EXACT, Budget, refine_arcs, solve_lengths
+from tominpmp.transcription.system import System
+
+TOLERANCE = 1e-5
+BELOW = 1e-6
+# One of each kind; the others are in benchmarks/known_optima.py. From the first guess
+# alone the fastest of several local optima need not be found.
+QUICK = (
+    ("rail", "rail, weak brake, speed limit"),
+    ("weight", "two rails"),
+    ("friction", "rail, friction 5"),
+    ("pendulum", "pendulum, lift, friction"),
+    ("level", "rods, friction"),
+    ("vertical", "vertical rods"),
+)
+
+
+@cache
+def refined(family: str, name: str, starts: int | None = 1) -> tm.Solution:
+    options = tm.Options(refine="switching", starts=starts)
+    return tm.plan(CASES[family][name].problem(), options)
+
+
+def known(case: Case) -> list[float]:
+    """Durations of all extremals that are known, the fastest first."""
+    return [case.minimum, *(extremal.T for extremal in case.extremals[1:])]
+
+
+@pytest.mark.parametrize(("family", "name"), QUICK)
+def test_time_is_that_of_an_extremal(family: str, name: str) -> None:
+    solution = refined(family, name)
+    assert solution.success, solution.message
+    times = known(CASES[family][name])
+    assert times[0] * (1.0 - BELOW) < solution.T
+    assert min(abs(solution.T / T - 1.0) for T in times) < TOLERANCE
+
+
+def test_other_orders_of_the_switches_are_looked_for() -> None:
+    """The first guess leads to a slower order of the switches."""
+    case = CASES["level"]["Van Willigenburg"]
+    solution = refined("level", "Van Willigenburg", None)
+    assert solution.success
+    assert abs(solution.T / case.minimum - 1.0) < TOLERANCE
+
+
+def test_torques_are_at_their_limits() -> None:
+    """They switch when the extremal does, and are at their limits in between."""
+    solution = refined("level", "rods, friction")
+    case, motion = CASES["level"]["rods, friction"], solution.trajectory
+    assert motion is not None
+    middles = 0.5 * (motion.t[1:] + motion.t[:-1])
+    share = motion(middles).u / np.array([10.0, 5.0])
+    np.testing.assert_allclose(np.abs(share), 1.0, atol=1e-9)
+    flips = np.flatnonzero(np.any(np.diff(np.sign(share), axis=0) != 0, axis=1))
+    expected = case.structures[0].times[:-1]
+    np.testing.assert_allclose(motion.t[flips + 1], expected, atol=2e-5)
+
+
+def test_certificate_of_a_refined_motion() -> None:
+    """Its Hamiltonian is constant where that of a grid is not."""
+    found = refined("vertical", "vertical rods").certificate
+    assert found is not None
+    assert found.ok, found.message
+    assert found.stationarity < 1e-4
+    assert found.saturated_share > 0.999
+
+
+def test_speed_limit_is_kept_exactly() -> None:
+    solution = refined("rail", "rail, weak brake, speed limit")
+    assert solution.trajectory is not None
+    fastest = np.max(np.abs(solution.trajectory.sample(1e-3).v))
+    assert fastest == pytest.approx(1.0, abs=1e-6)
+
+
+def test_refined_is_never_slower() -> None:
+    case = CASES["level"]["rods, friction"]
+    rough = tm.plan(case.problem(), tm.Options(starts=1, control="constant"))
+    solution = refined("level", "rods, friction")
+    assert solution.T <= rough.T * (1.0 + 1e-6)
+
+
+def test_lengths_are_never_traded_for_errors() -> None:
+    """The motion ends at the goal when its torques are integrated independently."""
+    solution = refined("vertical", "vertical rods")
+    assert solution.verification is not None
+    end = solution.verification.replay
+    expected = CASES["vertical"]["vertical rods"].task.ends[1]
+    found = np.concatenate([end.q[-1], end.v[-1]])
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+def test_passive_joint_falls_back_or_gains() -> None:
+    """A cart with a free pole, on the states and torques of collocation."""
+    effort = np.array([20.0, 0.0])
+    robot = make_arm(slide(1.0), ROD, effort=effort, gravity=DOWNWARD)
+    problem = tm.Problem(robot, [0.0, HANGING], tm.JointGoal([0.3, HANGING]))
+    rough = tm.plan(problem, tm.Options(starts=1))
+    options = tm.Options(starts=1, refine="switching", max_planning_time=6.0)
+    solution = tm.plan(problem, options)
+    assert rough.success
+    assert solution.success, solution.message
+    assert solution.T <= rough.T * (1.0 + 0.02)
+
+
+@pytest.mark.parametrize(
+    ("choice", "word"),
+    [
+        ({"refine": "switching", "control": "linear"}, "'linear'"),
+        ({"refine": "switching", "method": "penalty"}, "'penalty'"),
+        ({"refine": "grid", "method": "adjoint"}, "'adjoint'"),
+    ],
+)
+def test_what_cannot_be_refined_is_said(choice: dict[str, Any], word: str) -> None:
+    """The motion is kept as it is, with a sentence."""
+    problem = CASES["rail"]["rail"].problem()
+    choice = {"max_iterations": 12, **choice}
+    options = tm.Options(**choice)
+    plain = tm.Options(**(choice | {"refine": None}))
+    solution, same = tm.plan(problem, options), tm.plan(problem, plain)
+    assert solution.success is same.success
+    assert solution.T == pytest.approx(same.T, rel=1e-12)
+    if solution.success:
+        assert "not refined" in solution.message
+        assert word in solution.message
+
+
+def test_not_found_keeps_the_motion_on_the_grid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Arcs that lead nowhere: the plan stays, verified, with a sentence."""
+    monkeypatch.setattr(exact, "refine_arcs", lambda *arguments: None)
+    problem = CASES["level"]["rods, friction"].problem()
+    plain = tm.plan(problem, tm.Options(starts=1, control="constant"))
+    solution = tm.plan(problem, tm.Options(starts=1, refine="switching"))
+    assert solution.success
+    assert solution.T == pytest.approx(plain.T, rel=1e-12)
+    assert "the motion on the grid was kept" in solution.message
+
+
+def test_time_limit_keeps_a_verified_motion() -> None:
+    case = all_cases()["vertical rods"]
+    rough = tm.plan(case.problem(), tm.Options(starts=1))
+    limit = rough.planning_time + 1.0
+    options = tm.Options(refine="switching", max_planning_time=limit)
+    solution = tm.plan(case.problem(), options)
+    assert solution.success
+    assert solution.T >= case.minimum * (1.0 - BELOW)
+
+
+# -- the pieces ------------------------------------------------------------------------
+
+
+def rail_system() -> System:
+    return System.of(CASES["rail"]["rail"].problem())
+
+
+def arcs(lengths: list[float], levels: list[float]) -> Arcs:
+    shape = (len(lengths), 1)
+    none = np.zeros(shape, dtype=np.int64)
+    column = np.array(levels)[:, None]
+    return Arcs(np.array(lengths), column, none.astype(bool), none)
+
+
+def test_lengths_of_a_rail() -> None:
+    system = rail_system()
+    found = solve_lengths(system, arcs([0.3, 0.8], [1.0, -1.0]), None, Budget())
+    assert found is not None
+    assert found.feasible
+    np.testing.assert_allclose(found.arcs.lengths, np.sqrt(1 / 5.0), rtol=1e-9)
+
+
+def test_useless_arcs_vanish() -> None:
+    system = rail_system()
+    rough = arcs([0.1, 0.2, 0.3, 0.4], [-1.0, 1.0, -1.0, 1.0])
+    still = np.zeros((1, 2))
+    found = refine_arcs(system, rough, lambda t: np.repeat(still, t.size, 0), Budget())
+    assert found is not None
+    assert found.duration == pytest.approx(2 * np.sqrt(1 / 5.0), rel=1e-8)
+    assert found.arcs.cleaned().count == 2
+
+
+def test_no_arcs_reach_the_goal() -> None:
+    """One arc of full force ends at full speed: that is no motion."""
+    system = rail_system()
+    found = solve_lengths(system, arcs([1.0], [1.0]), None, Budget())
+    assert found is None or not found.feasible
+
+
+def test_a_search_can_be_stopped() -> None:
+    system = rail_system()
+    rough = arcs([0.3, 0.8], [1.0, -1.0])
+    assert solve_lengths(system, rough, None, Budget(stop=lambda: True)) is None
+
+
+def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
+    """Of end and limits, against differences; a joint is held on one of the arcs."""
+    case = all_cases()["vertical rods, friction"]
+    system = System.of(case.problem())
+    levels = np.array([[0.5, -0.4], [0.3, 0.0], [-0.2, 0.6]])
+    held = np.array([[0, 0], [0, 1], [0, 0]])
+    rough = Arcs(np.array([0.1, 0.15, 0.1]), levels, held == 0, held)
+    program = ArcProgram(system, rough, np.array([4, 4, 4]))
+    y = program.pack()
+    first = program.shoot(y)
+    assert first is not None
+    program.watch(program.look(first.flow, 2.0))
+    shot, step = program.shoot(y), 1e-6
+    assert shot is not None
+    assert shot.room.size > 10
+    for column in range(program.size):
+        ends = []
+        for sign in (1, -1):
+            z = y.copy()
+            z[column] += sign * step
+            other = program.shoot(z)
+            assert other is not None
+            ends.append(np.concatenate([other.equal, other.room]))
+        slope = (ends[0] - ends[1]) / (2.0 * step)
+        found = np.concatenate([shot.by_equal, shot.by_room])[:, column]
+        np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-6)
+
+
+def test_arcs_of_a_bang_bang_motion_are_read_off() -> None:
+    """An interval in which the torque switches has a value in between."""
+    h = np.full(10, 0.1)
+    shares = np.array([1.0] * 4 + [0.5] + [-1.0] * 5)[:, None]
+    found = read_arcs(h, shares, np.zeros((11, 1)), np.array([True]))
+    np.testing.assert_allclose(found.lengths, [0.475, 0.525], atol=1e-12)
+    np.testing.assert_allclose(found.levels[:, 0], [1.0, -1.0])
+
+
+def test_held_joint_keeps_its_speed() -> None:
+    case = all_cases()["vertical rods"]
+    system = System.of(case.problem())
+    held = np.array([[0, 1]])
+    rough = Arcs(np.array([0.2]), np.array([[0.7, 0.0]]), held == 2, held)
+    flow = ArcProgram(system, rough, np.array([8])).shoot(np.array([1.0]))
+    assert flow is not None
+    v = flow.flow.x[:, 3]
+    np.testing.assert_allclose(v, v[0], atol=1e-12)
+    # The torque that does it is what the inverse dynamics ask for.
+    x, rates = flow.flow.x[-1], flow.flow.rates
+    dynamics = RobotDynamics(case.robot())
+    tau = dynamics.inverse(x[None, :2], x[None, 2:], rates.f[-1:, 2:])[0]
+    np.testing.assert_allclose(rates.tau[-1], tau, rtol=1e-9)
+    assert tau[0] == pytest.approx(0.7 * 40.0, rel=1e-9)
+    assert EXACT < 1e-6 < GRAVITY
