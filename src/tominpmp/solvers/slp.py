@@ -55,6 +55,9 @@ CONTRACTION = 0.5
 # settled, and the radius that is left at least.
 CALM = 0.05
 LEAST_CALM = 0.01
+# Shorter motions are settled to a share of this: an arm that is at its goal already
+# would get there sooner and sooner [s].
+SHORTEST = 0.01
 # Rounds of putting rows into a linear program that its step breaks by more than this.
 ADDITIONS = 3
 MISSED = 1e-4
@@ -201,7 +204,7 @@ class SlpSolver:
 
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""
-        little = self.options.tolerance * iterate.duration
+        little = self.options.tolerance * max(iterate.duration, SHORTEST)
         if outcome.predicted < 0.1 * little:
             return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
