@@ -1,0 +1,147 @@
+"""What the proofs of a motion say and cost, and what a finer grid would bring.
+
+Random joint goals as in benchmarks/random_goals.py and the example scenarios, with
+default options. Each motion is replayed and certified; the same problem is solved on a
+grid four times finer.
+
+    python -m benchmarks.trust
+    python -m benchmarks.trust --robots ur5,panda --goals 2 --no-scenarios
+"""
+
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
+from __future__ import annotations
+
+from benchmarks.sheet import Sheet, markdown, one_thread
+
+one_thread()
+
+import argparse
+import statistics
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import tominpmp as tm
+from benchmarks.random_goals import ROBOTS, load_arm, sample_problems
+
+SCENARIOS = Path(__file__).parents[1] / "examples" / "scenarios"
+FINER = 4
+COLUMNS = (
+    "problem",
+    "status",
+    "verified",
+    "T",
+    "gap",
+    "T_fine",
+    "excess",
+    "seconds",
+    "replay_seconds",
+    "certificate_seconds",
+    "proof_share",
+    "certified",
+    "stationarity",
+    "obeys",
+    "saturated",
+    "active",
+)
+
+
+def problems(arguments: argparse.Namespace) -> Iterator[tuple[str, tm.Problem]]:
+    """Problems with their names."""
+    for name in arguments.robots.split(","):
+        robot = load_arm(name)
+        goals = sample_problems(robot, arguments.goals, arguments.seed)
+        for number, (q_start, q_goal) in enumerate(goals):
+            yield f"{name} {number}", tm.Problem(robot, q_start, tm.JointGoal(q_goal))
+    if arguments.scenarios:
+        for path in sorted(SCENARIOS.glob("*.toml")):
+            yield path.stem, tm.load_scenario(path).problem
+
+
+def measure(name: str, problem: tm.Problem) -> list[object]:
+    """Plan, prove, plan on the finer grid."""
+    begin = time.process_time()
+    solution = tm.plan(problem)
+    planned = time.process_time() - begin
+    begin = time.process_time()
+    again = tm.verify(problem, solution.trajectory)
+    replay = time.process_time() - begin
+    certificate = tm.certify(problem, solution.trajectory, verification=again)
+    proof = time.process_time() - begin
+    fine = tm.plan(problem, tm.Options(intervals=FINER * solution.options.intervals))
+    return [
+        name,
+        solution.status.name,
+        solution.success,
+        solution.T,
+        solution.gap,
+        fine.T,
+        solution.T / fine.T - 1.0,
+        planned,
+        replay,
+        proof - replay,
+        # The replay is part of planning already.
+        proof / (planned - replay),
+        certificate.ok,
+        certificate.stationarity,
+        certificate.sign_share,
+        certificate.saturated_share,
+        certificate.active_share,
+    ]
+
+
+def main() -> int:
+    """Measure, write the CSV file, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default=",".join(ROBOTS))
+    parser.add_argument("--goals", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--no-scenarios", dest="scenarios", action="store_false")
+    parser.add_argument("--csv", type=Path, default=Path("out/trust.csv"))
+    arguments = parser.parse_args()
+    sheet = Sheet(arguments.csv, COLUMNS)
+    groups: dict[str, list[dict[str, object]]] = {}
+    for name, problem in problems(arguments):
+        sheet.add(dict(zip(COLUMNS, measure(name, problem), strict=True)))
+        groups.setdefault(name.split()[0], []).append(sheet.rows[-1])
+    lines = []
+    for name, rows in [*groups.items(), ("all", sheet.rows)]:
+
+        def median(column: str, rows: list[dict[str, object]] = rows) -> float:
+            return statistics.median(float(str(row[column])) for row in rows)
+
+        def most(column: str, rows: list[dict[str, object]] = rows) -> float:
+            return max(float(str(row[column])) for row in rows)
+
+        lines.append(
+            (
+                name,
+                f"{sum(bool(row['verified']) for row in rows)} / {len(rows)}",
+                f"{100 * median('gap'):.1f} %",
+                f"{100 * median('excess'):+.2f} %",
+                f"{100 * most('excess'):+.2f} %",
+                f"{100 * median('proof_share'):.0f} %",
+                f"{sum(bool(row['certified']) for row in rows)} / {len(rows)}",
+                f"{median('stationarity'):.1e}",
+                f"{100 * median('obeys'):.0f} %",
+                f"{100 * median('active'):.0f} %",
+            )
+        )
+    header = (
+        "problems",
+        "verified",
+        "gap to the bound",
+        "T to a grid 4 x finer: median",
+        "largest",
+        "proofs / planning",
+        "certified",
+        "stationarity",
+        "obey",
+        "a limit active",
+    )
+    print(markdown(header, lines))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
