@@ -20,11 +20,11 @@ from tominpmp.dynamics import RobotDynamics
 
 def slowed(problem: tm.Problem, motion: tm.Trajectory, factor: float) -> tm.Trajectory:
     """The same path at a slower pace, with the torques that it takes."""
-    assert motion.a is not None
-    v, a = motion.v / factor, motion.a / factor**2
     inverse = RobotDynamics(problem.robot).inverse
-    u = inverse(motion.q, v, np.concatenate([a, a[-1:]]))
-    t = factor * motion.t
+    t, v, a = factor * motion.t, motion.v / factor, motion.a
+    u = inverse(motion.q, v, motion(motion.t).a / factor**2)
+    if a is not None:
+        a = a / factor**2
     return tm.Trajectory(motion.joint_names, t, motion.q, v, u, a, inverse)
 
 

@@ -85,9 +85,10 @@ def exact(case: Case, samples: int = 30) -> tuple[Problem, Trajectory, Array]:
 def slowed(problem: Problem, motion: Trajectory, factor: float) -> Trajectory:
     """The same path, traversed slower."""
     inverse = RobotDynamics(problem.robot).inverse
-    assert motion.a is not None
-    v, a = motion.v / factor, motion.a / factor**2
-    u = inverse(motion.q, v, np.concatenate([a, a[-1:]]))
+    v, a = motion.v / factor, motion.a
+    u = inverse(motion.q, v, motion(motion.t).a / factor**2)
+    if a is not None:
+        a = a / factor**2
     return Trajectory(motion.joint_names, factor * motion.t, motion.q, v, u, a, inverse)
 
 
