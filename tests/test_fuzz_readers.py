@@ -8,8 +8,12 @@ error that names the file; nothing else, and no warning of NumPy either.
 from __future__ import annotations
 
 import io
+import json
 import re
 import struct
+import time
+import tracemalloc
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +30,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
 
 # What a reader may take while it refuses a small file [bytes].
 MEMORY = 64 * 2**20
+# And of processor time; what they are refused for takes far longer.
+SECONDS = 20.0
 # Messages are for reading.
 LONGEST = 4000
 
@@ -385,3 +391,112 @@ def test_files_of_other_readers(
         # A description that says nothing is one.
         harmless = name == "srdf.srdf"
         assert refused(table[name], folder / name, content) or harmless
+
+
+def laughs(root: str) -> bytes:
+    """A billion words by entities that expand into each other."""
+    entities = ['<!ENTITY a0 "ha">']
+    entities += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10)]
+    return (
+        f"<!DOCTYPE {root} [{''.join(entities)}]><{root} name='&a9;'>&a9;</{root}>"
+    ).encode()
+
+
+def aliases() -> bytes:
+    """The same by aliases of YAML."""
+    rows = ["a0: &a0 [ha, ha]"]
+    rows += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
+    return "\n".join(rows).encode()
+
+
+def npz_that_grows(true_size: bool) -> bytes:
+    """An archive of a few bytes with an array of gigabytes in it."""
+    file, count = io.BytesIO(), 2**27
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("t", "q", "v", "a", "u", "joint_names"):
+            head = io.BytesIO()
+            np.lib.format.write_array_header_1_0(
+                head, {"descr": "<f8", "fortran_order": False, "shape": (count, 1)}
+            )
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                entry.write(head.getvalue())
+                for _ in range(300 if true_size else 1):
+                    entry.write(bytes(2**20))
+    return file.getvalue()
+
+
+def stl_of(count: int) -> bytes:
+    return bytes(80) + struct.pack("<I", count) + bytes(50)
+
+
+HOSTILE = {
+    "expanding entities in a URDF": ("urdf.urdf", laughs("robot")),
+    "expanding entities in an SRDF": ("srdf.srdf", laughs("robot")),
+    "external entity": (
+        "urdf.urdf",
+        b'<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
+    ),
+    "deep XML": ("urdf.urdf", b"<robot>" + b"<a>" * 100_000),
+    "expanding aliases in a scene": ("moveit_scene.yaml", aliases()),
+    "expanding aliases in limits": ("motion_limits.yaml", aliases()),
+    "deep YAML": ("limits.yaml", b"[" * 100_000),
+    "deep TOML": ("scenario.toml", b"a = " + b"[" * 100_000),
+    "deep JSON": ("motion.json", b"[" * 100_000),
+    "long number": ("scenario.toml", b"margin = " + b"9" * 1_000_000),
+    "long number in JSON": ("motion.json", b"[" + b"9" * 1_000_000 + b"]"),
+    "archive that grows": ("motion.npz", npz_that_grows(true_size=True)),
+    "archive that says it grows": ("motion.npz", npz_that_grows(true_size=False)),
+    "pickle": ("motion.npz", written(lambda _, f: np.savez(f, t=np.array([{}])))),
+    "triangles that are not there": ("mesh.stl", stl_of(2**32 - 1)),
+    "row of many columns": ("motion.csv", b"t" + b",q" * 100_000),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_files_cost_nothing(
+    case: str, readers: tuple[Path, dict[str, Reader]]
+) -> None:
+    folder, table = readers
+    name, content = HOSTILE[case]
+    path = folder / f"hostile{Path(name).suffix}"
+    tracemalloc.start()
+    try:
+        begin = time.process_time()
+        assert refused(table[name], path, content)
+        seconds = time.process_time() - begin
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < MEMORY + len(content)
+    # Some orders of magnitude from what it would take to expand them.
+    assert seconds < SECONDS
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        "package://sample/../../../../../etc/passwd",
+        "package://../secret.stl",
+        "package:///../secret.stl",
+        "/dev/zero",
+        "file:///dev/zero",
+        "file:///dev/stdin",
+        "http://127.0.0.1/part.stl",
+        "..",
+        "",
+        "part.stl\0.png",
+        "x" * 3000,
+    ],
+    ids=range(11),
+)
+def test_meshes_out_of_reach(
+    mesh: str, readers: tuple[Path, dict[str, Reader]]
+) -> None:
+    """Neither descriptions nor scenes read devices or leave the folder of a package."""
+    folder, table = readers
+    (folder.parent / "secret.stl").write_bytes(stl())
+    urdf = URDF.replace("part.stl", mesh.replace("\0", "&#0;")).encode()
+    assert refused(table["urdf.urdf"], folder / "reach.urdf", urdf)
+    shape = json.dumps({"resource": mesh})
+    scene = f"world: {{collision_objects: [{{id: a, meshes: [{shape}]}}]}}".encode()
+    assert refused(table["moveit_scene.yaml"], folder / "reach.yaml", scene)

@@ -17,9 +17,9 @@ from tominpmp.exceptions import ScenarioError
 SHOWN = 80
 
 
-def _shown(text: str) -> str:
+def shown(text: str, most: int = SHOWN) -> str:
     """Shorten what a message shows: a file may hold anything, of any length."""
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class Field:
         Raises:
             ScenarioError: Always.
         """
-        where = f"{self.path}: {_shown(self.key)}: " if self.key else f"{self.path}: "
+        where = f"{self.path}: {shown(self.key)}: " if self.key else f"{self.path}: "
         raise ScenarioError(where + message, self.path, self.key or None)
 
     def _expected(self, what: str) -> NoReturn:
-        self.fail(f"is {_shown(repr(self.value))}, expected {what}")
+        self.fail(f"is {shown(repr(self.value))}, expected {what}")
 
     @property
     def given(self) -> bool:

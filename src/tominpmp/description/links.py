@@ -6,11 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
+from tominpmp.description.fields import shown
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.xml_reader import XmlContext
 
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
+# Characters of a path that a message shows.
+LONGEST_PATH = 400
 
 # Attributes of the shapes, with the count of their numbers.
 _SIZES: dict[str, dict[str, int]] = {
@@ -149,8 +152,8 @@ def _find_mesh(
     if path is None:
         remedy = "; give the folder that holds the package in package_dirs"
         context.fail(
-            f"{where}: the mesh {filename!r} is not there; tried "
-            + ", ".join(map(str, tried))
+            f"{where}: the mesh {shown(repr(filename))} is not there; tried "
+            + ", ".join(shown(str(place), LONGEST_PATH) for place in tried)
             + (remedy if filename.startswith(("package://", "model://")) else "")
         )
     if path.stat().st_size > MAX_MESH_BYTES:

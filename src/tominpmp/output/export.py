@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -29,6 +31,8 @@ from tominpmp.trajectory import Samples, Trajectory
 QUANTITIES = ("q", "v", "a", "u")
 # Motions of an hour at 1 kHz fit in.
 MAX_BYTES = 2**30
+# And so do their arrays: a small archive may hold any number of zeros.
+MAX_ARRAY = 2**28
 
 
 def export(
@@ -148,7 +152,8 @@ def _read_csv(content: bytes, path: Path) -> Samples:
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints and quantities of which the columns are."""
-    for quantities in ("qvau", "qva", "qvu", "qau", "qv", "qa", "qu", "q"):
+    kinds = ("qvau", "qva", "qvu", "qau", "qv", "qa", "qu", "q")
+    for quantities in kinds if header[:1] == ["time"] else ():
         n, left = divmod(len(header) - 1, len(quantities))
         names = tuple(column.removeprefix("q_") for column in header[1 : n + 1])
         if n > 0 and not left and header == _columns(names, tuple(quantities)):
@@ -185,12 +190,10 @@ def _numbers(
 def _read_npz(content: bytes, path: Path) -> Samples:
     keys = ("joint_names", "t", *QUANTITIES)
     try:
-        archive = np.load(io.BytesIO(content), allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise ValueError("it holds a single array")
-        with archive:
-            arrays = {key: archive[key] for key in keys if key in archive}
-            held = ", ".join(archive.files)[:200] or "nothing"
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            files = [name.removesuffix(".npy") for name in archive.namelist()]
+            arrays = {key: _array(archive, key) for key in keys if key in files}
+            held = ", ".join(files)[:200] or "nothing"
     except Exception as error:  # a damaged archive may raise anything
         raise ScenarioError(f"{path} is no NPZ file: {error}", path) from error
     missing = [key for key in ("joint_names", "t", "q") if key not in arrays]
@@ -209,6 +212,29 @@ def _read_npz(content: bytes, path: Path) -> Samples:
     for key in QUANTITIES:
         arrays.setdefault(key, np.full(arrays["q"].shape, np.nan))
     return Samples(tuple(names.tolist()), **arrays)
+
+
+def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:
+    """Read an array, if it is as long as it says, which may be less than it takes."""
+    info = archive.getinfo(f"{key}.npy")
+    if info.file_size > MAX_ARRAY:
+        raise ValueError(
+            f"{key} takes {info.file_size} bytes, expected {MAX_ARRAY} at most"
+        )
+    content = archive.read(info)
+    file = io.BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    form = np.lib.format
+    header = (
+        form.read_array_header_1_0 if version[0] == 1 else form.read_array_header_2_0
+    )
+    shape, _, dtype = header(file)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize > len(content):
+        raise ValueError(f"{key} says that it holds {shape} values of {dtype}")
+    array: np.ndarray[Any, Any] = form.read_array(
+        io.BytesIO(content), allow_pickle=False
+    )
+    return array
 
 
 def _checked(samples: Samples, path: Path) -> Samples:

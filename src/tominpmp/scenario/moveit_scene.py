@@ -16,8 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.description.fields import Field
+from tominpmp.description.fields import Field, shown
 from tominpmp.description.files import resolve_resource
+from tominpmp.description.links import LONGEST_PATH
 from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
 from tominpmp.robot import Robot
@@ -374,6 +375,7 @@ def _mesh_file(name: Field, frames: Frames) -> Path:
     except RobotLoadError as error:
         name.fail(str(error).removeprefix(f"{name.path}: "))
     if path is None:
-        places = [str(place) for place in tried[:10]]
-        name.fail(f"there is no file {name.value!r}; tried: {', '.join(places)}")
+        places = [shown(str(place), LONGEST_PATH) for place in tried[:10]]
+        file = shown(repr(name.value))
+        name.fail(f"there is no file {file}; tried: {', '.join(places)}")
     return path

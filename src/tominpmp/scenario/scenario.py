@@ -38,6 +38,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -73,6 +74,8 @@ except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
 
 MAX_BYTES = 16 * 2**20
+# Reading a longer number takes a hundred times as much memory as the file.
+MAX_DIGITS = 5000
 SECTIONS = (
     "margin",
     "self_collision",
@@ -173,6 +176,8 @@ def save_scenario(
 
 def _read_toml(path: Path) -> dict[str, Any]:
     content = read_bytes(path, MAX_BYTES)
+    if re.search(rb"[0-9_]{%d}" % MAX_DIGITS, content):
+        raise ScenarioError(f"{path} holds a number of {MAX_DIGITS} digits", path)
     try:
         return tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:

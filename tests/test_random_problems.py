@@ -1,0 +1,117 @@
+"""Property tests: random arms with random problems, and an independent check.
+
+Whatever the arm and the problem, a plan is a Solution without a NaN, or one of the
+library's errors; what is said to be a success is one for a replay that shares no code
+with the library's, and takes no less than the lower bound.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from independent_check import faults, numbers_that_are_none
+from random_problems import GOALS, KINDS, Case, plan_quietly, random_case
+
+import tominpmp as tm
+
+# What is drawn is the same in each run; a failure is told with its seed.
+EXAMPLES = settings(
+    derandomize=True,
+    database=None,
+    deadline=None,
+    max_examples=9,
+    suppress_health_check=list(HealthCheck),
+    print_blob=False,
+)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def arms(most: int) -> st.SearchStrategy[list[str]]:
+    """Kinds of the joints of an arm."""
+    return st.lists(st.sampled_from(KINDS), min_size=1, max_size=most)
+
+
+def judge(case: Case, **options: object) -> tm.Solution | None:
+    """Plan, and check whatever comes of it; None where there is no such problem."""
+    chosen = {"intervals": 16, "max_iterations": 25, "starts": 1} | options
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            solution = plan_quietly(case, **chosen)
+        except tm.TominpmpError as error:
+            assert str(error).strip()
+            return None
+    assert numbers_that_are_none(solution) == []
+    assert solution.message.strip()
+    if solution.success:
+        assert faults(case, solution) == []
+        bound = solution.lower_bound
+        assert bound is None or bound.T <= solution.T * (1.0 + 1e-6)
+    return solution
+
+
+@EXAMPLES
+@given(kinds=arms(9), moving=st.booleans(), seed=SEEDS)
+def test_joint_goals(kinds: list[str], moving: bool, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    judge(random_case(rng, kinds, "joint", moving=moving))
+
+
+@EXAMPLES
+@given(kinds=arms(6), goal=st.sampled_from(GOALS[1:]), seed=SEEDS)
+def test_goals_of_every_kind(kinds: list[str], goal: str, seed: int) -> None:
+    judge(random_case(np.random.default_rng(seed), kinds, goal))
+
+
+@EXAMPLES
+@given(
+    kinds=arms(5),
+    goal=st.sampled_from(("joint", "position")),
+    obstacles=st.integers(1, 4),
+    seed=SEEDS,
+)
+def test_obstacles(kinds: list[str], goal: str, obstacles: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    judge(random_case(rng, kinds, goal, obstacles=obstacles))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_small_arms_between_configurations_are_solved(seed: int) -> None:
+    """The properties above hold of a planner, too, that never finds anything."""
+    rng = np.random.default_rng(seed)
+    kinds = [KINDS[i] for i in rng.integers(3, size=1 + seed % 3)]
+    case = random_case(rng, kinds, "joint")
+    solution = judge(case, max_iterations=100, starts=None)
+    assert solution is not None
+    assert solution.success
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"q_start": np.full(2, np.nan)},
+        {"q_start": np.zeros(3)},
+        {"v_start": np.full(2, np.inf)},
+        {"v_start": np.full(2, 1e6)},
+        {"margin": np.nan},
+        {"margin": -1.0},
+        {"goals": (("joint", {"q": np.full(2, np.nan), "v": None}),)},
+        {"goals": (("joint", {"q": np.full(2, 1e300), "v": None}),)},
+        {"goals": (("joint", {"q": np.zeros(1), "v": None}),)},
+        {"goals": (("position", {"position": [1e9, 0, 0], "tolerance": 0.0}),)},
+        {"goals": (("position", {"position": [0, 0], "tolerance": 0.0}),)},
+        {"obstacles": ((np.zeros(3), np.nan),)},
+        {"obstacles": ((np.zeros(3), -1.0),)},
+        {"obstacles": ((np.full(3, np.inf), 1.0),)},
+    ],
+    ids=lambda values: next(iter(values)),
+)
+def test_wrong_numbers_are_refused(values: dict[str, object]) -> None:
+    rng = np.random.default_rng(3)
+    case = random_case(rng, ["revolute", "revolute"], "joint")
+    with pytest.raises(tm.TominpmpError):
+        plan_quietly(Case(**(vars(case) | values)))

@@ -1,0 +1,106 @@
+"""One named entry for each defect that random problems and hostile files brought up.
+
+Each says in its docstring what went wrong; the check is on the general rule that was
+broken, on the smallest problem that broke it.
+"""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from optimum_cases import ROD
+from sample_arms import make_arm, slide
+
+import tominpmp as tm
+
+OPTIONS = tm.Options(intervals=8)
+
+
+def test_goal_that_holds_at_the_start_settles() -> None:
+    """The time shrank without end, until the iterations or the time were used up."""
+    rail = make_arm(slide(1.0), effort=10.0)
+    goal = tm.JointRegionGoal([0.3], 0.1)
+    solution = tm.plan(tm.Problem(rail, [0.25], goal), OPTIONS)
+    assert solution.status is tm.Status.CONVERGED
+    assert 0.0 < solution.T < 1e-3
+    assert abs(solution.trajectory.q[-1, 0] - 0.3) <= 0.1 + 1e-6
+
+
+@pytest.mark.parametrize("kind", ["position", "pose", "region"])
+def test_bound_of_a_goal_that_is_only_just_reached(kind: str) -> None:
+    """Rounding put the goal out of reach, and the bound rose to more than 100 s."""
+    rod = make_arm(ROD, effort=10.0, velocity=2.0)
+    end = np.array([0.7])
+    model = rod.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, end)
+    frame = rod.frame_names[-1]
+    place = data.oMf[rod.frame_id(frame)]
+    # As written to a file with ten digits.
+    place = pin.SE3(place.rotation, np.round(place.translation, 10))
+    point = np.zeros(3)
+    goals = {
+        "position": tm.PositionGoal(frame, place.translation),
+        "pose": tm.PoseGoal(frame, place, tolerance=1e-6, angle_tolerance=0.01),
+        "region": tm.RegionGoal(frame, point, point, place),
+    }
+    solution = tm.plan(tm.Problem(rod, [0.1], goals[kind]), OPTIONS)
+    assert solution.success
+    assert solution.lower_bound is not None
+    assert solution.lower_bound.T <= solution.T
+
+
+def test_unit_vectors_stay_as_they_are() -> None:
+    """Divided by its length once more, at each loading, a direction drifted."""
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        goal = tm.AxisGoal("tip", rng.normal(size=3), 1e200 * rng.normal(size=3))
+        assert np.linalg.norm(goal.direction) == pytest.approx(1.0, abs=1e-15)
+        again = tm.AxisGoal("tip", goal.axis.tolist(), goal.direction.tolist())
+        assert again == goal
+        assert pickle.loads(pickle.dumps(goal)) == goal
+
+
+def test_message_about_a_key_of_any_length(tmp_path: Path) -> None:
+    """A hostile key was put into the message as a whole."""
+    path = tmp_path / "s.toml"
+    path.write_text(f"{'x' * 100_000} = 1\n", encoding="utf-8")
+    with pytest.raises(tm.ScenarioError, match="no such key") as caught:
+        tm.load_scenario(path)
+    assert len(str(caught.value)) < 1000
+
+
+def test_request_in_the_place_of_a_scene(tmp_path: Path) -> None:
+    """Files in the wrong order gave a scene without obstacles."""
+    path = tmp_path / "request.yaml"
+    path.write_text("goal_constraints: [{joint_constraints: []}]\n", encoding="utf-8")
+    with pytest.raises(tm.ScenarioError, match="no planning scene"):
+        tm.load_moveit_scene(path)
+
+
+def test_empty_motion_limits(tmp_path: Path) -> None:
+    """A file that says nothing was taken for one without limits."""
+    path = tmp_path / "limits.yaml"
+    path.write_text("{}\n", encoding="utf-8")
+    with pytest.raises(tm.ScenarioError, match="is empty, expected acceleration"):
+        tm.load_motion_limits(path, tm.load_robot("planar3r"))
+
+
+def test_payload_is_saved_with_its_robot(planar3r: tm.Robot, tmp_path: Path) -> None:
+    """Robots with a payload could not be saved."""
+    robot = planar3r.with_payload(tm.Payload(mass=0.05, frame="tip"))
+    problem = tm.Problem(robot, [1.4, 0.1, 0.1], tm.JointGoal([1.5, 0.1, 0.1]))
+    path = tm.save_scenario(tmp_path / "s.toml", problem)
+    assert tm.load_scenario(path).problem == problem
+
+
+def test_mesh_without_triangles(tmp_path: Path) -> None:
+    """A file of the right format with nothing in it is no obstacle."""
+    path = tmp_path / "empty.stl"
+    path.write_bytes(bytes(84))
+    with pytest.raises(tm.SceneError, match="no triangles"):
+        tm.Mesh("part", path=path)
