@@ -18,7 +18,7 @@ from tominpmp.verification.first_order import FirstOrder
 from tominpmp.verification.replay import Replay
 
 # Steps of an interval; even, so that one ends in the middle.
-STEPS = 8
+STEPS = 4
 
 
 def integrate_costates(
