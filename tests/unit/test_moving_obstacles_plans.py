@@ -1,0 +1,164 @@
+"""Motions planned among obstacles that move, judged by geometry written down here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.options import Tolerances
+from tominpmp.verification import verify
+
+# The planar arm: lengths of its links, half their width, and the gate [m].
+LENGTHS, THICK = (3.0, 2.0, 1.0), 0.001
+HINGE, LENGTH, WIDTH = np.array([6.0, 2.5]), 5.0, 0.2
+START, END = np.array([0.2, 0.0, 0.0]), np.array([1.6, 0.0, 0.0])
+MARGIN = 0.02
+QUICK = tm.Options(intervals=12, starts=1, seed=0)
+# Strong motors, so that it is the gate that holds the arm back [N m].
+EFFORT = (60.0, 30.0, 15.0)
+OPENS, LATE, TAKES = 0.3, 0.8, 0.3  # [s]
+
+
+def gate(opens: float, takes: float = TAKES) -> tm.Box:
+    """A gate that begins to turn up by a right angle at a time."""
+    swing = tm.ConstantVelocity(
+        angular=(0.0, 0.0, -0.5 * np.pi / takes),
+        pivot=(*HINGE, 0.0),
+        begin=opens,
+        end=opens + takes,
+    )
+    centre = (HINGE[0] - LENGTH / 2, HINGE[1], 0.0)
+    return tm.Box("gate", size=(LENGTH, WIDTH, 1.0), position=centre, motion=swing)
+
+
+def problem(*obstacles: tm.Obstacle) -> tm.Problem:
+    robot = tm.load_robot("planar3r", effort=EFFORT)
+    return tm.Problem(
+        robot, START, tm.JointGoal(END), tm.Scene(obstacles), margin=MARGIN
+    )
+
+
+def points_of_arm(q: np.ndarray) -> np.ndarray:
+    """Points on the axes of the links 2 cm apart, shape (k, 2)."""
+    corner, angle, found = np.zeros(2), 0.0, []
+    for length, turn in zip(LENGTHS, q, strict=True):
+        angle += turn
+        along = np.array([np.cos(angle), np.sin(angle)])
+        found.append(
+            corner + np.linspace(0, length, int(length / 0.02))[:, None] * along
+        )
+        corner = corner + length * along
+    return np.concatenate(found)
+
+
+def room_beside_gate(q: np.ndarray, t: float, opens: float, takes: float) -> float:
+    """Distance of the arm from the rectangle that the gate is at a time [m]."""
+    angle = np.pi - 0.5 * np.pi * np.clip((t - opens) / takes, 0.0, 1.0)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    offset = points_of_arm(q) - (HINGE + 0.5 * LENGTH * along)
+    local = np.stack([offset @ along, offset @ np.array([-along[1], along[0]])])
+    outside = np.abs(local) - [[LENGTH / 2], [WIDTH / 2]]
+    return float(np.min(np.linalg.norm(np.maximum(outside, 0.0), axis=0)) - THICK)
+
+
+@pytest.fixture(scope="module")
+def alone() -> tm.Solution:
+    return tm.plan(problem(), QUICK)
+
+
+@pytest.fixture(scope="module")
+def through() -> tm.Solution:
+    return tm.plan(problem(gate(OPENS)), QUICK)
+
+
+def test_through_the_gate_while_it_swings(through, alone):
+    assert through.success
+    motion = through.trajectory
+    np.testing.assert_allclose(motion.q[0], START)
+    np.testing.assert_allclose(motion.q[-1], END, atol=1e-6)
+    times = np.linspace(0.0, motion.duration, 1500)
+    rooms = [
+        room_beside_gate(q, t, OPENS, TAKES)
+        for t, q in zip(times.tolist(), motion(times).q, strict=True)
+    ]
+    # It keeps the margin all the time and uses it up: the gate is what holds it back.
+    assert min(rooms) > MARGIN - 1e-4
+    assert min(rooms) < MARGIN + 5e-3
+    found = through.verification.min_clearance
+    assert found == pytest.approx(min(rooms), abs=1e-3)
+    # Time counts from the start: it is not faster than without the gate, and the last
+    # link, which points along the arm at first, cannot be through before it opens.
+    assert motion.t[0] == 0.0
+    assert motion.duration > OPENS
+    assert through.T >= alone.T * (1.0 - 1e-6)
+
+
+def test_a_gate_that_opens_later_delays(through):
+    later = tm.plan(problem(gate(LATE)), QUICK)
+    assert later.success
+    assert later.T > LATE
+    # Whoever waits for so much longer can do the same: it need not take longer.
+    assert through.T < later.T < through.T + (LATE - OPENS) + 0.01
+    times = np.linspace(0.0, later.T, 1500)
+    rooms = [
+        room_beside_gate(q, t, LATE, TAKES)
+        for t, q in zip(times.tolist(), later.trajectory(times).q, strict=True)
+    ]
+    assert min(rooms) > MARGIN - 1e-4
+
+
+def test_the_same_motion_at_another_time_is_refused(through):
+    """A motion that leaves early through a gate that opens late is no success."""
+    late = problem(gate(OPENS + 0.1))
+    judged = verify(late, through.trajectory, Tolerances())
+    assert not judged.ok
+    assert {item.kind for item in judged.violations} == {"clearance"}
+    assert verify(problem(gate(OPENS)), through.trajectory, Tolerances()).ok
+    # And where it stands still for ever, in the way, the motion collides as well.
+    assert not verify(problem(gate(50.0)), through.trajectory, Tolerances()).ok
+
+
+def test_what_passes_far_away_costs_nothing(alone):
+    ball = tm.Sphere(
+        "ball",
+        radius=0.5,
+        position=(-9.0, -9.0, 0.0),
+        motion=tm.ConstantVelocity(velocity=(3.0, 0.0, 0.0)),
+    )
+    assert tm.plan(problem(ball), QUICK).T == pytest.approx(alone.T, rel=1e-6)
+
+
+def test_one_motion_given_in_three_ways(alone):
+    """Steady, by waypoints and as a function: the same obstacle, the same verdict."""
+    first, speed = np.array([1.5, 2.0, 0.0]), np.array([0.9, 1.2, 0.0])
+
+    def function(time: float) -> np.ndarray:
+        place = np.eye(4)
+        place[:3, 3] = first + time * speed
+        return place
+
+    motions = (
+        tm.ConstantVelocity(velocity=speed),
+        tm.Waypoints((0.0, 8.0), [first, first + 8.0 * speed]),
+        function,
+    )
+    tasks = [
+        problem(tm.Sphere("ball", radius=0.6, position=first, motion=motion))
+        for motion in motions
+    ]
+    solution = tm.plan(tasks[0], QUICK)
+    assert solution.success
+    times = np.linspace(0.0, solution.T, 1500)
+    rooms = [
+        np.linalg.norm(points_of_arm(q) - (first + t * speed)[:2], axis=1).min()
+        for t, q in zip(times.tolist(), solution.trajectory(times).q, strict=True)
+    ]
+    room = min(rooms) - 0.6 - THICK
+    assert room > MARGIN - 1e-4
+    for task in tasks:
+        judged = verify(task, solution.trajectory, Tolerances())
+        assert judged.ok
+        assert judged.min_clearance == pytest.approx(room, abs=1e-3)
+        # The ball is in the way of the motion that does not know of it.
+        assert not verify(task, alone.trajectory, Tolerances()).ok
