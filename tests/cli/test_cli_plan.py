@@ -239,3 +239,31 @@ def test_no_plan_found_in_no_time(run: Run) -> None:
     result = run(*PLAN, "--max-time", 1e-6)
     assert result.exit_code in (0, 1)  # the first guess may do
     assert "planning time was used up" in result.stdout
+
+
+def test_how_accelerations_run(run: Run, planner: Planner) -> None:
+    chosen = ("--control", "linear", "--refine", "grid", "--processes", 2)
+    assert run(*PLAN, *chosen).exit_code == 0
+    assert planner.options.control == "linear"
+    assert planner.options.refine == "grid"
+    assert planner.options.processes == 2
+
+
+def test_motion_limits(run: Run, planner: Planner) -> None:
+    Path("limits.yaml").write_text("jerk: 50\njoints:\n  joint2: {acceleration: 3}\n")
+    assert run(*PLAN, "--motion-limits", "limits.yaml").exit_code == 0
+    limits = planner.problem.motion_limits
+    names = planner.problem.robot.joint_names
+    np.testing.assert_array_equal(limits.by_joint("jerk", names), 50.0)
+    np.testing.assert_array_equal(
+        limits.by_joint("acceleration", names), [np.inf, 3.0, np.inf]
+    )
+
+
+def test_certificate(run: Run) -> None:
+    result = run(*PLAN, "--certificate", "proof.png", "--no-output", "--json")
+    assert result.exit_code == 0
+    data = json.loads(result.stdout)
+    assert data["certified"] and "first-order conditions" in data["certificate"]
+    assert data["files"] == {"certificate plot": "proof.png"}
+    assert Path("proof.png").read_bytes().startswith(b"\x89PNG")

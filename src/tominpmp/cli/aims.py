@@ -1,11 +1,11 @@
-"""Options for what a plan aims at, and for the motion that it begins with."""
+"""Options for what a plan aims at, in which form, and what it begins with."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-from tominpmp.cli.arguments import PLANNING, _option
+from tominpmp.cli.arguments import OUTPUT, PLANNING, ROBOT, _option
 
 StartFrom = Annotated[
     Path | None,
@@ -34,5 +34,49 @@ Slack = Annotated[
         "--slack",
         "Share of the duration to give away for quiet torques, 0.01 say.",
         "SHARE",
+    ),
+]
+MotionLimitsFile = Annotated[
+    Path | None,
+    _option(
+        ROBOT,
+        "--motion-limits",
+        "Limits of accelerations, jerks, torque rates and torques over speed: .yaml, "
+        "see examples/panda_motion_limits.yaml.",
+        "FILE",
+    ),
+]
+Control = Annotated[
+    str | None,
+    _option(
+        PLANNING,
+        "--control",
+        "How accelerations run over an interval: constant, linear, spline or auto. "
+        "Default: auto.",
+        "NAME",
+    ),
+]
+Refine = Annotated[
+    str | None,
+    _option(
+        PLANNING,
+        "--refine",
+        "What follows: grid (finer where it is needed) or switching (torques switch at "
+        "exact instants).",
+        "NAME",
+    ),
+]
+Processes = Annotated[
+    int | None,
+    _option(PLANNING, "--processes", "Processes that try initial guesses.", "N"),
+]
+CertificatePlot = Annotated[
+    Path | None,
+    _option(
+        OUTPUT,
+        "--certificate",
+        "Plot torques, switching functions, active limits and the Hamiltonian, and "
+        "report how far the motion is from optimal to first order: .png, .pdf or .svg.",
+        "FILE",
     ),
 ]

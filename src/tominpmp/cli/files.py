@@ -34,6 +34,7 @@ class Targets:
         dt: Time between its rows [s]; None for the nodes.
         plot: File for the plot.
         page: File for the page.
+        certificate: File for the plot of the certificate.
     """
 
     motion: Path | None
@@ -41,6 +42,7 @@ class Targets:
     dt: float | None
     plot: Path | None
     page: Path | None
+    certificate: Path | None = None
 
     @classmethod
     def of(cls, request: OutputRequest) -> Targets:
@@ -74,7 +76,17 @@ class Targets:
         if request.page is not None:
             check_target(request.page, "--html", PAGE_ENDINGS)
             need_package("meshcat", "viz", "--html")
-        return cls(motion, to_stdout, request.dt, request.plot, request.page)
+        if request.certificate is not None:
+            check_target(request.certificate, "--certificate", PLOT_ENDINGS)
+            need_package("matplotlib", "plots", "--certificate")
+        return cls(
+            motion,
+            to_stdout,
+            request.dt,
+            request.plot,
+            request.page,
+            request.certificate,
+        )
 
     def write(self, solution: Solution) -> dict[str, str]:
         """Write the files.
@@ -93,6 +105,9 @@ class Targets:
         if self.page is not None:
             solution.play(self.page)
             files["page"] = str(self.page)
+        if self.certificate is not None:
+            solution.plot_certificate(self.certificate)
+            files["certificate plot"] = str(self.certificate)
         return files
 
 

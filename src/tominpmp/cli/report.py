@@ -79,6 +79,9 @@ def report_data(solution: Solution, files: Mapping[str, str]) -> dict[str, Any]:
     if bound is not None:
         data["lower_bound"] = float(bound.T)
         data["lower_bound_reason"] = bound.reason
+    if "certificate plot" in files and solution.certificate is not None:
+        data["certified"] = solution.certificate.ok
+        data["certificate"] = solution.certificate.message
     data["files"] = dict(files)
     return data
 
@@ -116,6 +119,8 @@ def report_text(data: Mapping[str, Any]) -> str:
     if data.get("lower_bound"):
         bound = f"{data['lower_bound']:.4f} s ({data['lower_bound_reason']})"
         lines.append(("lower bound", bound))
+    if "certificate" in data:
+        lines.append(("certificate", data["certificate"]))
     if data["violations"]:
         worst = ", ".join(
             f"{kind} {value:.1e}" if value else f"{kind} 0"

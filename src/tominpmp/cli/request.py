@@ -111,6 +111,7 @@ class MotionRequest:
         margin: Distance to keep from them [m].
         degrees: Whether angles are in degrees.
         former: File with a former motion to begin with.
+        motion_limits: File with limits beyond those of the robot.
     """
 
     start: str | None = None
@@ -125,6 +126,7 @@ class MotionRequest:
     margin: float | None = None
     degrees: bool = False
     former: Path | None = None
+    motion_limits: Path | None = None
 
     def problem(self, robot: Robot) -> Problem:
         """Make the problem.
@@ -135,6 +137,7 @@ class MotionRequest:
         from tominpmp.cli.values import positions, velocities
         from tominpmp.exceptions import ProblemError
         from tominpmp.problem import Problem
+        from tominpmp.scenario.motion_limits import load_motion_limits
 
         if self.start is None:
             raise ProblemError(
@@ -148,10 +151,14 @@ class MotionRequest:
             v_start = velocities(
                 self.start_velocity, "--start-velocity", robot, degrees=self.degrees
             )
+        limits = None
+        if self.motion_limits is not None:
+            limits = load_motion_limits(self.motion_limits, robot)
         return Problem(
             robot,
             q_start,
             self._goal(robot, q_start),
+            motion_limits=limits,
             scene=scene,
             margin=0.0 if self.margin is None else self.margin,
             v_start=v_start,
@@ -243,6 +250,7 @@ class OutputRequest:
         dt: Time between its rows [s]; None for the nodes.
         plot: File for the plot.
         page: File for the page with the playback.
+        certificate: File for the plot of the certificate.
         scenario: File for the problem and the options.
         json: Whether the report is JSON.
         quiet: Whether to show errors and warnings only.
@@ -254,6 +262,7 @@ class OutputRequest:
     dt: float | None = None
     plot: Path | None = None
     page: Path | None = None
+    certificate: Path | None = None
     scenario: Path | None = None
     json: bool = False
     quiet: bool = False

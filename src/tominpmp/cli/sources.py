@@ -10,9 +10,13 @@ from tominpmp.cli.request import MotionRequest, RobotRequest, make_options
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.scenario.motion_limits import load_motion_limits
 from tominpmp.scenario.moveit import load_moveit, resting_joints
 from tominpmp.scenario.scenario import load_scenario
 from tominpmp.scene import Scene
+
+# What the command line may say beside a file that holds the whole problem.
+KEPT = ("robot", "margin", "former", "motion_limits")
 
 
 def load_problem(
@@ -30,11 +34,12 @@ def load_problem(
         TominpmpError: If anything given is wrong or contradicts something else.
     """
     if robot.is_scenario:
-        _refuse("a scenario file", robot, motion, keep=("robot", "margin", "former"))
+        _refuse("a scenario file", robot, motion, keep=KEPT)
         scenario = load_scenario(robot.robot)
         problem = scenario.problem
         if motion.margin is not None:
             problem = replace(problem, margin=motion.margin)
+        problem = _limited(problem, motion)
         given = {k: v for k, v in options.items() if v is not None}
         return problem, replace(scenario.options, **given)
     chosen = make_options(options)
@@ -42,11 +47,20 @@ def load_problem(
         return motion.problem(robot.load()), chosen
     if motion.scene is None:
         raise ProblemError("--request needs a --scene that it belongs to", "scene")
-    keep = ("scene", "request", "margin", "former", *(f.name for f in fields(robot)))
+    keep = ("scene", "request", *KEPT, *(f.name for f in fields(robot)))
     _refuse("--request", robot, motion, keep=keep)
     arm = robot.load(resting_joints(motion.request))
     margin = 0.0 if motion.margin is None else motion.margin
-    return load_moveit(arm, motion.scene, motion.request, margin=margin), chosen
+    problem = load_moveit(arm, motion.scene, motion.request, margin=margin)
+    return _limited(problem, motion), chosen
+
+
+def _limited(problem: Problem, motion: MotionRequest) -> Problem:
+    """The problem with the motion limits of the command line, if there are any."""
+    if motion.motion_limits is None:
+        return problem
+    limits = load_motion_limits(motion.motion_limits, problem.robot)
+    return replace(problem, motion_limits=limits)
 
 
 def load_scene(robot: RobotRequest, motion: MotionRequest) -> tuple[Any, Scene]:
