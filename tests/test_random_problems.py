@@ -23,7 +23,7 @@ EXAMPLES = settings(
     derandomize=True,
     database=None,
     deadline=None,
-    max_examples=9,
+    max_examples=7,
     suppress_health_check=list(HealthCheck),
     print_blob=False,
 )
@@ -37,7 +37,7 @@ def arms(most: int) -> st.SearchStrategy[list[str]]:
 
 def judge(case: Case, **options: object) -> tm.Solution | None:
     """Plan, and check whatever comes of it; None where there is no such problem."""
-    chosen = {"intervals": 16, "max_iterations": 25, "starts": 1} | options
+    chosen = {"intervals": 10, "max_iterations": 15, "starts": 1} | options
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         try:
