@@ -35,6 +35,10 @@ LENGTH_RADIUS = 0.5
 SHIFT = 1e-3
 # Interior points find the middle of the multipliers that there are, a simplex a corner.
 SOLVERS = ("piqp", "highs")
+# Torques with more room than this to their nearer limit, as a share of it, are far.
+FAR_TORQUES = 0.5
+# Programs of at most so many unknowns are quick in any case.
+SMALL = 400
 # A bound at least this far is the trust region's.
 FAR = RADIUS * (1.0 - 1e-9)
 
@@ -91,8 +95,19 @@ class _Bounds(NamedTuple):
 BOUND_KINDS = ("position", "velocity", "acceleration")
 
 
-def first_order(motion: Motion) -> FirstOrder | None:
-    """First-order conditions of a motion; None if the program cannot be solved."""
+def first_order(motion: Motion, enough: float = 0.0) -> FirstOrder | None:
+    """First-order conditions of a motion; None if the program cannot be solved.
+
+    Args:
+        motion: The motion.
+        enough: A promise that is good enough. Torques far from their limits are left
+            out at first, which is quicker and promises too much, if anything; only
+            where that is more than this, all are looked at.
+    """
+    if enough > 0.0 and motion.changes.size > SMALL:
+        found = _Program(motion, FAR_TORQUES).solve()
+        if found is not None and found.promise <= enough:
+            return found
     return _Program(motion).solve()
 
 
@@ -103,7 +118,7 @@ class _Program:
     duration; rows are the equations of motion, the limits, and the goal.
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: Motion, far: float = np.inf) -> None:
         self.motion = motion
         changes, system = motion.changes, motion.system
         self.n, self.N = changes.n, changes.N
@@ -114,7 +129,13 @@ class _Program:
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
         inertia = mass + drag * self.T / self.N
         self.acceleration_scale = system.effort_half / np.maximum(inertia, 1e-12)
-        self.limits = [*motion.efforts(), *motion.declared(), *motion.clearances()]
+        efforts = [
+            rows.kept(np.flatnonzero(np.minimum(-rows.lower, rows.upper) < far))
+            if rows.kind == "effort" and np.isfinite(far)
+            else rows
+            for rows in motion.efforts()
+        ]
+        self.limits = [*efforts, *motion.declared(), *motion.clearances()]
         self.goal = self._goal()
 
     # -- columns -----------------------------------------------------------------------

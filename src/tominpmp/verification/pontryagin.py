@@ -39,6 +39,8 @@ from tominpmp.verification.verdict import Verification
 
 # What small changes may promise, as a share of the duration.
 TOLERANCE = 0.01
+# Below this share of it, whether the promise is exact does not matter.
+ENOUGH = 0.3
 # A torque is at its limit within this share of half its range, and a switching function
 # is zero within this; on limits within this share.
 AT_LIMIT = 0.02
@@ -83,7 +85,7 @@ def certify(
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(System.of(problem), trajectory)
-            found = first_order(motion)
+            found = first_order(motion, ENOUGH * tolerance)
             if found is None:
                 out = _nothing(trajectory, tolerance)
             else:
