@@ -239,6 +239,26 @@ def test_options_come_back(planar3r: Robot, tmp_path: Path) -> None:
     assert load_scenario(path).options == Options(intervals=50)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"refine": "switching", "method": "collocation"},
+        {"refine": "grid", "grid": "uniform", "tolerance": 1e-5},
+        {"objective": "feasible", "max_iterations": 7, "seed": 3, "processes": 2},
+        {"slack": 0.05, "feasibility": 1e-7, "lp_solver": "highs"},
+        {"control": "spline", "trust_region": 0.1, "initial_duration": 1.5},
+        {"goal_tolerance": 1e-4, "speed_tolerance": 1e-3, "limit_tolerance": 1e-3},
+        {"contact_tolerance": 1e-4, "control_step": 0.1, "time_step": 0.02},
+    ],
+    ids=lambda values: next(iter(values)),
+)
+def test_every_option_comes_back(
+    planar3r: Robot, values: dict[str, Any], tmp_path: Path
+) -> None:
+    text = round_trip(problem_of(planar3r), Options(**values), tmp_path)
+    assert tomllib.loads(text)["options"] == values
+
+
 def test_motion_limits_come_back(planar3r: Robot, tmp_path: Path) -> None:
     limits = MotionLimits(
         acceleration=10.0,
