@@ -83,6 +83,10 @@ path = "sample.urdf"
 locked_joints = {j2 = 0.1}
 velocity = {j1 = 2.5}
 joint_limits = "joint_limits.yaml"
+[[robot.payloads]]
+mass = 0.1
+frame = "l3"
+geometry = [{type = "sphere", name = "ball", radius = 0.01}]
 [start]
 q = [0.5]
 v = [0.0]
@@ -119,6 +123,16 @@ type = "mesh"
 name = "d"
 path = "part.stl"
 position = [0, 0, -9]
+motion = {type = "constant_velocity", velocity = [0, 0.1, 0], end = 3.0}
+[[scene.obstacles]]
+type = "sphere"
+name = "e"
+radius = 0.1
+[scene.obstacles.motion]
+type = "waypoints"
+times = [0, 1]
+positions = [[0, 0, 8], [0, 1, 8]]
+rotations = [[0, 0, 0, 1], [0, 0, 0.6, 0.8]]
 [motion_limits]
 acceleration = [10]
 effort_curves.j1 = {speed = [0.0, 1.0], effort = [10.0, 5.0]}
@@ -150,6 +164,12 @@ world:
     primitive_poses:
     - {position: [0, 0, 0], orientation: [0, 0, 0, 1]}
     - {position: [0, 1, 0], orientation: [0, 0, 0, 1]}
+  - id: wedge
+    meshes:
+    - vertices: [[0, 0, 0], {x: 0.1, y: 0, z: 0}, [0, 0.1, 0], [0, 0, 0.1]]
+      triangles: [{vertex_indices: [0, 2, 1]}, [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    - {resource: part.stl, dimensions: [1, 1, 2]}
+    mesh_poses: [{position: [0, 9, 0]}, {position: [0, 0, 9]}]
 """
 
 REQUEST = """
