@@ -50,7 +50,7 @@ TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
 # Time that a refinement has at most [s].
-PATIENCE = 20.0
+PATIENCE = 45.0
 KEPT = (
     "No exact switching was found that is faster and that the replay confirms: the "
     "motion on the grid was kept."
