@@ -21,11 +21,11 @@ from tominpmp.output.export import export
 from tominpmp.output.motion_plot import plot_motion
 
 # Distance of the bases from the middle of the table [m].
-APART = 0.55
+APART = 0.51
 # A UR5 that holds its hand over the table, pointing down, on its left and its right
 # [rad]. For two that face each other these are the same two places.
-LEFT = np.array([0.2355, -1.35, 1.75, -1.971, -1.571, 0.0])
-RIGHT = np.array([-0.6015, -1.35, 1.75, -1.971, -1.571, 0.0])
+LEFT = np.array([0.2284, -1.35, 1.75, -1.971, -1.571, 0.0])
+RIGHT = np.array([-0.6208, -1.35, 1.75, -1.971, -1.571, 0.0])
 # What each of them holds [m].
 CRATE = tm.Box("crate", size=(0.16, 0.16, 0.16), position=(0.0, 0.0, 0.09))
 
