@@ -10,8 +10,8 @@ from tominpmp.cli.sources import load_scene
 from tominpmp.goals import JointGoal
 from tominpmp.output.export import load_motion
 from tominpmp.output.playback import play
-from tominpmp.output.recorded import recorded_motion
 from tominpmp.problem import Problem
+from tominpmp.recorded import recorded_motion
 
 
 def run_play(

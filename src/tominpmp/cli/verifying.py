@@ -17,7 +17,7 @@ from tominpmp.cli.sources import load_problem
 from tominpmp.cli.terminal import NO_PLAN, PLANNED
 from tominpmp.exceptions import ProblemError
 from tominpmp.output.export import load_motion
-from tominpmp.output.recorded import recorded_motion
+from tominpmp.recorded import recorded_motion
 
 
 def run_verify(

@@ -28,7 +28,8 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
+from tominpmp.recorded import recorded_motion
+from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System
 from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.certificate import ActiveLimit, Certificate
@@ -52,7 +53,7 @@ HOLDING = 0.01
 
 def certify(
     problem: Problem,
-    trajectory: Trajectory,
+    trajectory: Trajectory | Samples,
     *,
     verification: Verification | None = None,
     tolerance: float = TOLERANCE,
@@ -61,7 +62,7 @@ def certify(
 
     Args:
         problem: What the motion solves.
-        trajectory: The motion.
+        trajectory: The motion; samples, from a file say, are joined to one first.
         verification: Its replay, if there is one: costates are integrated along it, and
             a motion that fails it is not certified.
         tolerance: What small changes may promise, as a share of the duration.
@@ -74,6 +75,8 @@ def certify(
     """
     begin = time.perf_counter()
     robot = problem.robot
+    if isinstance(trajectory, Samples):
+        trajectory = recorded_motion(trajectory, robot, start=problem.q_start)
     if trajectory.joint_names != robot.joint_names:
         raise ProblemError(
             f"the motion is one of {', '.join(trajectory.joint_names)}, expected "

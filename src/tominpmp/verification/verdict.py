@@ -28,7 +28,8 @@ from tominpmp.goals import (
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
+from tominpmp.recorded import recorded_motion
+from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification.excess import Excess, limit_excesses
 from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.replay import (
@@ -115,7 +116,7 @@ class Verification:
 
 def verify(
     problem: Problem,
-    trajectory: Trajectory,
+    trajectory: Trajectory | Samples,
     tolerances: Tolerances | None = None,
     *,
     geometry: Geometry = "convex",
@@ -127,7 +128,7 @@ def verify(
     Args:
         problem: What the motion is to solve.
         trajectory: The motion: its torques are used, and its nodes, where they may
-            jump.
+            jump. Samples, from a file say, are joined to one first.
         tolerances: What is tolerated.
         geometry: "convex" takes links as the convex pieces that motions are planned
             with; "mesh" takes their meshes as they are, which is slow.
@@ -139,10 +140,13 @@ def verify(
 
     Raises:
         ProblemError: If the motion is one of other joints.
+        ScenarioError: If samples are.
     """
     begin = time.perf_counter()
     tolerances = Tolerances() if tolerances is None else tolerances
     robot = problem.robot
+    if isinstance(trajectory, Samples):
+        trajectory = recorded_motion(trajectory, robot, start=problem.q_start)
     if trajectory.joint_names != robot.joint_names:
         raise ProblemError(
             f"the motion is one of {', '.join(trajectory.joint_names)}, expected "

@@ -26,7 +26,11 @@ SMOOTH = 0.02
 
 
 def recorded_motion(
-    samples: Samples, robot: Robot, path: str | Path, *, start: Array | None = None
+    samples: Samples,
+    robot: Robot,
+    path: str | Path | None = None,
+    *,
+    start: Array | None = None,
 ) -> Trajectory:
     """Make a trajectory of a robot from samples.
 
@@ -40,7 +44,7 @@ def recorded_motion(
     Args:
         samples: The samples.
         robot: Whose motion they are.
-        path: The file that they come from, for messages.
+        path: The file that they come from, if any, for messages.
         start: Positions where the motion begins if the first sample comes after time 0,
             as ROS allows, shape (n,).
 
@@ -50,13 +54,12 @@ def recorded_motion(
     Raises:
         ScenarioError: If the samples are not of this robot, or do not begin at 0.
     """
-    path = Path(path)
     columns = _columns(samples, robot, path)
     t, q, v = samples.t, samples.q[:, columns], samples.v[:, columns]
     a, u = samples.a[:, columns], samples.u[:, columns]
     if t[0] < 0.0 or (t[0] > 0.0 and start is None):
         raise ScenarioError(
-            f"{path}: the time begins at {t[0]:g} s, expected 0", path, "time"
+            f"{_named(path)}: the time begins at {t[0]:g} s, expected 0", path, "time"
         )
     if t[0] > 0.0 and start is not None:
         t = np.concatenate([[0.0], t])
@@ -81,14 +84,18 @@ def recorded_motion(
     return Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
 
 
-def _columns(samples: Samples, robot: Robot, path: Path) -> list[int]:
+def _named(path: str | Path | None) -> str:
+    return "the motion" if path is None else str(path)
+
+
+def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[int]:
     """Columns of the robot's joints."""
     names = list(samples.joint_names)
     lacking = [name for name in robot.joint_names if name not in names]
     known = (*robot.joint_names, *robot.locked_joints)
     if lacking or any(name not in known for name in names):
         raise ScenarioError(
-            f"{path} holds a motion of {', '.join(names)}; the joints of "
+            f"{_named(path)} holds a motion of {', '.join(names)}; the joints of "
             f"{robot.name!r} are {', '.join(robot.joint_names)}",
             path,
             "joint_names",
@@ -98,8 +105,8 @@ def _columns(samples: Samples, robot: Robot, path: Path) -> list[int]:
         away = float(np.max(np.abs(column - position)))
         if away > APART:
             raise ScenarioError(
-                f"{path}: joint {name} is up to {away:g} away from {position:g}, where "
-                "the robot has it locked",
+                f"{_named(path)}: joint {name} is up to {away:g} away from "
+                f"{position:g}, where the robot has it locked",
                 path,
                 name,
             )

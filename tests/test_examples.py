@@ -1,0 +1,74 @@
+"""The examples run, and their scripts and scenarios agree."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import tominpmp as tm
+from tominpmp.description.files import robot_names
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+needs_robots = pytest.mark.skipif(
+    "panda" not in robot_names(),
+    reason="example-robot-data is not installed",
+)
+needs_meshcat = pytest.mark.skipif(
+    find_spec("meshcat") is None, reason="meshcat is not installed"
+)
+
+
+@needs_robots
+@needs_meshcat
+def test_ur5_post(tmp_path: Path) -> None:
+    script = EXAMPLES / "ur5_post.py"
+    done = subprocess.run(
+        [sys.executable, script, "--out", tmp_path],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "Clear by" in done.stdout
+    problem = tm.load_scenario(EXAMPLES / "scenarios" / "ur5_post.toml").problem
+    motion = tm.load_motion(tmp_path / "ur5_post.csv")
+    assert tm.verify(problem, motion).ok
+    for ending in ("png", "html"):
+        assert (tmp_path / f"ur5_post.{ending}").stat().st_size > 10_000
+
+
+@needs_meshcat
+def test_certificate(tmp_path: Path) -> None:
+    script = EXAMPLES / "certificate.py"
+    done = subprocess.run(
+        [sys.executable, script, "--out", tmp_path],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "The motion satisfies the first-order conditions" in done.stdout
+    assert "does not satisfy the first-order conditions" in done.stdout
+    assert (tmp_path / "certificate.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem
+)
+def test_help_is_to_the_point(path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, path, "--help"], capture_output=True, text=True, check=True
+    )
+    assert "--out" in done.stdout
+
+
+@needs_robots
+@pytest.mark.parametrize(
+    "path", sorted((EXAMPLES / "scenarios").glob("*.toml")), ids=lambda path: path.stem
+)
+def test_scenarios_load(path: Path) -> None:
+    scenario = tm.load_scenario(path)
+    assert scenario.problem.robot.n > 0
