@@ -46,7 +46,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm of bodies one after another, with the frame "tip" at the end of the last."""
+    """Bodies one after another, with the frame "tip" at the end of the last one."""
 
     bodies: tuple[Body, ...]
     tip: Array

@@ -15,6 +15,8 @@ from tominpmp.exceptions import ScenarioError
 
 # Characters of a key or a value that a message shows.
 SHOWN = 80
+# Characters of a whole message: it may list the joints of a large robot.
+LONGEST = 3000
 
 
 def shown(text: str, most: int = SHOWN) -> str:
@@ -44,7 +46,9 @@ class Field:
             ScenarioError: Always.
         """
         where = f"{self.path}: {shown(self.key)}: " if self.key else f"{self.path}: "
-        raise ScenarioError(where + message, self.path, self.key or None)
+        raise ScenarioError(
+            where + shown(message, LONGEST), self.path, self.key or None
+        )
 
     def _expected(self, what: str) -> NoReturn:
         self.fail(f"is {shown(repr(self.value))}, expected {what}")

@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
+from tominpmp.description.fields import shown
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.output.files import write_file
@@ -195,7 +196,8 @@ def _read_npz(content: bytes, path: Path) -> Samples:
             arrays = {key: _array(archive, key) for key in keys if key in files}
             held = ", ".join(files)[:200] or "nothing"
     except Exception as error:  # a damaged archive may raise anything
-        raise ScenarioError(f"{path} is no NPZ file: {error}", path) from error
+        why = shown(str(error), 300)
+        raise ScenarioError(f"{path} is no NPZ file: {why}", path) from error
     missing = [key for key in ("joint_names", "t", "q") if key not in arrays]
     if missing:
         raise ScenarioError(

@@ -37,6 +37,8 @@ _SHAPES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
 _SIZES = {"box": "x, y and z", "sphere": "the radius", "cylinder": "height and radius"}
 # Keys of the message of which there is one at least.
 SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
+# Places beyond this are a mistake [m].
+FARTHEST = 1e6
 # Keys under which tools write the file of a mesh.
 MESH_FILES = ("resource", "mesh_path", "filename", "path")
 # Frames that are the world whatever the file is about.
@@ -171,6 +173,8 @@ def read_pose(value: Field) -> pin.SE3:
     if not place.given and not turn.given:
         place, turn = value.get("translation"), value.get("rotation")
     position = place.vector("xyz") if place.given else np.zeros(3)
+    if np.any(np.abs(position) > FARTHEST):
+        place.fail(f"is {position.tolist()}, expected a place within {FARTHEST:g} m")
     return pin.SE3(read_rotation(turn), position)
 
 
