@@ -186,10 +186,13 @@ def solve(nlp, z, **options):
     return solver.run(z)
 
 
-@pytest.mark.parametrize(("instants", "N"), [("near", 20), ("near", 40), ("exact", 40)])
+RAILS = [("near", 20), ("near", 40), ("exact", 40)]
+
+
+@pytest.mark.parametrize(("instants", "N"), RAILS)
 def test_a_mass_on_a_rail_keeps_its_speed_limit(instants, N):
-    # Instants that become rows once they are violated, the paper's choice, are no smooth
-    # constraints: on coarse grids a trust region may end at a kink. Plans use "near".
+    # Instants that become rows once they are violated, the paper's choice, make no
+    # smooth constraints: a trust region may end at a kink. Plans use "near".
     robot = make_arm(slide(2.0), effort=4.0, velocity=0.8)
     nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), N, instants=instants)
     result = solve(nlp, nlp.pack(np.zeros((N, 1)), np.array([1.0])))
