@@ -15,8 +15,9 @@ import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.refinement import exact
 from tominpmp.refinement.arcs import Arcs, read_arcs
+from tominpmp.refinement.monitor import Budget
 from tominpmp.refinement.shooting import ArcProgram
-from tominpmp.refinement.switching import EXACT, Budget, refine_arcs, solve_lengths
+from tominpmp.refinement.switching import EXACT, refine_arcs, solve_lengths
 from tominpmp.transcription.system import System
 
 TOLERANCE = 1e-5
@@ -113,7 +114,7 @@ def test_passive_joint_falls_back_or_gains() -> None:
     robot = make_arm(slide(1.0), ROD, effort=effort, gravity=DOWNWARD)
     problem = tm.Problem(robot, [0.0, HANGING], tm.JointGoal([0.3, HANGING]))
     rough = tm.plan(problem, tm.Options(starts=1))
-    options = tm.Options(starts=1, refine="switching", max_planning_time=6.0)
+    options = tm.Options(starts=1, refine="switching", max_planning_time=4.0)
     solution = tm.plan(problem, options)
     assert rough.success
     assert solution.success, solution.message
@@ -149,7 +150,8 @@ def test_not_found_keeps_the_motion_on_the_grid(
     monkeypatch.setattr(exact, "refine_arcs", lambda *arguments: None)
     problem = CASES["level"]["rods, friction"].problem()
     plain = tm.plan(problem, tm.Options(starts=1, control="constant"))
-    solution = tm.plan(problem, tm.Options(starts=1, refine="switching"))
+    options = tm.Options(starts=1, refine="switching", control="constant")
+    solution = tm.plan(problem, options)
     assert solution.success
     assert solution.T == pytest.approx(plain.T, rel=1e-12)
     assert "the motion on the grid was kept" in solution.message
@@ -163,6 +165,20 @@ def test_time_limit_keeps_a_verified_motion() -> None:
     solution = tm.plan(case.problem(), options)
     assert solution.success
     assert solution.T >= case.minimum * (1.0 - BELOW)
+
+
+def test_goal_that_asks_for_more_than_the_arm_can_leave() -> None:
+    """The height of an arm in a plane is no equation that could be solved."""
+    robot = CASES["level"]["rods"].robot()
+    reached = np.array([np.cos(0.9) + np.cos(0.6), np.sin(0.9) + np.sin(0.6), 0.0])
+    goal = tm.PositionGoal("tip", reached)
+    problem = tm.Problem(robot, [-0.4, 0.6], goal)
+    solution = tm.plan(problem, tm.Options(refine="switching", starts=1))
+    assert solution.success
+    assert "on the grid" not in solution.message
+    found = solution.certificate
+    assert found is not None
+    assert found.stationarity < 1e-4
 
 
 # -- the pieces ------------------------------------------------------------------------

@@ -113,15 +113,17 @@ def continued(
     problem: Problem, options: Options, watch: Watch, attempts: Sequence[Attempt]
 ) -> Iterator[Attempt]:
     """Go on from the fastest motion with continuous accelerations, if that is free."""
-    if options.control != "auto" or options.refine is not None or watch.best == np.inf:
+    if options.control != "auto" or watch.best == np.inf:
         return
     fastest = min(attempts, key=lambda attempt: attempt.duration)
+    if options.refine == "switching" and not fastest.remark:
+        return  # its torques switch exactly: there is nothing left to gain
     q, v = fastest.trajectory.q[-1], fastest.trajectory.v[-1]
     system = System.of(problem.alternative_at(q, v))
     watch.share(1)
     faster = solve_with_continuous_accelerations(system, options, fastest, watch)
     if faster is not None:
-        yield faster
+        yield replace(faster, remark=fastest.remark)
 
 
 def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:

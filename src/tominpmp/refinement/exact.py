@@ -13,11 +13,9 @@ from tominpmp.refinement.arc_transcription import ArcTranscription
 from tominpmp.refinement.arcs import Arcs
 from tominpmp.refinement.explore import on_grid, swings, wild_motions
 from tominpmp.refinement.grid import replayed_well
-from tominpmp.refinement.monitor import Clock, Monitor
+from tominpmp.refinement.monitor import EVALUATIONS, Budget, Clock, Monitor
 from tominpmp.refinement.reading import arcs_of, states_of
 from tominpmp.refinement.switching import (
-    EVALUATIONS,
-    Budget,
     Settled,
     States,
     refine_arcs,
@@ -49,8 +47,9 @@ UNCONFIRMED = 0.02
 TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
-# Time that a refinement has at most [s].
+# Time that a refinement has at most [s], for so few motors and for more.
 PATIENCE = 45.0
+PATIENCE_OF_MANY = 20.0
 KEPT = (
     "No exact switching was found that is faster and that the replay confirms: the "
     "motion on the grid was kept."
@@ -121,7 +120,8 @@ def refine_switching(
     """
     iterate = result.iterate if result.best is None else result.best
     plan = transcription.trajectory(iterate.z)
-    clock = Clock(watch, PATIENCE)
+    few = driven_joints(system).size <= EXPLORED_MOTORS
+    clock = Clock(watch, PATIENCE if few else PATIENCE_OF_MANY)
     given = result.best is not None and replayed_well(system, plan, options)
     limit = np.inf
     if result.best is not None:

@@ -18,8 +18,8 @@ from tominpmp.arrays import Array
 from tominpmp.goals import FrameGoal
 from tominpmp.options import Options
 from tominpmp.refinement.arcs import Arcs
-from tominpmp.refinement.monitor import Clock
-from tominpmp.refinement.switching import Budget, Settled, solve_lengths
+from tominpmp.refinement.monitor import Budget, Clock
+from tominpmp.refinement.switching import Settled, solve_lengths
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.solvers.lp import LpSolver
 from tominpmp.solvers.slp import SlpSolver

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 from tominpmp.solution import IterationRecord, Status
+
+# Evaluations of the dynamics for one start at most: some seconds for a small arm.
+EVALUATIONS = 300_000
 
 
 class Monitor(Protocol):
@@ -62,3 +66,41 @@ class Clock:
             self.stopped = status
             return status
         return Status.TIME_LIMIT if self.over else None
+
+
+class Budget:
+    """How much may still be spent.
+
+    Args:
+        evaluations: Number of states at which the dynamics may be evaluated.
+        stop: Tells whether to stop at once.
+    """
+
+    def __init__(
+        self, evaluations: int = EVALUATIONS, stop: Callable[[], bool] = lambda: False
+    ) -> None:
+        self.left = self._first = evaluations
+        self._stop = stop
+
+    @property
+    def spent(self) -> bool:
+        """Whether there is nothing left."""
+        return self.left <= 0 or self._stop()
+
+    def part(self, evaluations: int) -> Budget:
+        """A part of it, to be taken off when it is used."""
+        return Budget(min(evaluations, self.left), self._stop)
+
+    def take(self, part: Budget) -> None:
+        """Take off what was used of a part."""
+        self.left -= part._first - part.left
+
+    def pay(self, evaluations: int) -> None:
+        """Pay for evaluations.
+
+        Raises:
+            StopIteration: If there is nothing left.
+        """
+        self.left -= evaluations
+        if self.spent:
+            raise StopIteration

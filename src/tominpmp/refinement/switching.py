@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.refinement.arcs import Arcs
+from tominpmp.refinement.monitor import EVALUATIONS, Budget
 from tominpmp.refinement.pontryagin import Change, find_changes
 from tominpmp.refinement.shooting import ArcProgram, Shot
 from tominpmp.transcription.system import System
@@ -39,6 +40,8 @@ STEPS_OF_ARC = 2
 EXACT = 1e-7
 SLACK = 1e-6
 ITERATIONS = 150
+# Equations whose gradients depend on each other but for this share are one too many.
+DEPENDENT = 1e-10
 # Steps that close what is left of a gap to the goal, where it is this small.
 CLOSING = 4
 NEARLY = 1e-3
@@ -54,49 +57,9 @@ SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
 BROKEN = 1e3
-# Evaluations of the dynamics for one start at most: some seconds for a small arm.
-EVALUATIONS = 300_000
 # Relative progress and misses that count as none, and how often in a row.
 STILL = 1e-10
 CALM = 2
-
-
-class Budget:
-    """How much may still be spent.
-
-    Args:
-        evaluations: Number of states at which the dynamics may be evaluated.
-        stop: Tells whether to stop at once.
-    """
-
-    def __init__(
-        self, evaluations: int = EVALUATIONS, stop: Callable[[], bool] = lambda: False
-    ) -> None:
-        self.left = self._first = evaluations
-        self._stop = stop
-
-    @property
-    def spent(self) -> bool:
-        """Whether there is nothing left."""
-        return self.left <= 0 or self._stop()
-
-    def part(self, evaluations: int) -> Budget:
-        """A part of it, to be taken off when it is used."""
-        return Budget(min(evaluations, self.left), self._stop)
-
-    def take(self, part: Budget) -> None:
-        """Take off what was used of a part."""
-        self.left -= part._first - part.left
-
-    def pay(self, evaluations: int) -> None:
-        """Pay for evaluations.
-
-        Raises:
-            StopIteration: If there is nothing left.
-        """
-        self.left -= evaluations
-        if self.spent:
-            raise StopIteration
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +181,14 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
 
         return function
 
+    basis = _independent(first.by_equal)
+    equal, by_equal = part("equal", BROKEN), part("by_equal", 0.0)
     constraints: list[dict[str, Any]] = [
-        {"type": "eq", "fun": part("equal", BROKEN), "jac": part("by_equal", 0.0)}
+        {
+            "type": "eq",
+            "fun": lambda z: basis @ equal(z),
+            "jac": lambda z: basis @ by_equal(z),
+        }
     ]
     if first.room.size:
         constraints.append(
@@ -257,6 +226,19 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
         return np.asarray(np.clip(last, low, high))
     logger.debug("%s after %d iterations", found.message, found.nit)
     return _closed(program, np.asarray(np.clip(found.x, low, high)), low, high)
+
+
+def _independent(rows: Array) -> Array:
+    """What combines equations to as many as are independent, which SLSQP asks for.
+
+    Others are those of a goal that the arm cannot leave, as its height for an arm that
+    moves in a plane.
+    """
+    left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = int(np.sum(sizes > DEPENDENT * np.max(sizes, initial=1e-300)))
+    if rank == rows.shape[0]:
+        return np.eye(rank)
+    return np.asarray(left[:, :rank].T)
 
 
 def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
