@@ -218,3 +218,28 @@ def test_idle_joint_does_not_matter() -> None:
     assert least_time(three, [*START, 0.2], [*GOAL, 0.2]) == pytest.approx(
         T, rel=SETTLED["inverse"]
     )
+
+
+def test_time_scaling_among_moving_obstacles(planar3r: tm.Robot) -> None:
+    # The world as a film that runs faster: obstacles, too, are twice as fast.
+    factor = 2.0
+    slow = planar3r.with_changes(gravity=(0.0, 0.0, 0.0))
+    fast = slow.with_changes(
+        effort=factor**2 * slow.limits.effort_upper,
+        damping=factor * slow.damping,
+        velocity=factor * slow.limits.velocity,
+    )
+    start, goal = np.array([0.6, 0.2, 0.2]), np.array([1.6, 0.2, 0.2])
+
+    def gate(speed: float) -> tm.Scene:
+        velocity = (-0.4 * speed, 0.6 * speed, 0.0)
+        motion = tm.ConstantVelocity(velocity=velocity)
+        ball = tm.Sphere("gate", radius=0.6, position=(3.6, 4.4, 0.0), motion=motion)
+        return tm.Scene([ball])
+
+    free = least_time(slow, start, goal)
+    T = least_time(slow, start, goal, scene=gate(1.0))
+    assert T > 1.005 * free
+    assert least_time(fast, start, goal, scene=gate(factor)) == pytest.approx(
+        T / factor, rel=SETTLED["inverse"]
+    )
