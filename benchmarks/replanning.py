@@ -1,0 +1,148 @@
+"""What a first feasible motion, a warm start and quiet torques cost beside a full plan.
+
+Random joint goals as in benchmarks/random_goals.py and the example scenarios. For each:
+the fastest motion, the first feasible one, a new plan from the former motion after a
+change of the goal by 0.05 rad in each joint against one from scratch, and quiet torques
+in 1 % more time.
+
+    python -m benchmarks.replanning
+"""
+
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
+from __future__ import annotations
+
+from benchmarks.sheet import Sheet, markdown, one_thread
+
+one_thread()
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import tominpmp as tm
+from benchmarks.random_goals import load_arm, sample_problems
+
+SCENARIOS = Path(__file__).parents[1] / "examples" / "scenarios"
+SLACK, SHIFT = 0.01, 0.05
+COLUMNS = (
+    "problem",
+    "T",
+    "seconds",
+    "T_feasible",
+    "seconds_feasible",
+    "T_other",
+    "seconds_other",
+    "T_warm",
+    "seconds_warm",
+    "roughness",
+    "roughness_quiet",
+    "T_quiet",
+    "seconds_quiet",
+    "all_verified",
+)
+
+
+def problems(arguments: argparse.Namespace) -> Iterator[tuple[str, tm.Problem]]:
+    """Problems with their names."""
+    for name in arguments.robots.split(","):
+        robot = load_arm(name)
+        goals = sample_problems(robot, arguments.goals, arguments.seed)
+        for number, (q_start, q_goal) in enumerate(goals):
+            yield f"{name} {number}", tm.Problem(robot, q_start, tm.JointGoal(q_goal))
+    for path in sorted(SCENARIOS.glob("*.toml")):
+        yield path.stem, tm.load_scenario(path).problem
+
+
+def timed(work: Callable[[], tm.Solution]) -> tuple[tm.Solution, float]:
+    """A solution and the processor time that it took [s]."""
+    begin = time.process_time()
+    return work(), time.process_time() - begin
+
+
+def nearby(problem: tm.Problem, end: np.ndarray) -> tm.Problem:
+    """The problem with a joint goal not far from where a motion ended."""
+    limits = problem.robot.limits
+    middle = np.clip(0.0, limits.position_lower, limits.position_upper)
+    q = end + SHIFT * np.where(end > middle, -1.0, 1.0)
+    return replace(problem, goal=tm.JointGoal(q))
+
+
+def measure(name: str, problem: tm.Problem) -> list[object]:
+    """Plan in all the ways."""
+    full, seconds = timed(lambda: tm.plan(problem))
+    any_one = tm.Options(objective="feasible")
+    first, seconds_first = timed(lambda: tm.plan(problem, any_one))
+    assert full.trajectory is not None
+    changed = nearby(problem, full.trajectory.q[-1])
+    other, seconds_other = timed(lambda: tm.plan(changed))
+    warm, seconds_warm = timed(lambda: tm.plan(changed, start=full))
+    quiet, seconds_quiet = timed(lambda: tm.smooth(full, SLACK))
+    return [
+        name,
+        full.T,
+        seconds,
+        first.T,
+        seconds_first,
+        other.T,
+        seconds_other,
+        warm.T,
+        seconds_warm,
+        full.roughness,
+        quiet.roughness,
+        quiet.T,
+        seconds_quiet,
+        all(s.success for s in (full, first, other, warm, quiet)),
+    ]
+
+
+def main() -> int:
+    """Measure, write the CSV file, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default="planar3r,ur5,panda")
+    parser.add_argument("--goals", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--csv", type=Path, default=Path("out/replanning.csv"))
+    arguments = parser.parse_args()
+    sheet = Sheet(arguments.csv, COLUMNS)
+    for name, problem in problems(arguments):
+        sheet.add(dict(zip(COLUMNS, measure(name, problem), strict=True)))
+    lines = [
+        (
+            row["problem"],
+            row["T"],
+            row["seconds"],
+            f"{100 * (row['T_feasible'] / row['T'] - 1):+.0f} %",
+            row["seconds_feasible"],
+            f"{100 * (row['T_warm'] / row['T_other'] - 1):+.2f} %",
+            f"{row['seconds_warm']:.2f} / {row['seconds_other']:.2f}",
+            row["roughness_quiet"] / row["roughness"],
+            row["seconds_quiet"],
+        )
+        for row in sheet.rows
+    ]
+    header = (
+        "problem",
+        "T",
+        "s",
+        "first feasible: T",
+        "s",
+        "warm: T to from scratch",
+        "s, warm / scratch",
+        "quiet: roughness",
+        "s",
+    )
+    print(markdown(header, lines))
+    shares = [row["seconds_feasible"] / row["seconds"] for row in sheet.rows]
+    verified = sum(bool(row["all_verified"]) for row in sheet.rows)
+    print(f"\nAll verified: {verified} / {len(sheet.rows)}; the first feasible motion ")
+    print(f"takes {100 * statistics.median(shares):.0f} % of the time, in the median.")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
