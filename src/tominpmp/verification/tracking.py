@@ -178,6 +178,11 @@ def hopeless(growth: float, tolerance: float) -> bool:
     return not growth * float(np.finfo(float).eps) < tolerance
 
 
+def lucky(growth: float, tolerance: float) -> bool:
+    """Whether a replay may reach the goal where another integrator would not."""
+    return growth * RTOL > tolerance
+
+
 def feedback_rate(growth: float, duration: float, tolerance: float) -> float | None:
     """Rate of the feedback that a replay needs [1/s]; None where it needs none.
 
