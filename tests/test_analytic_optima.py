@@ -263,6 +263,15 @@ def test_two_links(family: str, name: str, method: str) -> None:
     assert excess(CASES[family][name], solution.T) < TOLERANCE
 
 
+@pytest.mark.parametrize(("family", "name"), names("swing"))
+def test_swinging_up_by_default(family: str, name: str) -> None:
+    # Where no path leads there, random torques do, if not always the fastest way.
+    solution = planned(family, name, "auto", INTERVALS)
+    minimum = CASES[family][name].minimum
+    assert solution.success
+    assert (1.0 - BELOW) * minimum <= solution.T <= 1.1 * minimum
+
+
 @pytest.mark.parametrize("method", ("collocation", "adjoint"))
 @pytest.mark.parametrize(("family", "name"), names("swing"))
 def test_swinging_up(family: str, name: str, method: str) -> None:

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,13 @@ MOVING_STARTS = 3
 MOVING_RESCUE_STARTS = 16
 # A timed guess this much slower than a motion that was found is not worth its time.
 HOPELESS = 1.6
+# Torques are the last guess for arms with so many joints, and how they are improved.
+SWINGERS, SWINGERS_RESCUE_STARTS = 3, 2
+SHOOTING: dict[str, Any] = {
+    "method": "adjoint",
+    "control": "constant",
+    "lp_solver": "highs",
+}
 # A lower bound is mentioned if T is within this factor of it.
 TELLING = 2.0
 # More guesses are made, up to this number, while none has led to a motion.
@@ -223,7 +231,9 @@ def make_attempts(
         wanted = FRAME_STARTS if several else 1
         if moving and options.objective == "time":
             wanted = max(wanted, MOVING_STARTS)
-    count = max(wanted, MOVING_RESCUE_STARTS if moving else RESCUE_STARTS)
+    swings = options.starts is None and may_swing(system)
+    rescues = SWINGERS_RESCUE_STARTS if swings else RESCUE_STARTS
+    count = max(wanted, MOVING_RESCUE_STARTS if moving else rescues)
     make = guesses_among_moving if moving else initial_guesses
     guesses = make(system, count, rng, options.initial_duration, watch.deadline)
     if options.processes > 1:
@@ -232,6 +242,18 @@ def make_attempts(
         any_made = yield from _in_turn(system, options, watch, guesses, wanted)
     if not any_made:
         raise unreachable(system, rng)
+    if swings and watch.best == np.inf:
+        yield from shots(system, replace(options, **SHOOTING), watch)
+
+
+def may_swing(system: System) -> bool:
+    """Whether torques from nowhere may lead where no path does.
+
+    With nothing in the way it is the torques that are too small for guesses of a path:
+    a small arm may have to swing.
+    """
+    smooth = system.problem.motion_limits is not None
+    return system.clearance is None and system.n <= SWINGERS and not smooth
 
 
 def _in_turn(
