@@ -240,19 +240,11 @@ def test_friction_and_gravity(family: str, name: str, method: str) -> None:
     assert excess(CASES[family][name], solution.T) < TOLERANCE
 
 
-CREEPING = {("vertical rods", "adjoint")}
-creeps = pytest.mark.xfail(
-    reason="small steps along a curved valley: the iterations end far from the minimum"
-)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "name", "method"),
     [
-        pytest.param(
-            family, name, method, marks=creeps if (name, method) in CREEPING else ()
-        )
+        (family, name, method)
         for family, name in names("level", "vertical")
         for method in ("collocation", "adjoint")
     ],

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Record, comparable
+from tominpmp.arrays import Array, Record, comparable
 from tominpmp.description.assembly import stack_parts
 from tominpmp.description.files import check_folders, find_robot
 from tominpmp.description.joint_table import JointLimits, JointTable, read_only
@@ -33,8 +33,6 @@ from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError
 from tominpmp.payload import Payload, attach
 
 __all__ = ["JointLimits", "Robot", "load_robot"]
-
-Array = NDArray[np.float64]
 
 # Standard gravity in two decimals, as Pinocchio has it [m/s^2].
 DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
@@ -380,9 +378,8 @@ def load_robot(
         position_upper=position_upper,
     )
     table.check_complete(files.urdf)
-    if gravity is None:
-        gravity = description.gravity or DEFAULT_GRAVITY
-    checked = check_gravity(gravity)
+    own = description.gravity or DEFAULT_GRAVITY
+    checked = check_gravity(own if gravity is None else gravity)
     robot = Robot(
         name=files.name or description.name,
         model=configured_model(model, table, checked, matrix, offset),

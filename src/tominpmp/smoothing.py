@@ -26,6 +26,7 @@ OVERLOAD = 2e-3
 EXCHANGES = 6
 # Doublings of the grid where the replay does not confirm the motion.
 REFINEMENTS = 2
+NO_QUIETER = "no quieter motion was found."
 
 
 def smooth(solution: Solution, slack: float = 0.01) -> Solution:
@@ -86,11 +87,14 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         intervals = intervals * 2 ** (refinement + 1)
     seconds = solution.planning_time + time.perf_counter() - begin
     if found is None or not found[1].ok:
-        reason = "no quieter motion was found" if found is None else found[1].message
+        reason = NO_QUIETER if found is None else found[1].message
         message = f"{solution.message} Its torques were left as they are: {reason}"
         return replace(solution, message=message, planning_time=seconds)
     trajectory, verification = found
     after = roughness(trajectory, problem.robot.limits)
+    if after >= before:
+        message = f"{solution.message} Its torques were left as they are: {NO_QUIETER}"
+        return replace(solution, message=message, planning_time=seconds)
     return replace(
         solution,
         options=replace(options, slack=share or None),

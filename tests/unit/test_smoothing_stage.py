@@ -88,7 +88,7 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
 def test_more_slack_is_quieter(planar):
     solution = tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
     rough = [tm.smooth(solution, slack).roughness for slack in (0.0, 0.02, 0.2)]
-    assert solution.roughness * 1.001 >= rough[0] > rough[1] > rough[2]
+    assert solution.roughness >= rough[0] > rough[1] > rough[2]
 
 
 def test_motion_limits_are_kept(planar):

@@ -33,6 +33,8 @@ EXCHANGE_ITERATIONS = 25
 # Progress below which rows between the nodes are looked for while the duration still
 # falls: rows that a finished motion breaks cost a new solve.
 ROUGH = 1e-2
+# Where rows are violated by so much, more of them between the nodes would not help.
+FAR = 1e-2
 # A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
 # admissible.
 GUESS_STRETCH = 1.02
@@ -132,6 +134,8 @@ def solve_smooth(
     lp = make_solver(options.lp_solver)
     result = SlpSolver(transcription, options, smoothing, lp, watch).run(z)
     for _ in range(EXCHANGES):
+        if result.best is None and result.iterate.violation > FAR:
+            break
         extra = transcription.inspect(result.iterate.z, OVERLOAD)
         if not (extra[0].size or extra[1].size) or result.status in STOPPED:
             break
@@ -161,12 +165,14 @@ def exchange(
         options, max_iterations=min(options.max_iterations, EXCHANGE_ITERATIONS)
     )
     for _ in range(EXCHANGES):
-        if result.status in STOPPED:
+        far = result.best is None and result.iterate.violation > FAR
+        if result.status in STOPPED or (far and settled):
             break
-        extra = transcription.inspect(result.iterate.z, OVERLOAD)
-        if not extra.size and settled:
-            break
-        transcription = transcription.with_rows(extra)
+        if not far:
+            extra = transcription.inspect(result.iterate.z, OVERLOAD)
+            if not extra.size and settled:
+                break
+            transcription = transcription.with_rows(extra)
         solver = SlpSolver(transcription, few if settled else options, smoothing, lp)
         solver = replace(solver, monitor=watch)
         result = solver.run(result.iterate.z, after=result)
