@@ -17,7 +17,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Scene, Sphere
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay, verify
@@ -362,3 +362,30 @@ def test_options_hold_the_tolerances() -> None:
     options = Options(goal_tolerance=0.1, contact_tolerance=0.2)
     assert options.tolerances == Tolerances(goal=0.1, contact=0.2)
     assert Options().tolerances == Tolerances()
+
+
+RUNNER = """<robot name="runner"><link name="rail"/><link name="carriage">
+<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+</inertial><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+<joint name="run" type="prismatic"><parent link="rail"/><child link="carriage"/>
+<axis xyz="1 0 0"/><limit lower="-2" upper="2" effort="100" velocity="20"/></joint>
+</robot>"""
+
+
+def test_contact_between_two_milliseconds_is_seen(tmp_path) -> None:
+    # At 10 m/s a ball of 1 cm passes a small one between two instants: 0.6 mm away at
+    # both of them, and 0.5 mm deep in it halfway.
+    path = tmp_path / "runner.urdf"
+    path.write_text(RUNNER)
+    robot = load_robot(path)
+    pin = Sphere("pin", radius=1e-3, position=(0.505, 0.0105, 0.0))
+    problem = Problem(
+        robot, [0.0], JointGoal([1.0], [10.0]), Scene([pin]), v_start=[10.0]
+    )
+    t = np.array([0.0, 0.1])
+    zero = np.zeros((2, 1))
+    motion = Trajectory(robot.joint_names, t, 10.0 * t[:, None], zero + 10.0, zero)
+    found = verify(problem, motion)
+    assert [item.kind for item in found.violations] == ["clearance"]
+    assert found.min_clearance == pytest.approx(-5e-4, abs=1e-5)
+    assert found.violations[0].time == pytest.approx(0.0505, abs=2e-4)

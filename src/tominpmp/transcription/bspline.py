@@ -25,7 +25,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.bspline_basis import Basis, Elimination
-from tominpmp.transcription.exchange import CLEARANCE_STEP, GRAZE, LEAST_GRAZE
+from tominpmp.transcription.exchange import grazing_times
 from tominpmp.transcription.motor_rows import MotorRows
 from tominpmp.transcription.system import System
 
@@ -361,20 +361,12 @@ class BSplineTranscription:
         return np.asarray(worst[half.max(axis=1) > 1.0 + tolerance])
 
     def _grazing(self, z: Array) -> Array:
-        clearance = self.system.clearance
-        if clearance is None:
-            return np.zeros(0)
-        times = np.linspace(0.0, 1.0, max(int(z[-1] / CLEARANCE_STEP), 100))[1:-1]
-        q = np.asarray(self._basis.at(times, 0) @ self.points(z))
-        values = clearance.values(q, attention=0.0, times=z[-1] * times)
-        missing = values - GRAZE * self.system.padding
-        found: list[float] = []
-        for pair in np.flatnonzero(missing.max(axis=0) > LEAST_GRAZE):
-            inside = np.searchsorted(self._nodes, times) - 1
-            for k in np.unique(inside[missing[:, pair] > LEAST_GRAZE]):
-                block = np.flatnonzero(inside == k)
-                found.append(float(times[block[np.argmax(missing[block, pair])]]))
-        return np.unique(np.round(found, 4))
+        points = self.points(z)
+
+        def position(times: Array) -> Array:
+            return np.asarray(self._basis.at(times, 0) @ points)
+
+        return grazing_times(self.system, self._nodes, float(z[-1]), position)
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""

@@ -7,6 +7,7 @@ and Kortanek, 1993), until an inspection finds nothing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +22,10 @@ TORQUE_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
 # Clearances are looked at this often [s], and this often an interval at least.
 CLEARANCE_STEP = 2e-3
 CLEARANCE_SAMPLES = 4
+# Pairs closer than this beyond what is asked for are looked at more closely [m], at
+# these places around an instant, in shares of the step.
+CLOSE = 1e-3
+DIPS = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
 # Share of the padding that may be used up between the rows, and what may be missing
 # without any padding, as a share of the reach.
 GRAZE = 0.8
@@ -111,7 +116,7 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
     # The rows keep links a little farther away than need be: some of it may be used.
     share, tolerance = GRAZE, LEAST_GRAZE
     if not system.clearance.moving:
-        values = system.clearance.values(at.states(spline)[0], attention=0.0)
+        at, values = _closer(system, spline, at)
     else:
         at, values = _finer(system, spline, at)
         share = GRAZE_MOVING
@@ -140,6 +145,87 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
         np.array([k for k, _ in found], dtype=np.int64),
         np.array([share for _, share in found]),
     )
+
+
+def _closer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
+    """More instants around those between which links may come too close.
+
+    Returns:
+        The instants, and the values there.
+    """
+    clearance = system.clearance
+    assert clearance is not None  # noqa: S101
+    close = CLOSE / system.reach
+    values = clearance.values(at.states(spline)[0], attention=close)
+    near = dipping(values - GRAZE * system.padding, LEAST_GRAZE, close)
+    if not near.size:
+        return at, values
+    width = 1.0 / np.bincount(at.interval, minlength=spline.h.size)[at.interval[near]]
+    share = at.share[near, None] + DIPS * width[:, None]
+    more = Instants(np.repeat(at.interval[near], DIPS.size), share.ravel())
+    found = clearance.values(more.states(spline)[0], attention=0.0)
+    return at.joined(more), np.concatenate([values, found])
+
+
+def grazing_times(
+    system: System,
+    nodes: Array,
+    duration: float,
+    position: Callable[[Array], Array],
+) -> Array:
+    """As :func:`grazing`, for motions of any form.
+
+    Args:
+        system: Clearances.
+        nodes: Nodes, as shares of the duration.
+        duration: Duration of the motion [s].
+        position: Configurations at shares of the duration.
+
+    Returns:
+        The instants, as shares of the duration.
+    """
+    clearance = system.clearance
+    if clearance is None:
+        return np.zeros(0)
+
+    def missing_at(times: Array, attention: float) -> Array:
+        values = clearance.values(position(times), attention, times=duration * times)
+        return values - GRAZE * system.padding
+
+    close = CLOSE / system.reach
+    times = np.linspace(0.0, 1.0, max(int(duration / CLEARANCE_STEP), 100))[1:-1]
+    missing = missing_at(times, close)
+    near = dipping(missing, LEAST_GRAZE, close)
+    if near.size:
+        more = (times[near, None] + DIPS * (times[1] - times[0])).ravel()
+        missing = np.concatenate([missing, missing_at(more, 0.0)])
+        times = np.concatenate([times, more])
+    inside = np.searchsorted(nodes, times) - 1
+    found: list[float] = []
+    for pair in np.flatnonzero(missing.max(axis=0) > LEAST_GRAZE):
+        for k in np.unique(inside[missing[:, pair] > LEAST_GRAZE]):
+            block = np.flatnonzero(inside == k)
+            found.append(float(times[block[np.argmax(missing[block, pair])]]))
+    return np.unique(np.round(found, 4))
+
+
+def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
+    """Instants around which what is missing may pass a tolerance between the samples.
+
+    Args:
+        missing: By instant and pair, in the order of time, shape (m, count).
+        tolerance: What is let pass.
+        close: Values below minus this are upper bounds, and not looked at.
+
+    Returns:
+        Indices of the instants.
+    """
+    change = np.abs(np.diff(missing, axis=0))
+    none = np.zeros((1, missing.shape[1]))
+    change = np.maximum(np.vstack([none, change]), np.vstack([change, none]))
+    # Half a step away it has risen by half of that at the most, if evenly.
+    dips = (missing + 0.5 * change > tolerance) & (missing > -close)
+    return np.flatnonzero(np.any(dips, axis=1))
 
 
 def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:

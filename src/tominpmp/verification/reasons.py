@@ -20,13 +20,14 @@ from tominpmp.problem import Problem
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.excess import Excess, limit_excesses
+from tominpmp.verification.nearest import closest
 from tominpmp.verification.replay import (
     TIME_STEP,
     Replay,
     planned,
     torque_pieces,
 )
-from tominpmp.verification.verdict import arrival, closest
+from tominpmp.verification.verdict import arrival
 
 # How a search ends that was cut short.
 GAVE_UP = {

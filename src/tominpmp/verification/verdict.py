@@ -31,6 +31,7 @@ from tominpmp.problem import Problem
 from tominpmp.recorded import recorded_motion
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification.excess import Excess, limit_excesses
+from tominpmp.verification.nearest import Nearest, closest
 from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.replay import (
     Integration,
@@ -46,13 +47,6 @@ from tominpmp.verification.tracking import (
     lucky,
     needed,
 )
-
-# Instants at which all distances are measured first, and what two measurements of one
-# distance may differ by [m].
-GLANCES = 8
-GLANCE_ROUNDING = 1e-6
-# Instants whose distances are asked for at once; those of long motions take memory.
-CHUNK = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,56 +242,6 @@ def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
     return CollisionChecker(
         problem.robot, problem.scene, self_collision=own, geometry=geometry
     )
-
-
-class Nearest(NamedTuple):
-    """The pair that has the least room beyond its margin.
-
-    Attributes:
-        excess: What it lacks.
-        distance: Its distance [m].
-    """
-
-    excess: Excess
-    distance: float
-
-
-def closest(
-    problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
-) -> Nearest | None:
-    """The pair that has the least room beyond its margin on a motion.
-
-    Args:
-        problem: The problem, with the margin.
-        replay: The motion.
-        checker: Distances of the pairs.
-        tolerance: What may be missing [m].
-
-    Returns:
-        The pair; None without pairs.
-    """
-    if not checker.pairs:
-        return None
-    margins = checker.margins(problem.margin)
-    # The closest of a few instants tells how far the others need to be looked at.
-    last = replay.t.size - 1
-    some = np.linspace(0, last, GLANCES).astype(np.int64)
-    room = checker.distances(replay.q[some], times=replay.t[some]) - margins
-    k, pair = np.unravel_index(int(np.argmin(room)), room.shape)
-    row, least = int(some[k]), float(room[k, pair])
-    for begin in range(0, last + 1, CHUNK):
-        cutoff = margins + max(least, 0.0) + GLANCE_ROUNDING
-        part = replay.q[begin : begin + CHUNK]
-        times = replay.t[begin : begin + CHUNK]
-        room = checker.distances(part, cutoff, times) - margins
-        k, other = np.unravel_index(int(np.argmin(room)), room.shape)
-        if room[k, other] < least:
-            row, pair, least = begin + int(k), other, float(room[k, other])
-    name = " and ".join(checker.pairs[int(pair)])
-    violated = not -least <= tolerance
-    time = float(replay.t[row])
-    excess = Excess("clearance", name, time, -least, "m", -least, violated)
-    return Nearest(excess, least + float(margins[int(pair)]))
 
 
 def arrival(
