@@ -11,10 +11,18 @@ from functools import cached_property
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
-from tominpmp.goals import AllGoals, AnyGoal, FrameGoal, Goal, JointGoal
+from tominpmp.goals import (
+    AllGoals,
+    AnyGoal,
+    FrameGoal,
+    Goal,
+    JointGoal,
+    PoseGoal,
+    PositionGoal,
+)
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
@@ -180,6 +188,7 @@ class Problem(Record):
         for item in goal.members if isinstance(goal, AllGoals) else (goal,):
             if isinstance(item, FrameGoal):
                 self._check_reach(item)
+                self._check_room(item)
         return goal, []
 
     def _checked_set(self, goals: AnyGoal) -> tuple[Goal, list[str]]:
@@ -299,6 +308,21 @@ class Problem(Record):
                     f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed",
                     "goal",
                 )
+
+    def _check_room(self, goal: FrameGoal) -> None:
+        """Check that the frame is not to end within an obstacle, link and all."""
+        if not isinstance(goal, PositionGoal | PoseGoal) or not len(self.scene):
+            return
+        place = goal.pose.translation if isinstance(goal, PoseGoal) else goal.position
+        point = np.array(place)
+        found = enclosure(self.robot, self.scene, goal.frame, point, goal.tolerance)
+        if found is not None:
+            raise ProblemError(
+                f"goal: {np.round(point, 4).tolist()} is {found.depth:.4g} m deep in "
+                f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
+                f"{goal.frame!r} there overlaps it in every orientation",
+                "goal",
+            )
 
     def _check_reach(self, goal: FrameGoal) -> None:
         target = goal.nearest_point()

@@ -420,3 +420,17 @@ def test_errors_are_of_one_family(changes: dict[str, object], planar3r: Robot) -
     values = {"robot": planar3r, "q_start": START, "goal": GOAL}
     with pytest.raises(TominpmpError):
         Problem(**(values | changes))  # type: ignore[arg-type]
+
+
+def test_goal_within_an_obstacle_is_told(planar3r: Robot) -> None:
+    ball = Sphere("O", radius=0.8, position=(4.0, 1.0, 0.0))
+    start, scene = (0.5, 1.7, -1.7), Scene([ball])
+    for goal in (
+        PositionGoal("tip", (4.0, 1.2, 0.0)),
+        PoseGoal("tip", pin.SE3(np.eye(3), np.array([4.0, 1.2, 0.0]))),
+    ):
+        with pytest.raises(ProblemError, match=r"0\.6 m deep in obstacle 'O'.*'link3'"):
+            Problem(planar3r, start, goal, scene)
+    # On its surface there may be room, and with a tolerance that reaches out of it.
+    Problem(planar3r, start, PositionGoal("tip", (4.0, 1.80001, 0.0)), scene)
+    Problem(planar3r, start, PositionGoal("tip", (4.0, 1.2, 0.0), tolerance=0.7), scene)

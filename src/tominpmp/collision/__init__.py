@@ -11,6 +11,7 @@ from __future__ import annotations
 from tominpmp.collision.bodies import Approximation, approximations
 from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.checker import CollisionChecker, Contact, Derivatives
+from tominpmp.collision.enclosure import Enclosure, enclosure
 from tominpmp.collision.shapes import obstacle_shape
 
 __all__ = [
@@ -19,6 +20,8 @@ __all__ = [
     "Contact",
     "Derivatives",
     "DistanceCache",
+    "Enclosure",
     "approximations",
+    "enclosure",
     "obstacle_shape",
 ]

@@ -1,0 +1,87 @@
+"""Places where a frame cannot be without its link being in an obstacle."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import coal
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.collision.bodies import Body, robot_bodies, scene_bodies
+from tominpmp.collision.shapes import is_convex
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene
+
+# Radius of the ball that stands for a point [m].
+POINT = 1e-6
+# Overlaps up to this are let pass elsewhere, too [m].
+TOUCHING = 1e-5
+
+
+class Enclosure(NamedTuple):
+    """A link that is within an obstacle wherever it turns.
+
+    Attributes:
+        link: Name of the link.
+        obstacle: Name of the obstacle.
+        depth: How deep the point is in it [m].
+    """
+
+    link: str
+    obstacle: str
+    depth: float
+
+
+def enclosure(
+    robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float = 0.0
+) -> Enclosure | None:
+    """The obstacle that a link is in for certain when a frame is at a point.
+
+    Some point of the link is no farther from the frame than its geometry is. Where a
+    ball of that radius is within an obstacle, the link meets it in every orientation.
+
+    Args:
+        robot: The robot.
+        scene: The obstacles; those that move are left out.
+        frame: Name of the frame.
+        point: Where it is [m], shape (3,).
+        tolerance: How far from there it may be [m].
+
+    Returns:
+        Link and obstacle; None if there may be room.
+    """
+    item = robot.model.frames[robot.frame_id(frame)]
+    mine = [
+        body
+        for body in robot_bodies(robot, "convex")
+        if body.joint == item.parentJoint and is_convex(body.shape)
+    ]
+    if not mine or not item.parentJoint:
+        return None
+    origin = np.asarray(item.placement.translation)
+    away = [max(_distance(body, origin), 0.0) for body in mine]
+    nearest = int(np.argmin(away))
+    for body in scene_bodies(scene, robot.model.njoints):
+        if body.joint or not is_convex(body.shape):
+            continue
+        depth = -_distance(body, point)
+        if depth > away[nearest] + tolerance + TOUCHING:
+            return Enclosure(mine[nearest].name, body.name, depth)
+    return None
+
+
+def _distance(body: Body, point: Array) -> float:
+    """Signed distance of a point from a body [m]."""
+    ball = coal.Sphere(POINT)
+    place = body.placement
+    found = coal.DistanceResult()
+    distance = coal.distance(
+        ball,
+        coal.Transform3s(np.eye(3), np.asarray(point, dtype=np.float64)),
+        body.shape,
+        coal.Transform3s(place.rotation, place.translation),
+        coal.DistanceRequest(),
+        found,
+    )
+    return float(distance) + POINT

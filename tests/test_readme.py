@@ -1,0 +1,43 @@
+"""The README's examples run as they stand."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tominpmp as tm
+from tominpmp.description.files import robot_names
+
+README = Path(__file__).parents[1] / "README.md"
+
+pytestmark = [
+    pytest.mark.skipif(
+        "panda" not in robot_names(), reason="example-robot-data is not installed"
+    ),
+    pytest.mark.skipif(find_spec("meshcat") is None, reason="meshcat is not installed"),
+]
+
+
+def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
+    assert len(blocks) == 3
+    names: dict[str, Any] = {}
+    exec(blocks[0], names)
+    for file in ("motion.png", "motion.html", "motion.csv"):
+        assert (tmp_path / file).stat().st_size > 1000
+    exec(blocks[1], names)
+    assert (tmp_path / "proof.png").stat().st_size > 1000
+    problem = names["problem"]
+    names["changed_problem"] = replace(problem, margin=0.5 * problem.margin)
+    exec(blocks[2], names)
+    assert names["quiet"].roughness < names["solution"].roughness
+    assert names["again"].success
+    assert names["cell"].problem is not None
+    again = replace(problem, motion_limits=names["limits"], scene=tm.Scene())
+    assert again.motion_limits is names["limits"]
