@@ -163,7 +163,10 @@ def test_configurations_are_told_apart_by_collision():
 
 
 def test_configurations_in_collision_are_better_than_none():
-    system = planar_system(tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 1, 0))]))
+    # The goal lies between balls that overlap: no link gets there.
+    around = ((4.85, 1, 0), (3.15, 1, 0), (4, 1.85, 0), (4, 0.15, 0))
+    balls = [tm.Sphere(f"O{i}", radius=0.8, position=p) for i, p in enumerate(around)]
+    system = planar_system(tm.Scene(balls))
     goal = system.problem.goal
     search = find_configurations(system, goal, 5, np.random.default_rng(0))
     assert not search.free and search.blocked

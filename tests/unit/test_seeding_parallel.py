@@ -81,6 +81,15 @@ def test_items_are_made_when_a_process_is_free():
     assert len(made) <= 4
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises, also where a shell has left it ignored, as in the background."""
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_leaves_what_was_finished():
     found = []
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
