@@ -164,8 +164,10 @@ def test_configurations_are_told_apart_by_collision():
 
 def test_configurations_in_collision_are_better_than_none():
     # The goal lies between balls that overlap: no link gets there.
-    around = ((4.85, 1, 0), (3.15, 1, 0), (4, 1.85, 0), (4, 0.15, 0))
-    balls = [tm.Sphere(f"O{i}", radius=0.8, position=p) for i, p in enumerate(around)]
+    balls = [
+        tm.Sphere(f"O{i}", radius=0.3, position=(4 + x, 1 + y, 0))
+        for i, (x, y) in enumerate(0.4 * np.vstack([np.eye(2), -np.eye(2)]))
+    ]
     system = planar_system(tm.Scene(balls))
     goal = system.problem.goal
     search = find_configurations(system, goal, 5, np.random.default_rng(0))
