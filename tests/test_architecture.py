@@ -110,6 +110,10 @@ def test_modules_do_not_import_the_package_itself() -> None:
     assert from_root == []
 
 
+# Of Python 3.11 and later; before that, tomli stands for tomllib.
+STANDARD = sys.stdlib_module_names | {"tomllib", "tominpmp"}
+
+
 def test_declared_dependencies_are_those_imported() -> None:
     declared = {
         re.split(r"[^\w.-]", requirement)[0]: "extra ==" in requirement
@@ -119,7 +123,7 @@ def test_declared_dependencies_are_those_imported() -> None:
         DISTRIBUTIONS.get(package, package)
         for path in MODULES
         for package in (name.split(".")[0] for name in imported_names(parse(path)))
-        if package not in sys.stdlib_module_names and package != "tominpmp"
+        if package not in STANDARD
     }
     assert imported - set(declared) == set()
     always_installed = {name for name, is_extra in declared.items() if not is_extra}
