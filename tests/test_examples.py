@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -72,3 +73,15 @@ def test_help_is_to_the_point(path: Path) -> None:
 def test_scenarios_load(path: Path) -> None:
     scenario = tm.load_scenario(path)
     assert scenario.problem.robot.n > 0
+
+
+@needs_robots
+@pytest.mark.parametrize("name", ["ur5_post", "swinging_gate"])
+def test_script_and_scenario_are_the_same_problem(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    script = import_module(name)
+    assert tm.load_scenario(EXAMPLES / "scenarios" / f"{name}.toml").problem == (
+        script.problem()
+    )
