@@ -23,7 +23,7 @@ from tominpmp.options import Options
 from tominpmp.planner import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Scene, Sphere
+from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.system import System
@@ -582,3 +582,22 @@ def test_plot(tmp_path: Path) -> None:
     assert any(label.startswith("effort, joint1") for label in labels)
     for panel in figure.axes[:n]:
         assert panel.get_xlim() == (0.0, pytest.approx(solution.T))
+
+
+def test_the_hamiltonian_may_change_where_obstacles_move():
+    # The last part of the way is behind a wall that gives way: H is what waiting costs.
+    robot = load_robot("planar3r")
+    wall = Box(
+        "gate",
+        size=(5.0, 0.2, 1.0),
+        position=(3.5, 2.5, 0.0),
+        motion=ConstantVelocity(
+            angular=(0.0, 0.0, -np.pi / 2), pivot=(6.0, 2.5, 0.0), begin=1.5, end=2.5
+        ),
+    )
+    goal = JointGoal([1.6, 0.0, 0.0])
+    problem = Problem(robot, [0.2, 0, 0], goal, Scene([wall]), margin=0.02)
+    solution = plan(problem, Options(intervals=20, starts=1))
+    certificate = solution.certificate
+    assert "Hamiltonian is not constant" not in certificate.message
+    assert certificate.hamiltonian_deviation > 0.1

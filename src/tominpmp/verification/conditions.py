@@ -33,17 +33,27 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
     return problem.robot.joint_names[subject]
 
 
-def praise(out: Certificate) -> str:
+def autonomous(motion: Motion) -> bool:
+    """Whether nothing but the state decides what is allowed, so that H is constant."""
+    clearance = motion.system.clearance
+    return clearance is None or not clearance.moving
+
+
+def praise(motion: Motion, out: Certificate) -> str:
     """What to say of a motion that keeps all conditions."""
     T = float(out.t[-1])
+    constancy = (
+        f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
+        f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
+        if autonomous(motion)
+        else "Obstacles move, so that the Hamiltonian need not be constant. Torques"
+    )
     text = (
         "The motion satisfies the first-order conditions to "
         f"{_percent(out.stationarity)}: small changes promise no more than "
-        f"{_time(out.stationarity * T)} of its {T:.4g} s. The Hamiltonian is constant "
-        f"within {out.hamiltonian_mean_deviation:.1g} in the mean "
-        f"({out.hamiltonian_deviation:.1g} at most), torques obey their switching "
-        f"functions {_percent(out.sign_share)} of the time, and some limit holds the "
-        f"motion {_percent(out.active_share)} of the time."
+        f"{_time(out.stationarity * T)} of its {T:.4g} s. {constancy} obey their "
+        f"switching functions {_percent(out.sign_share)} of the time, and some limit "
+        f"holds the motion {_percent(out.active_share)} of the time."
     )
     if out.grid_gain > out.stationarity + COARSE:
         text += (
@@ -94,7 +104,8 @@ class _Failures:
                 f"promise {_percent(out.stationarity)} of its duration "
                 f"({_time(out.stationarity * self.T)}). {self._worst()}"
             )
-        if not out.hamiltonian_mean_deviation <= HAMILTONIAN:
+        constant = out.hamiltonian_mean_deviation <= HAMILTONIAN
+        if autonomous(self.motion) and not constant:
             apart = np.abs(
                 out.hamiltonian - np.average(out.hamiltonian, weights=self.h)
             )

@@ -189,7 +189,7 @@ class _Reading:
             seconds=0.0,
         )
         failures = failing(motion, found, out, self.verification)
-        message = " ".join(failures) if failures else praise(out)
+        message = " ".join(failures) if failures else praise(motion, out)
         return replace(out, ok=not failures, message=message)
 
     def _share(self, flags: Array | BoolArray) -> float:
