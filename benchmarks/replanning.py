@@ -16,18 +16,18 @@ from benchmarks.sheet import Sheet, markdown, one_thread
 one_thread()
 
 import argparse
+import itertools
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import tominpmp as tm
-from benchmarks.random_goals import load_arm, sample_problems
+from benchmarks.problems import random_goals, scenarios
 
-SCENARIOS = Path(__file__).parents[1] / "examples" / "scenarios"
 SLACK, SHIFT = 0.01, 0.05
 COLUMNS = (
     "problem",
@@ -45,17 +45,6 @@ COLUMNS = (
     "seconds_quiet",
     "all_verified",
 )
-
-
-def problems(arguments: argparse.Namespace) -> Iterator[tuple[str, tm.Problem]]:
-    """Problems with their names."""
-    for name in arguments.robots.split(","):
-        robot = load_arm(name)
-        goals = sample_problems(robot, arguments.goals, arguments.seed)
-        for number, (q_start, q_goal) in enumerate(goals):
-            yield f"{name} {number}", tm.Problem(robot, q_start, tm.JointGoal(q_goal))
-    for path in sorted(SCENARIOS.glob("*.toml")):
-        yield path.stem, tm.load_scenario(path).problem
 
 
 def timed(work: Callable[[], tm.Solution]) -> tuple[tm.Solution, float]:
@@ -109,7 +98,8 @@ def main() -> int:
     parser.add_argument("--csv", type=Path, default=Path("out/replanning.csv"))
     arguments = parser.parse_args()
     sheet = Sheet(arguments.csv, COLUMNS)
-    for name, problem in problems(arguments):
+    goals = random_goals(arguments.robots, arguments.goals, arguments.seed)
+    for name, problem in itertools.chain(goals, scenarios()):
         sheet.add(dict(zip(COLUMNS, measure(name, problem), strict=True)))
     lines = [
         (

@@ -16,15 +16,15 @@ from benchmarks.sheet import Sheet, markdown, one_thread
 one_thread()
 
 import argparse
+import itertools
 import statistics
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import tominpmp as tm
-from benchmarks.random_goals import ROBOTS, load_arm, sample_problems
+from benchmarks.problems import random_goals, scenarios
+from benchmarks.random_goals import ROBOTS
 
-SCENARIOS = Path(__file__).parents[1] / "examples" / "scenarios"
 FINER = 4
 COLUMNS = (
     "problem",
@@ -44,18 +44,6 @@ COLUMNS = (
     "saturated",
     "active",
 )
-
-
-def problems(arguments: argparse.Namespace) -> Iterator[tuple[str, tm.Problem]]:
-    """Problems with their names."""
-    for name in arguments.robots.split(","):
-        robot = load_arm(name)
-        goals = sample_problems(robot, arguments.goals, arguments.seed)
-        for number, (q_start, q_goal) in enumerate(goals):
-            yield f"{name} {number}", tm.Problem(robot, q_start, tm.JointGoal(q_goal))
-    if arguments.scenarios:
-        for path in sorted(SCENARIOS.glob("*.toml")):
-            yield path.stem, tm.load_scenario(path).problem
 
 
 def measure(name: str, problem: tm.Problem) -> list[object]:
@@ -101,7 +89,9 @@ def main() -> int:
     arguments = parser.parse_args()
     sheet = Sheet(arguments.csv, COLUMNS)
     groups: dict[str, list[dict[str, object]]] = {}
-    for name, problem in problems(arguments):
+    examples = scenarios() if arguments.scenarios else ()
+    goals = random_goals(arguments.robots, arguments.goals, arguments.seed)
+    for name, problem in itertools.chain(goals, examples):
         sheet.add(dict(zip(COLUMNS, measure(name, problem), strict=True)))
         groups.setdefault(name.split()[0], []).append(sheet.rows[-1])
     lines = []

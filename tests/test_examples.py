@@ -24,17 +24,17 @@ needs_meshcat = pytest.mark.skipif(
 )
 
 
+def output_of(name: str, *arguments: str | Path) -> str:
+    """What an example prints."""
+    command = [sys.executable, EXAMPLES / f"{name}.py", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return done.stdout
+
+
 @needs_robots
 @needs_meshcat
 def test_ur5_post(tmp_path: Path) -> None:
-    script = EXAMPLES / "ur5_post.py"
-    done = subprocess.run(
-        [sys.executable, script, "--out", tmp_path],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "Clear by" in done.stdout
+    assert "Clear by" in output_of("ur5_post", "--out", tmp_path)
     problem = tm.load_scenario(EXAMPLES / "scenarios" / "ur5_post.toml").problem
     motion = tm.load_motion(tmp_path / "ur5_post.csv")
     assert tm.verify(problem, motion).ok
@@ -44,15 +44,9 @@ def test_ur5_post(tmp_path: Path) -> None:
 
 @needs_meshcat
 def test_certificate(tmp_path: Path) -> None:
-    script = EXAMPLES / "certificate.py"
-    done = subprocess.run(
-        [sys.executable, script, "--out", tmp_path],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "The motion satisfies the first-order conditions" in done.stdout
-    assert "does not satisfy the first-order conditions" in done.stdout
+    output = output_of("certificate", "--out", tmp_path)
+    assert "The motion satisfies the first-order conditions" in output
+    assert "does not satisfy the first-order conditions" in output
     assert (tmp_path / "certificate.png").stat().st_size > 10_000
 
 
@@ -60,10 +54,7 @@ def test_certificate(tmp_path: Path) -> None:
     "path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem
 )
 def test_help_is_to_the_point(path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, path, "--help"], capture_output=True, text=True, check=True
-    )
-    assert "--out" in done.stdout
+    assert "--out" in output_of(path.stem, "--help")
 
 
 @needs_robots

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ScenarioError
+from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Samples, Trajectory
 
@@ -82,6 +82,33 @@ def recorded_motion(
         draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
         u = dynamics.inverse(q, v, draft(t).a)
     return Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+
+
+def checked_motion(
+    motion: Trajectory | Samples, robot: Robot, start: Array
+) -> Trajectory:
+    """A motion of a robot that is to be judged; samples are joined to one.
+
+    Args:
+        motion: The motion, or samples of it.
+        robot: Whose motion it is.
+        start: Where samples begin that come after time 0, shape (n,) [rad or m].
+
+    Raises:
+        ProblemError: If the motion is one of other joints, or has no numbers.
+        ScenarioError: If samples are.
+    """
+    if isinstance(motion, Samples):
+        motion = recorded_motion(motion, robot, start=start)
+    if motion.joint_names != robot.joint_names:
+        raise ProblemError(
+            f"the motion is one of {', '.join(motion.joint_names)}, expected "
+            f"{', '.join(robot.joint_names)}",
+            "trajectory",
+        )
+    if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.u)):
+        raise ProblemError("the motion has positions or torques that are no numbers")
+    return motion
 
 
 def _named(path: str | Path | None) -> str:

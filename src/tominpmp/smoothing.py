@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array, real_number
+from tominpmp.attempts.attempt import REFINEMENTS
+from tominpmp.attempts.guessed import EXCHANGES
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.options import Options
 from tominpmp.seeding.warm import FormerMotion, former_motion
@@ -17,15 +19,11 @@ from tominpmp.solvers.quiet import QuietSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
 from tominpmp.verification import Verification, verify
 
-# Relative torque excess between the rows that is let pass, and rounds of adding rows.
-OVERLOAD = 2e-3
-EXCHANGES = 6
-# Doublings of the grid where the replay does not confirm the motion.
-REFINEMENTS = 2
 NO_QUIETER = "no quieter motion was found."
 
 
@@ -86,15 +84,19 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
             break
         intervals = intervals * 2 ** (refinement + 1)
     seconds = solution.planning_time + time.perf_counter() - begin
-    if found is None or not found[1].ok:
-        reason = NO_QUIETER if found is None else found[1].message
+
+    def left(reason: str) -> Solution:
         message = f"{solution.message} Its torques were left as they are: {reason}"
         return replace(solution, message=message, planning_time=seconds)
+
+    if found is None:
+        return left(NO_QUIETER)
     trajectory, verification = found
+    if not verification.ok:
+        return left(verification.message)
     after = roughness(trajectory, problem.robot.limits)
     if after >= before:
-        message = f"{solution.message} Its torques were left as they are: {NO_QUIETER}"
-        return replace(solution, message=message, planning_time=seconds)
+        return left(NO_QUIETER)
     return replace(
         solution,
         options=replace(options, slack=share or None),

@@ -18,6 +18,7 @@ from tominpmp.solvers.lp import LpSolver, make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
@@ -25,9 +26,9 @@ from tominpmp.transcription.system import System
 # Weight of the total variation, as a share of the duration of the guess; chosen on
 # benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
 SMOOTHING_SHARE = 1e-4
-# Relative torque excess between the rows that is let pass, and rounds of adding rows.
-OVERLOAD = 2e-3
+# Relative room of torques between the rows up to which a former motion rests on them.
 NEARLY = 1e-2
+# Rounds of adding rows, and iterations of each.
 EXCHANGES = 6
 EXCHANGE_ITERATIONS = 25
 # Progress below which rows between the nodes are looked for while the duration still

@@ -27,6 +27,7 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
 from tominpmp.verification.verdict import verify
@@ -50,7 +51,6 @@ JUMP = 0.5
 # Rounds of adding rows between the nodes, iterations of each solve.
 EXCHANGES = 4
 ITERATIONS = 30
-OVERLOAD = 2e-3
 # Weight of the total variation, as a share of the duration.
 SMOOTHING_SHARE = 1e-4
 

@@ -19,6 +19,8 @@ from tominpmp.transcription.system import System
 
 # Instants at which torques are looked at between the rows.
 TORQUE_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
+# Relative torque excess between the rows that is let pass.
+OVERLOAD = 2e-3
 # Clearances are looked at this often [s], and this often an interval at least.
 CLEARANCE_STEP = 2e-3
 CLEARANCE_SAMPLES = 4

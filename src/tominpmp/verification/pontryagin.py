@@ -26,9 +26,8 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, frozen_array
-from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
-from tominpmp.recorded import recorded_motion
+from tominpmp.recorded import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System
 from tominpmp.verification.active_limits import Motion
@@ -75,16 +74,7 @@ def certify(
     """
     begin = time.perf_counter()
     robot = problem.robot
-    if isinstance(trajectory, Samples):
-        trajectory = recorded_motion(trajectory, robot, start=problem.q_start)
-    if trajectory.joint_names != robot.joint_names:
-        raise ProblemError(
-            f"the motion is one of {', '.join(trajectory.joint_names)}, expected "
-            f"{', '.join(robot.joint_names)}",
-            "trajectory",
-        )
-    if not all(np.all(np.isfinite(x)) for x in (trajectory.q, trajectory.u)):
-        raise ProblemError("the motion has positions or torques that are no numbers")
+    trajectory = checked_motion(trajectory, robot, problem.q_start)
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(System.of(problem), trajectory)

@@ -15,7 +15,6 @@ import numpy as np
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
-from tominpmp.exceptions import ProblemError
 from tominpmp.goals import (
     AnyGoal,
     FrameGoal,
@@ -28,7 +27,7 @@ from tominpmp.goals import (
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.recorded import recorded_motion
+from tominpmp.recorded import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification.excess import Excess, limit_excesses
 from tominpmp.verification.nearest import Nearest, closest
@@ -140,16 +139,7 @@ def verify(
     begin = time.perf_counter()
     tolerances = Tolerances() if tolerances is None else tolerances
     robot = problem.robot
-    if isinstance(trajectory, Samples):
-        trajectory = recorded_motion(trajectory, robot, start=problem.q_start)
-    if trajectory.joint_names != robot.joint_names:
-        raise ProblemError(
-            f"the motion is one of {', '.join(trajectory.joint_names)}, expected "
-            f"{', '.join(robot.joint_names)}",
-            "trajectory",
-        )
-    if not all(np.all(np.isfinite(x)) for x in (trajectory.q, trajectory.u)):
-        raise ProblemError("the motion has positions or torques that are no numbers")
+    trajectory = checked_motion(trajectory, robot, problem.q_start)
     torque = torque_pieces(trajectory)
     integration = Integration(robot, trajectory, torque, integrator)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
