@@ -12,9 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tominpmp.exceptions import brief
+
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+# A range may stand for any number of numbers without holding them.
+MOST_NUMBERS = 10_000_000
 
 
 def frozen_array(values: ArrayLike) -> Array:
@@ -45,9 +50,14 @@ def real_array(values: object) -> Array:
     Raises:
         ValueError: If the values are not real numbers in a regular array.
     """
-    array = np.asarray(values)
+    try:
+        if isinstance(values, range) and len(values) > MOST_NUMBERS:
+            raise ValueError(f"more than {MOST_NUMBERS} numbers")
+        array = np.asarray(values)
+    except Exception as error:  # ragged lists, and objects that pretend to be arrays
+        raise ValueError(f"{brief(values)} is not made of real numbers") from error
     if array.size and array.dtype.kind not in "iuf":
-        raise ValueError(f"{values!r} is not made of real numbers")
+        raise ValueError(f"{brief(values)} is not made of real numbers")
     return frozen_array(array)
 
 
@@ -65,7 +75,7 @@ def real_number(value: object) -> float:
     """
     array = real_array(value)
     if array.shape != ():
-        raise ValueError(f"{value!r} is not a single number")
+        raise ValueError(f"{brief(value)} is not a single number")
     return float(array)
 
 

@@ -26,7 +26,7 @@ from tominpmp.description.joint_values import check_gravity
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import build_model, configured_model, expansion
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene, is_rotation
 
@@ -91,23 +91,25 @@ def _checked_parts(
 ) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
     expected = "tuples of name, robot and base"
     if not isinstance(parts, Sequence) or not parts:
-        raise ProblemError(f"robots: got {parts!r}, expected {expected}", "robots")
+        raise ProblemError(f"robots: got {brief(parts)}, expected {expected}", "robots")
     robots: dict[str, Robot] = {}
     bases: dict[str, pin.SE3] = {}
     for part in parts:
         if not isinstance(part, Sequence) or len(part) != 3:
-            raise ProblemError(f"robots: got {part!r}, expected {expected}", "robots")
+            raise ProblemError(
+                f"robots: got {brief(part)}, expected {expected}", "robots"
+            )
         name, robot, base = part
         if not isinstance(name, str) or not name or "/" in name:
             raise ProblemError(
-                f"robots: the name {name!r} is none; expected a text without '/'",
+                f"robots: the name {brief(name)} is none; expected a text without '/'",
                 "robots",
             )
         if name in robots:
-            raise ProblemError(f"robots: two of them are named {name!r}", "robots")
+            raise ProblemError(f"robots: two of them are named {brief(name)}", "robots")
         if not isinstance(robot, Robot):
             raise ProblemError(
-                f"robots: {name!r} is a {type(robot).__name__}, expected a Robot",
+                f"robots: {brief(name)} is a {type(robot).__name__}, expected a Robot",
                 "robots",
             )
         robots[name], bases[name] = robot, base_placement(name, base)
@@ -135,8 +137,8 @@ def base_placement(name: str, base: object) -> pin.SE3:
     right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
     if not (right and is_rotation(rotation)):
         raise ProblemError(
-            f"robots: the base of {name!r} is {base!r}, expected a pinocchio.SE3 or "
-            "three finite coordinates [m]",
+            f"robots: the base of {brief(name)} is {brief(base)}, expected a "
+            "pinocchio.SE3 or three finite coordinates [m]",
             "robots",
         )
     return pin.SE3(rotation, position)
@@ -148,7 +150,8 @@ def _common_gravity(robots: Mapping[str, Robot]) -> Array:
         if not np.array_equal(robot.gravity, other.gravity):
             raise ProblemError(
                 f"robots: gravity is {robot.gravity.tolist()} for {first!r} and "
-                f"{other.gravity.tolist()} for {name!r}; expected the argument gravity",
+                f"{other.gravity.tolist()} for {brief(name)}; expected the argument "
+                "gravity",
                 "gravity",
             )
     return robot.gravity

@@ -9,6 +9,7 @@ parse the message.
 from __future__ import annotations
 
 import copyreg
+import reprlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +17,46 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tominpmp.solution import Solution
 
+# Characters of a value that a message shows.
+BRIEF = 80
+# Characters of a whole message: it may list the joints of a large robot.
+LONGEST = 3000
+
+# Looks at the first items only, so that a list of millions costs nothing.
+_repr = reprlib.Repr()
+_repr.maxlevel, _repr.maxother = 4, 10 * BRIEF
+_repr.maxlist = _repr.maxtuple = _repr.maxset = _repr.maxfrozenset = 8
+_repr.maxstring = _repr.maxlong = BRIEF
+
+
+def shortened(text: str, most: int = BRIEF) -> str:
+    """Cut a text that is longer than so many characters."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def brief(value: object, most: int = BRIEF) -> str:
+    """Show a value in a message: what ``repr`` gives, on one line and not a long one.
+
+    Args:
+        value: Anything that a caller or a file gave.
+        most: Characters to show.
+    """
+    try:
+        if isinstance(value, str):
+            text = repr(value[:most]) if len(value) > most else repr(value)
+        else:
+            text = " ".join(_repr.repr(value).split())
+    except Exception:  # the caller's object may do anything, a long integer does
+        text = f"<{type(value).__name__}>"
+    return shortened(text, most)
+
 
 class TominpmpError(Exception):
     """Root of all exceptions of this library."""
+
+    def __init__(self, message: str = "") -> None:
+        # What is read from a file may be named in it, and be of any length.
+        super().__init__(shortened(message, LONGEST))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the message and the values, not the arguments they were made from."""
@@ -47,7 +85,7 @@ class FrameNotFound(TominpmpError):
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
         super().__init__(
-            f"there is no frame {name!r}; the robot has: {', '.join(available)}"
+            f"there is no frame {brief(name)}; the robot has: {', '.join(available)}"
         )
         self.name = name
         self.available = tuple(available)
@@ -63,7 +101,7 @@ class JointNotFound(TominpmpError):
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
         super().__init__(
-            f"there is no joint {name!r}; the robot has: {', '.join(available)}"
+            f"there is no joint {brief(name)}; the robot has: {', '.join(available)}"
         )
         self.name = name
         self.available = tuple(available)
@@ -115,7 +153,8 @@ class SolverNotFound(TominpmpError):
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
         super().__init__(
-            f"the solver {name!r} is not available; there are: {', '.join(available)}"
+            f"the solver {brief(name)} is not available; there are: "
+            f"{', '.join(available)}"
         )
         self.name = name
         self.available = tuple(available)

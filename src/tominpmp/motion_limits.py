@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, real_array, real_number
-from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.exceptions import JointNotFound, ProblemError, brief
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -41,8 +41,8 @@ class EffortCurve(Record):
                 array = real_array(getattr(self, name))
             except ValueError as error:
                 raise ProblemError(
-                    f"effort curve: {name} is {getattr(self, name)!r}, expected a row "
-                    "of numbers",
+                    f"effort curve: {name} is {brief(getattr(self, name))}, expected a "
+                    "row of numbers",
                     name,
                 ) from error
             if array.ndim != 1 or not np.all(np.isfinite(array)):
@@ -129,7 +129,8 @@ class MotionLimits(Record):
             scale = np.nan
         if not 0.0 < scale <= 1.0:
             raise ProblemError(
-                f"effort_scale is {self.effort_scale!r}, expected a share in (0, 1]",
+                f"effort_scale is {brief(self.effort_scale)}, expected a share in (0, "
+                "1]",
                 "effort_scale",
             )
         object.__setattr__(self, "effort_scale", scale)
@@ -155,7 +156,8 @@ class MotionLimits(Record):
             array = np.full(1, np.nan)
         if array.ndim > 1 or np.any(np.isnan(array)) or np.any(array <= 0.0):
             raise ProblemError(
-                f"{name} is {value!r}, expected positive numbers [{UNITS[name]}]", name
+                f"{name} is {brief(value)}, expected positive numbers [{UNITS[name]}]",
+                name,
             )
         return array
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, Record, real_array, real_number
-from tominpmp.exceptions import OptionsError
+from tominpmp.exceptions import OptionsError, brief
 
 if TYPE_CHECKING:
     from tominpmp.solution import IterationRecord
@@ -189,7 +189,9 @@ class Options(Record):
 
     def _fail(self, name: str, expected: str) -> NoReturn:
         value = getattr(self, name)
-        raise OptionsError(f"{name} is {value!r}, expected {expected}", option=name)
+        raise OptionsError(
+            f"{name} is {brief(value)}, expected {expected}", option=name
+        )
 
     def _one_of(self, name: str, known: tuple[str | None, ...]) -> None:
         value = getattr(self, name)

@@ -17,7 +17,7 @@ from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import FrameNotFound, ProblemError
+from tominpmp.exceptions import FrameNotFound, ProblemError, brief
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # A moment of inertia may exceed the sum of the other two by this share: files round.
@@ -51,14 +51,14 @@ class Payload(Record):
         for key in ("frame", "name"):
             if not isinstance(getattr(self, key), str) or not getattr(self, key):
                 raise ProblemError(
-                    f"payload.{key} is {getattr(self, key)!r}, expected a name",
+                    f"payload.{key} is {brief(getattr(self, key))}, expected a name",
                     f"payload.{key}",
                 )
         object.__setattr__(self, "mass", self._checked_mass())
         com = _numbers(self.com, (3,))
         if com is None:
             raise ProblemError(
-                f"payload.com is {self.com!r}, expected three coordinates [m]",
+                f"payload.com is {brief(self.com)}, expected three coordinates [m]",
                 "payload.com",
             )
         object.__setattr__(self, "com", com)
@@ -73,7 +73,7 @@ class Payload(Record):
             mass = np.nan
         if not (np.isfinite(mass) and mass >= 0.0):
             raise ProblemError(
-                f"payload.mass is {self.mass!r}, expected a mass >= 0 [kg]",
+                f"payload.mass is {brief(self.mass)}, expected a mass >= 0 [kg]",
                 "payload.mass",
             )
         return mass
@@ -110,8 +110,8 @@ def _checked_inertia(value: object) -> Array:
     array = _numbers(value, (3, 3))
     if array is None or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
         raise ProblemError(
-            f"payload.inertia is {value!r}, expected a symmetric matrix of 3x3 numbers "
-            "[kg m^2]",
+            f"payload.inertia is {brief(value)}, expected a symmetric matrix of 3x3 "
+            "numbers [kg m^2]",
             "payload.inertia",
         )
     moments = np.linalg.eigvalsh(array)
@@ -156,8 +156,8 @@ def attach(
     names = [frame.name for frame in model.frames[1:]]
     if payload.name in names:
         raise ProblemError(
-            f"payload.name is {payload.name!r}, which is a frame of the robot already; "
-            "expected another name",
+            f"payload.name is {brief(payload.name)}, which is a frame of the robot "
+            "already; expected another name",
             "payload.name",
         )
     link = carrying_link(description, payload.frame)

@@ -13,7 +13,7 @@ import numpy as np
 from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, TominpmpWarning
+from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -124,7 +124,7 @@ class Problem(Record):
             margin = np.nan
         if not (np.isfinite(margin) and margin >= 0.0):
             raise ProblemError(
-                f"margin is {self.margin!r}, expected a length >= 0 [m]", "margin"
+                f"margin is {brief(self.margin)}, expected a length >= 0 [m]", "margin"
             )
         return margin
 
@@ -227,7 +227,7 @@ class Problem(Record):
             array = real_array(value)
         except ValueError as error:
             raise ProblemError(
-                f"{name} is {value!r}, expected {expected}", name
+                f"{name} is {brief(value)}, expected {expected}", name
             ) from error
         if array.shape != (len(joints),):
             raise ProblemError(

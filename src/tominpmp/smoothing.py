@@ -11,7 +11,7 @@ import numpy as np
 from tominpmp.arrays import Array, real_number
 from tominpmp.attempts.attempt import REFINEMENTS
 from tominpmp.attempts.guessed import EXCHANGES
-from tominpmp.exceptions import OptionsError, ProblemError
+from tominpmp.exceptions import OptionsError, ProblemError, brief
 from tominpmp.options import Options
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import Solution, roughness
@@ -53,7 +53,9 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     except ValueError:
         share = np.nan
     if not 0.0 <= share < np.inf:
-        raise OptionsError(f"slack is {slack!r}, expected a share of T >= 0", "slack")
+        raise OptionsError(
+            f"slack is {brief(slack)}, expected a share of T >= 0", "slack"
+        )
     former = solution.trajectory
     if former is None or not solution.success:
         raise ProblemError(

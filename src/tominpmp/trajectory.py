@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray, Record, real_array, real_number
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
 
@@ -124,7 +124,7 @@ class Trajectory(Record):
             object.__setattr__(self, name, real_array(value))
         except ValueError as error:
             raise ProblemError(
-                f"trajectory field {name!r} is {value!r}, expected numbers", name
+                f"trajectory field {name!r} is {brief(value)}, expected numbers", name
             ) from error
 
     def _check_shape(self, name: str, shape: tuple[int, ...], layout: str) -> None:
@@ -165,11 +165,11 @@ class Trajectory(Record):
             times = real_array(time)
         except ValueError as error:
             raise ProblemError(
-                f"time is {time!r}, expected numbers [s]", "time"
+                f"time is {brief(time)}, expected numbers [s]", "time"
             ) from error
         if times.ndim > 1 or np.any(np.isnan(times)):
             raise ProblemError(
-                f"time is {time!r}, expected a time or a row of times [s]", "time"
+                f"time is {brief(time)}, expected a time or a row of times [s]", "time"
             )
         state = self._evaluate(np.clip(np.atleast_1d(times), 0.0, self.t[-1]))
         if times.ndim == 0:
@@ -233,7 +233,7 @@ class Trajectory(Record):
             step = np.nan
         if not np.isfinite(step) or step <= 0.0:
             raise ProblemError(
-                f"dt is {dt!r}, expected a positive time [s]", field="dt"
+                f"dt is {brief(dt)}, expected a positive time [s]", field="dt"
             )
         if self.duration / step > MAX_SAMPLES:
             raise ProblemError(

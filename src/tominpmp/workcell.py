@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Record
 from tominpmp.combination import base_placement, combine_robots
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -77,7 +77,8 @@ class Workcell(Record):
             for name, item in parts.items():
                 if not isinstance(item, tuple | list) or len(item) != 2:
                     raise ProblemError(
-                        f"robots: {name!r} is {item!r}, expected a robot and its base",
+                        f"robots: {brief(name)} is {brief(item)}, expected a robot and "
+                        "its base",
                         "robots",
                     )
             parts = [(name, *item) for name, item in parts.items()]
@@ -104,7 +105,7 @@ class Workcell(Record):
         if name not in self.robots:
             known = ", ".join(self.robots)
             raise ProblemError(
-                f"there is no robot {name!r}; the robots are: {known}", "name"
+                f"there is no robot {brief(name)}; the robots are: {known}", "name"
             )
         return self.robots[name]
 
@@ -190,15 +191,15 @@ class Workcell(Record):
         for name in self.robots:
             if name not in goals:
                 raise ProblemError(
-                    f"goal: there is none for {name!r}; expected a goal, or None if it "
-                    "may end anywhere",
+                    f"goal: there is none for {brief(name)}; expected a goal, or None "
+                    "if it may end anywhere",
                     "goal",
                 )
             wanted = goals[name]
             if not (wanted is None or isinstance(wanted, Goal)):
                 raise ProblemError(
-                    f"goal: that of {name!r} is a {type(wanted).__name__}, expected a "
-                    "goal or None",
+                    f"goal: that of {brief(name)} is a {type(wanted).__name__}, "
+                    "expected a goal or None",
                     "goal",
                 )
         choices = [
@@ -249,8 +250,8 @@ class Workcell(Record):
         if isinstance(goal, AllGoals):
             return AllGoals([self._renamed(name, item) for item in goal.goals])
         raise ProblemError(
-            f"goal: that of {name!r} is a {type(goal).__name__}, expected a goal on "
-            "joints or frames",
+            f"goal: that of {brief(name)} is a {type(goal).__name__}, expected a goal "
+            "on joints or frames",
             "goal",
         )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tominpmp.arrays import real_array
 from tominpmp.description.links import write_numbers
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 
 Array = NDArray[np.float64]
 
@@ -223,7 +223,7 @@ def stack_parts(
         if name not in names or name not in values:
             state = "given" if name not in names else "missing"
             raise ProblemError(
-                f"values for {name!r} are {state}; the robots are: {known}", name
+                f"values for {brief(name)} are {state}; the robots are: {known}", name
             )
     out = np.empty(len(joints))
     for name in names:

@@ -11,7 +11,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from tominpmp.exceptions import RobotLoadError
+from tominpmp.exceptions import RobotLoadError, brief
 
 # Where the wheel of example-robot-data puts its files, below a prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
@@ -104,7 +104,7 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     if not isinstance(name_or_path, (str, os.PathLike)) or not str(name_or_path):
         raise RobotLoadError(
             f"expected the name of a robot or the path of a URDF file, "
-            f"got {name_or_path!r}"
+            f"got {brief(name_or_path)}"
         )
     known = _known_robots()
     if isinstance(name_or_path, str) and name_or_path in known:
@@ -141,7 +141,7 @@ def _unknown_name(name: str, known: Iterable[str]) -> str:
     if _example_folder() is None:
         hint += " The package example-robot-data, which brings more, is not installed."
     return (
-        f"there is no robot {name!r}.{hint} Known names: {', '.join(names)}; "
+        f"there is no robot {brief(name)}.{hint} Known names: {', '.join(names)}; "
         "or give the path of a .urdf file"
     )
 
@@ -260,8 +260,8 @@ def _candidates(
         return [Path(rest)]
     if scheme not in ("package", "model"):
         raise RobotLoadError(
-            f"{urdf}: {filename!r}: expected a path, package://, model:// or file://, "
-            "nothing is fetched from elsewhere",
+            f"{urdf}: {brief(filename)}: expected a path, package://, model:// or "
+            "file://, nothing is fetched from elsewhere",
             urdf,
         )
     # Some descriptions have package:///NAME/REST.
@@ -270,7 +270,7 @@ def _candidates(
     inside = os.path.normpath(inside.lstrip("/") or ".")
     if package in ("", ".", "..") or inside == ".." or inside.startswith(".." + os.sep):
         raise RobotLoadError(
-            f"{urdf}: {filename!r} leads out of its package; refused", urdf
+            f"{urdf}: {brief(filename)} leads out of its package; refused", urdf
         )
     # A description may be a link into the folder where its package really is.
     above = dict.fromkeys((*urdf.parents, *urdf.resolve().parents))

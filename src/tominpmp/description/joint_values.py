@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.exceptions import JointNotFound, OptionsError
+from tominpmp.exceptions import JointNotFound, OptionsError, brief
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def _numeric(option: str, value: ArrayLike) -> Array:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise OptionsError(
-            f"{option}: got {value!r}, expected numbers", option
+            f"{option}: got {brief(value)}, expected numbers", option
         ) from error
 
 
@@ -87,7 +87,7 @@ def _joint_value(option: str, name: str, value: ArrayLike, pairs: bool) -> Array
     if array.shape != ((2,) if pairs else ()) or np.isnan(array).any():
         wanted = "a number from 0, or (lower, upper)" if pairs else "a number"
         raise OptionsError(
-            f"{option}: joint {name} got {value!r}, expected {wanted}", option
+            f"{option}: joint {name} got {brief(value)}, expected {wanted}", option
         )
     return array
 
@@ -137,7 +137,7 @@ def check_gravity(gravity: ArrayLike) -> Array:
         vector = np.full(1, np.nan)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise OptionsError(
-            f"gravity: got {gravity!r}, expected three finite numbers [m/s^2]",
+            f"gravity: got {brief(gravity)}, expected three finite numbers [m/s^2]",
             "gravity",
         )
     return vector

@@ -14,6 +14,7 @@ from tominpmp.exceptions import (
     OptionsError,
     RobotLoadError,
     TominpmpWarning,
+    brief,
 )
 
 
@@ -104,7 +105,8 @@ def _check_positions(
     """Check that positions are numbers and belong to joints."""
     if not isinstance(locked_joints, Mapping):
         raise OptionsError(
-            f"locked_joints: got {locked_joints!r}, expected positions by joint name",
+            f"locked_joints: got {brief(locked_joints)}, expected positions by joint "
+            "name",
             "locked_joints",
         )
     for name, position in locked_joints.items():
@@ -112,7 +114,7 @@ def _check_positions(
             raise JointNotFound(name, names)
         if not isinstance(position, Real) or not math.isfinite(position):
             raise OptionsError(
-                f"locked_joints: joint {name} got {position!r}, expected a finite "
+                f"locked_joints: joint {name} got {brief(position)}, expected a finite "
                 "number",
                 "locked_joints",
             )

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from tominpmp.description.fields import shown
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.xml_reader import XmlContext
+from tominpmp.exceptions import brief
 
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
@@ -137,7 +138,7 @@ def _copy_shape(
             sizes = context.numbers(shape, attribute, where, (0.0,) * count)
             if min(sizes) <= 0:
                 context.fail(
-                    f"{where}: {shape.tag} {attribute}={shape.get(attribute)!r}, "
+                    f"{where}: {shape.tag} {attribute}={brief(shape.get(attribute))}, "
                     "expected numbers greater than zero"
                 )
             write_numbers(copy, attribute, sizes)

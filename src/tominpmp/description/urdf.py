@@ -31,6 +31,7 @@ from tominpmp.description.links import (
     write_numbers,
 )
 from tominpmp.description.xml_reader import XmlContext, read_xml
+from tominpmp.exceptions import brief
 
 # The parsers recurse into the tree; humanoids have some hundred links.
 MAX_LINKS = 2000
@@ -146,7 +147,8 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
         mimic = described.mimic
         if mimic is not None and mimic.leader not in joints:
             context.fail(
-                f"joint {described.name} follows {mimic.leader!r}, which is no joint"
+                f"joint {described.name} follows {brief(mimic.leader)}, which is no "
+                "joint"
             )
     return UrdfDescription(
         name=name,
@@ -178,7 +180,7 @@ def _by_name(root: Element, tag: str, context: XmlContext) -> dict[str, Element]
         # Joints of a <transmission> or <gazebo> are not children of the root.
         name = context.text(element, "name", f"{tag} number {len(elements) + 1}")
         if name in elements:
-            context.fail(f"there are two {tag}s named {name!r}")
+            context.fail(f"there are two {tag}s named {brief(name)}")
         elements[name] = element
     return elements
 
@@ -200,7 +202,9 @@ def _check_tree(
         parent, child = (_end_link(name, joint, end, context) for end in _ENDS)
         for end, link in zip(_ENDS, (parent, child), strict=True):
             if link not in links:
-                context.fail(f"joint {name}: its {end} link {link!r} does not exist")
+                context.fail(
+                    f"joint {name}: its {end} link {brief(link)} does not exist"
+                )
         if child in parent_joint:
             context.fail(
                 f"link {child} is the child of two joints, {parent_joint[child]} and "
@@ -241,7 +245,7 @@ def _copy_joint(name: str, joint: Element, clean: Element, context: XmlContext) 
             "joints can be planned for"
         )
     if kind not in ("revolute", "continuous", "prismatic", "fixed"):
-        context.fail(f"joint {name} has the unknown type {kind!r}")
+        context.fail(f"joint {name} has the unknown type {brief(kind)}")
     new = SubElement(
         clean, "joint", name=name, type="revolute" if kind == "continuous" else kind
     )

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from tominpmp.exceptions import ScenarioError
+from tominpmp.exceptions import ScenarioError, brief
 
 MAX_BYTES = 64 * 2**20
 MAX_VALUES = 4_000_000
@@ -140,7 +140,7 @@ class _Builder:
             self.fail("a second document begins, expected a single one", mark)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
-                self.fail(f"nothing is named {event.anchor!r} before it", mark)
+                self.fail(f"nothing is named {brief(event.anchor)} before it", mark)
             value, size = self.anchors[event.anchor]
             self._add(value, size, mark)
         elif isinstance(event, yaml.ScalarEvent):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, real_array, real_number
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 
@@ -299,7 +299,9 @@ def goal_vector(
     try:
         array = real_array(value)
     except ValueError as error:
-        raise ProblemError(f"{name} is {value!r}, expected {expected}", name) from error
+        raise ProblemError(
+            f"{name} is {brief(value)}, expected {expected}", name
+        ) from error
     if array.ndim != 1 or size not in (None, array.size):
         raise ProblemError(
             f"{name} has shape {array.shape}, expected {expected}", field=name
@@ -331,6 +333,6 @@ def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) ->
     if not 0.0 <= number < most:
         top = "" if np.isinf(most) else f" and < {most:.4g}"
         raise ProblemError(
-            f"{name} is {value!r}, expected a number >= 0{top} [{unit}]", name
+            f"{name} is {brief(value)}, expected a number >= 0{top} [{unit}]", name
         )
     return number

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Label, Place, PlaceGoal, goal_tolerance, goal_vector
 from tominpmp.goals.direction import deviation
 from tominpmp.kinematics import RobotKinematics
@@ -38,7 +38,7 @@ class FrameGoal(PlaceGoal):
     def _check_frame(self) -> None:
         if not isinstance(self.frame, str) or not self.frame:
             raise ProblemError(
-                f"goal.frame is {self.frame!r}, expected the name of a frame",
+                f"goal.frame is {brief(self.frame)}, expected the name of a frame",
                 "goal.frame",
             )
 

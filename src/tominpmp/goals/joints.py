@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, Record
-from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.exceptions import JointNotFound, ProblemError, brief
 from tominpmp.goals.base import (
     Goal,
     GoalResidual,
@@ -115,7 +115,8 @@ class JointRegionGoal(Record, PlaceGoal):
         names = tuple(joints) if not isinstance(joints, str) else ()
         if not names or not all(isinstance(name, str) for name in names):
             raise ProblemError(
-                f"goal.joints is {joints!r}, expected names of joints", "goal.joints"
+                f"goal.joints is {brief(joints)}, expected names of joints",
+                "goal.joints",
             )
         if len(set(names)) < len(names):
             raise ProblemError(

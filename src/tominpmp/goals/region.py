@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Place, goal_vector
 from tominpmp.goals.frames import (
     FrameGoal,
@@ -86,7 +86,7 @@ class RegionGoal(Record, FrameGoal):
         )
         if np.any(angles < 0.0):
             raise ProblemError(
-                f"goal.angle_tolerance is {given!r}, expected {ANGLES}",
+                f"goal.angle_tolerance is {brief(given)}, expected {ANGLES}",
                 "goal.angle_tolerance",
             )
         angles = np.minimum(angles, np.pi)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.exceptions import OptionsError, TominpmpWarning
+from tominpmp.exceptions import OptionsError, TominpmpWarning, brief
 from tominpmp.output.browser import show_page
 from tominpmp.output.commands import Command
 from tominpmp.output.files import write_file
@@ -78,7 +78,7 @@ def play(
     check_motion(problem, trajectory)
     _check_positive(rate=rate, fps=fps)
     if not isinstance(ghosts, (int, np.integer)) or not 0 <= ghosts <= 100:
-        raise OptionsError(f"ghosts is {ghosts!r}, expected 0 to 100", "ghosts")
+        raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
     commands = stage_commands(problem, trajectory, Appearance(fps, int(ghosts), frame))
     if viewer is not None:
         viewer["/meshcat"].delete()
@@ -109,7 +109,9 @@ def play(
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0.0):
-            raise OptionsError(f"{name} is {value!r}, expected a positive number", name)
+            raise OptionsError(
+                f"{name} is {brief(value)}, expected a positive number", name
+            )
 
 
 def _caption(problem: Problem) -> str:

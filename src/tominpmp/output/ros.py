@@ -18,7 +18,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import parse_yaml
-from tominpmp.exceptions import ScenarioError
+from tominpmp.exceptions import ScenarioError, brief
 from tominpmp.trajectory import Samples
 
 BILLION = 10**9
@@ -156,7 +156,7 @@ def _time(value: Field) -> float:
         if not item.given:
             continue
         if not isinstance(item.value, int) or isinstance(item.value, bool):
-            item.fail(f"is {item.value!r}, expected a whole number")
+            item.fail(f"is {brief(item.value)}, expected a whole number")
         item.number()  # refuses what does not fit into a float
         total += item.value * unit
     return total / BILLION

@@ -10,11 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import (
-    JointNotFound,
-    ProblemError,
-    TominpmpWarning,
-)
+from tominpmp.exceptions import JointNotFound, ProblemError, TominpmpWarning, brief
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scenario.moveit_goals import APART, read_goal
@@ -137,7 +133,8 @@ def _check_state(robot: Robot, state: Field, start: dict[str, float]) -> None:
     for name in start:
         if name not in known:
             state.get("name").fail(
-                f"there is no joint {name!r}; the robot has: {', '.join(sorted(known))}"
+                f"there is no joint {brief(name)}; the robot has: "
+                f"{', '.join(sorted(known))}"
             )
     lacking = [name for name in robot.joint_names if name not in start]
     if lacking:

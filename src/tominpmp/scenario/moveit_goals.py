@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ScenarioError, TominpmpError
+from tominpmp.exceptions import ScenarioError, TominpmpError, brief
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -149,7 +149,7 @@ def _joints(
             _tolerance(item.get(f"tolerance_{side}")) for side in ("above", "below")
         )
         if name in seen:
-            item.get("joint_name").fail(f"the joint {name!r} is there twice")
+            item.get("joint_name").fail(f"the joint {brief(name)} is there twice")
         seen.add(name)
         if name in robot.joint_names:
             loose = max(above, below) > ACCURACY
@@ -158,13 +158,13 @@ def _joints(
             continue
         if name not in robot.locked_joints:
             item.get("joint_name").fail(
-                f"there is no joint {name!r} that moves; the robot has: "
+                f"there is no joint {brief(name)} that moves; the robot has: "
                 f"{', '.join(robot.joint_names)}"
             )
         at = robot.locked_joints[name]
         if not -max(below, APART) <= at - position <= max(above, APART):
             item.get("position").fail(
-                f"is {position:g}, but joint {name!r} is locked at {at:g}"
+                f"is {position:g}, but joint {brief(name)} is locked at {at:g}"
             )
     return asked
 
@@ -200,7 +200,7 @@ def _turns(item: Field, robot: Robot, frames: Frames) -> dict[str, _Turn]:
     for turn in item.get("orientation_constraints").items():
         link = _link(turn, robot)
         if link in found:
-            turn.get("link_name").fail(f"the link {link!r} is there twice")
+            turn.get("link_name").fail(f"the link {brief(link)} is there twice")
         rotation = read_rotation(turn.need("orientation"))
         widths = [
             _tolerance(turn.get(f"absolute_{axis}_axis_tolerance")) for axis in "xyz"

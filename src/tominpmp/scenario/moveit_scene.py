@@ -20,7 +20,7 @@ from tominpmp.description.fields import Field, shown
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.links import LONGEST_PATH
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
+from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning, brief
 from tominpmp.robot import Robot
 from tominpmp.scene import (
     Box,
@@ -80,7 +80,7 @@ class Frames:
             return self.base.actInv(self.fixed[name])
         known = ["world", *([self.root] if self.root else []), *self.fixed]
         frame_id.fail(
-            f"there is no frame {name!r} that stands still; there are: "
+            f"there is no frame {brief(name)} that stands still; there are: "
             f"{', '.join(dict.fromkeys(known))}"
         )
 
@@ -265,7 +265,7 @@ def _read_object(item: Field, frames: Frames) -> list[Obstacle]:
         place = place * read_pose(item.get("pose"))
     shapes = [*_shapes(item, "primitive"), *_shapes(item, "mesh")]
     if not shapes:
-        item.fail(f"the object {name!r} has no shapes")
+        item.fail(f"the object {brief(name)} has no shapes")
     obstacles = []
     for index, (shape, pose) in enumerate(shapes):
         label = name if len(shapes) == 1 else f"{name}.{index}"
@@ -319,13 +319,13 @@ def read_primitive(shape: Field) -> tuple[str, list[float]]:
         name = _SHAPES.get(name, name)
     if not isinstance(name, str) or name not in _SIZES:
         kind.fail(
-            f"there is no shape {name!r} here; there are: {', '.join(_SIZES)}, and "
-            "meshes"
+            f"there is no shape {brief(name)} here; there are: {', '.join(_SIZES)}, "
+            "and meshes"
         )
     size = shape.need("dimensions")
     count = {"box": 3, "sphere": 1, "cylinder": 2}[name]
     if not isinstance(size.value, list) or len(size.value) != count:
-        size.fail(f"is {size.value!r}, expected {_SIZES[name]} of a {name} [m]")
+        size.fail(f"is {brief(size.value)}, expected {_SIZES[name]} of a {name} [m]")
     return name, size.numbers(count)
 
 
@@ -368,7 +368,7 @@ def _corners(triangle: Field) -> list[int]:
         indices = triangle.need("vertex_indices")
     numbers = indices.numbers(3)
     if not all(number.is_integer() and 0 <= number < 2**31 for number in numbers):
-        indices.fail(f"is {indices.value!r}, expected three numbers of vertices")
+        indices.fail(f"is {brief(indices.value)}, expected three numbers of vertices")
     return [int(number) for number in numbers]
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ScenarioError, SceneError, TominpmpError
+from tominpmp.exceptions import ScenarioError, SceneError, TominpmpError, brief
 from tominpmp.scene import Mesh, Motion, PoseFunction, rotation_matrix
 
 T = TypeVar("T")
@@ -177,7 +177,9 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
     table.table()
     kind = table.need("type")
     if not isinstance(kind.value, str) or kind.value not in kinds:
-        kind.fail(f"there is no {what} {kind.value!r}; there are: {', '.join(kinds)}")
+        kind.fail(
+            f"there is no {what} {brief(kind.value)}; there are: {', '.join(kinds)}"
+        )
     values = {k: v for k, v in table.table().items() if k != "type"}
     return make(kinds[kind.value], values, table, kinds)
 
@@ -246,7 +248,7 @@ def read_placement(item: Field) -> pin.SE3:
         matrix = rotation_matrix(rotation.value, "")
     except SceneError:
         rotation.fail(
-            f"is {rotation.value!r}, expected a quaternion (x, y, z, w) or a rotation "
-            "matrix of 3x3 numbers"
+            f"is {brief(rotation.value)}, expected a quaternion (x, y, z, w) or a "
+            "rotation matrix of 3x3 numbers"
         )
     return pin.SE3(np.array(matrix), position)

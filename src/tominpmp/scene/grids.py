@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, frozen_array, real_array
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
 
 # More cells than these would take minutes.
@@ -51,8 +51,8 @@ class HeightField(Obstacle):
             )
         if size.shape != (2,) or not np.all(size > 0.0):
             raise SceneError(
-                f"obstacle {self.name!r}: size is {self.size!r}, expected two positive "
-                "extents, along x and y [m]",
+                f"obstacle {self.name!r}: size is {brief(self.size)}, expected two "
+                "positive extents, along x and y [m]",
                 self.name,
             )
         base = self.base
@@ -61,8 +61,8 @@ class HeightField(Obstacle):
             base = lowest - 0.01 * float(size.max())
         if not np.isfinite(base) or not base < lowest:
             raise SceneError(
-                f"obstacle {self.name!r}: base is {base!r}, expected a height below "
-                f"all others, of which the lowest is {lowest:g} m",
+                f"obstacle {self.name!r}: base is {brief(base)}, expected a height "
+                f"below all others, of which the lowest is {lowest:g} m",
                 self.name,
             )
         object.__setattr__(self, "heights", heights)

@@ -10,7 +10,7 @@ from typing import Literal, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, frozen_array, real_array
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
 from tominpmp.scene.obstacles import Obstacle
 
@@ -49,7 +49,9 @@ class Mesh(Obstacle):
         """Read the file, check what was read."""
         super().__post_init__()
         if self.convex not in ("auto", "hull", "none"):
-            self._fail(f"convex is {self.convex!r}, expected 'auto', 'hull' or 'none'")
+            self._fail(
+                f"convex is {brief(self.convex)}, expected 'auto', 'hull' or 'none'"
+            )
         object.__setattr__(self, "scale", self._checked_scale())
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
@@ -72,13 +74,13 @@ class Mesh(Obstacle):
             scale = np.full(3, float(scale))
         if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
             self._fail(
-                f"scale is {self.scale!r}, expected one number or three, none zero"
+                f"scale is {brief(self.scale)}, expected one number or three, none zero"
             )
         return frozen_array(scale)
 
     def _set_path(self) -> None:
         if not isinstance(self.path, (str, os.PathLike)):
-            self._fail(f"path is {self.path!r}, expected the path of a file")
+            self._fail(f"path is {brief(self.path)}, expected the path of a file")
         path = Path(str(self.path)).expanduser()
         object.__setattr__(self, "path", path)
 
@@ -88,8 +90,8 @@ class Mesh(Obstacle):
         if not path.is_file():
             why = "has no such file" if path.parent.is_dir() else "does not exist"
             self._fail(
-                f"the mesh {str(self.path)!r} is not there: the folder {path.parent} "
-                f"{why}"
+                f"the mesh {brief(str(self.path))} is not there: the folder "
+                f"{path.parent} {why}"
             )
         try:
             vertices, triangles = read_mesh(path)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, Record, real_array, real_number
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 
 # Two placements at the start that differ by less are one [m, rad].
 SAME = 1e-6
@@ -126,5 +126,5 @@ def number(name: str, value: object) -> float:
     except ValueError:
         found = np.nan
     if np.isnan(found):
-        raise SceneError(f"motion: {name} is {value!r}, expected a number")
+        raise SceneError(f"motion: {name} is {brief(value)}, expected a number")
     return found

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.motion import Motion, Placement, Twist
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
@@ -41,7 +41,7 @@ class Obstacle(Record):
     def __post_init__(self) -> None:
         """Check name, position, rotation and motion."""
         if not isinstance(self.name, str) or not self.name:
-            raise SceneError(f"an obstacle needs a name, not {self.name!r}")
+            raise SceneError(f"an obstacle needs a name, not {brief(self.name)}")
         object.__setattr__(self, "position", self._triple("position", "coordinates"))
         object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
         if self.motion is not None:
@@ -113,8 +113,8 @@ class Obstacle(Record):
             array = np.empty(0)
         if array.shape != (3,) or not np.all(np.isfinite(array)):
             raise SceneError(
-                f"obstacle {self.name!r}: {key} is {value!r}, expected three finite "
-                f"{content} [m]",
+                f"obstacle {self.name!r}: {key} is {brief(value)}, expected three "
+                f"finite {content} [m]",
                 self.name,
             )
         return array
@@ -126,7 +126,7 @@ class Obstacle(Record):
             number = np.nan
         if not (np.isfinite(number) and number > 0.0):
             raise SceneError(
-                f"obstacle {self.name!r}: {key} is {value!r}, expected a positive "
+                f"obstacle {self.name!r}: {key} is {brief(value)}, expected a positive "
                 "length [m]",
                 self.name,
             )

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, IntArray, frozen_array
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.motion import (
     Motion,
     Placement,
@@ -299,6 +299,6 @@ def _triple(name: str, value: object, unit: str) -> Array:
     array = numbers(name, value)
     if array.shape != (3,):
         raise SceneError(
-            f"motion: {name} is {value!r}, expected three numbers [{unit}]"
+            f"motion: {name} is {brief(value)}, expected three numbers [{unit}]"
         )
     return array

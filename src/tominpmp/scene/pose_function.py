@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, real_array
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.motion import (
     Motion,
     Placement,
@@ -42,8 +42,8 @@ def as_motion(value: object) -> Motion:
     if callable(value) and not isinstance(value, type):
         return PoseFunction(value)
     raise SceneError(
-        f"motion is {value!r}, expected a ConstantVelocity, Waypoints, a function from "
-        "time [s] to a placement, or None"
+        f"motion is {brief(value)}, expected a ConstantVelocity, Waypoints, a function "
+        "from time [s] to a placement, or None"
     )
 
 
@@ -75,14 +75,18 @@ class PoseFunction(Motion):
     def __post_init__(self) -> None:
         """Check the function and the bounds."""
         if not callable(self.function):
-            raise SceneError(f"motion: function is {self.function!r}, expected one")
+            raise SceneError(
+                f"motion: function is {brief(self.function)}, expected one"
+            )
         for name in ("speed", "angular_speed"):
             value = getattr(self, name)
             if value is None:
                 continue
             bound = number(name, value)
             if not (np.isfinite(bound) and bound >= 0.0):
-                raise SceneError(f"motion: {name} is {value!r}, expected 0 or more")
+                raise SceneError(
+                    f"motion: {name} is {brief(value)}, expected 0 or more"
+                )
             object.__setattr__(self, name, bound)
 
     def start(self, given: Placement) -> Placement:

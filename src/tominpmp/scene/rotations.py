@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array, real_array
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 
 
 def is_rotation(matrix: Array) -> bool:
@@ -39,8 +39,8 @@ def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
         value = np.empty(0)
     if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
         raise SceneError(
-            f"obstacle {obstacle!r}: rotation is {rotation!r}, expected a 3x3 matrix "
-            "or a quaternion (x, y, z, w) of finite numbers",
+            f"obstacle {obstacle!r}: rotation is {brief(rotation)}, expected a 3x3 "
+            "matrix or a quaternion (x, y, z, w) of finite numbers",
             obstacle,
         )
     if value.size == 4:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from tominpmp.arrays import Record
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
 
 
@@ -60,7 +60,9 @@ class Scene(Record):
             if item.name == name:
                 return item
         known = ", ".join(item.name for item in self.obstacles) or "none"
-        raise SceneError(f"there is no obstacle {name!r}; there are: {known}", name)
+        raise SceneError(
+            f"there is no obstacle {brief(name)}; there are: {known}", name
+        )
 
     @property
     def moving(self) -> tuple[Obstacle, ...]:
