@@ -1,0 +1,292 @@
+"""Judging the motion of a cell, without the library: a program of its own.
+
+    python benchmarks/cell_judge.py CASE.json MOTION.npz
+
+It reads what was asked for (``CASE.json``) and the motion that is said to do it
+(``MOTION.npz``), prints what it finds as JSON, and exits with 1 if it refutes the
+motion. Nothing of the library is imported: the arms are built from their URDF files by
+Pinocchio, links are the triangle meshes of the descriptions, dry friction, payloads,
+the placements of the bases and obstacles that move are worked out here.
+
+A motion is refuted if
+
+- it does not begin at the start, or has a jump in position or velocity;
+- its torques are not those that the movement takes (to 1e-5 of their range), or, where
+  torques are what is given, do not lead along the movement;
+- torques integrated from the start, with a feedback of 0.2 % of their range at most,
+  miss the goal, or leave a movement they were computed for by more than 1 mrad;
+- a position, velocity or torque limit, or one of acceleration or jerk that was asked
+  for, is passed by more than 0.5 %;
+- links come closer to an obstacle, to links of the same or of another arm than the
+  margin, by exact distances every millisecond and, where it is tight, in between.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import solve_ivp
+
+if not __package__:  # run as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.cell_arms import inverse, read_member
+from benchmarks.cell_clearance import Cell, read_obstacle
+from benchmarks.cell_movement import Movement, read_movement
+from benchmarks.exact_geometry import Array
+
+GOAL, SPEED, LIMIT = 1.1e-3, 1.1e-2, 5.5e-3
+TORQUE = 1e-5  # of the range: how well torques must be those of the movement
+JUMP = 1e-6  # of positions and velocities at the nodes
+DEVIATION = 1e-3  # [rad or m] from the movement
+FEEDBACK = 2e-3  # of the range of the torque
+RATE = 30.0  # of that feedback [1/s]
+TIME_STEP = 1e-3
+# Velocities below which the sign of the friction is open, as a share of the limit.
+RESTING = 1e-4
+
+
+class Judge:
+    """What is found about one motion.
+
+    Attributes:
+        faults: What refutes it, in short sentences.
+        figures: What was measured.
+    """
+
+    def __init__(self, case: Mapping[str, Any], movement: Movement) -> None:
+        self.case, self.movement = case, movement
+        self.members = [read_member(x, case["gravity"]) for x in case["arms"]]
+        self.faults: list[str] = []
+        self.figures: dict[str, float] = {"T": float(movement.t[-1])}
+        stack = [member.arm.model for member in self.members]
+        self.low, self.high = np.hstack([m.position_limits() for m in self.members])
+        self.speed = np.concatenate([m.velocityLimit for m in stack])
+        self.effort = np.concatenate([m.effortLimit for m in stack])
+        self.friction = np.concatenate([m.friction for m in self.members])
+
+    def check(self, ok: bool, sentence: str) -> None:
+        """Note a fault; figures that are no numbers make ``ok`` false."""
+        if not ok:
+            self.faults.append(sentence)
+
+    def run(self) -> None:
+        """Judge."""
+        self.ends_and_jumps()
+        self.limits_and_torques()
+        t, q, v = self.replay()
+        self.goal(q[-1], v[-1])
+        self.clearance(t, q)
+
+    def ends_and_jumps(self) -> None:
+        """The start, and whether the pieces fit together."""
+        move, case = self.movement, self.case
+        off = np.abs(move.q[0] - np.array(case["q_start"])).max()
+        slow = np.abs(move.v[0] - np.array(case["v_start"])).max()
+        self.check(off < 1e-6 and slow < 1e-5, f"start: {off:.1e} {slow:.1e} off")
+        worst = 0.0
+        for k in range(len(move.t) - 1):
+            q, v, _, _ = move.state(k, np.array([0.0, 1.0]))
+            worst = max(
+                worst,
+                np.abs(q[0] - move.q[k]).max(),
+                np.abs(q[1] - move.q[k + 1]).max(),
+                np.abs(v[0] - move.v[k]).max() * 0.1,
+                np.abs(v[1] - move.v[k + 1]).max() * 0.1,
+            )
+        self.figures["jump"] = float(worst)
+        self.check(worst < JUMP, f"jump of {worst:.1e} at a node")
+
+    def limits_and_torques(self) -> None:
+        """Limits at ten instants of each interval, and torques of the movement."""
+        move = self.movement
+        s = np.concatenate([[0.0], (np.arange(10) + 0.5) / 10.0, [1.0]])
+        excess = dict.fromkeys(
+            ("position", "velocity", "effort", "acceleration", "jerk", "torque"), -1.0
+        )
+        for k in range(len(move.t) - 1):
+            q, v, a, jerk = move.state(k, s)
+            u = move.torque(k, s)
+            width = np.where(np.isfinite(self.high - self.low), self.high - self.low, 1)
+            worst = {
+                "position": np.maximum(q - self.high, self.low - q) / width,
+                "velocity": np.abs(v) / self.speed - 1.0,
+                "effort": 0.5 * (np.abs(u) / self.effort - 1.0),
+            }
+            for name, values in (("acceleration", a), ("jerk", jerk)):
+                limit = self.case.get(name)
+                if limit is not None:
+                    worst[name] = np.abs(values) / np.array(limit) - 1.0
+            if not move.held:
+                worst["torque"] = self._residual(k, s, (q, v, a), u) / self.effort
+            for name, values in worst.items():
+                excess[name] = max(excess[name], float(np.max(values)))
+        self.figures |= {f"{name}_excess": value for name, value in excess.items()}
+        for name, value in excess.items():
+            most = TORQUE if name == "torque" else LIMIT
+            self.check(value <= most, f"{name} off by {value:.2e}")
+
+    def _residual(
+        self, k: int, s: Array, state: tuple[Array, Array, Array], u: Array
+    ) -> Array:
+        """Torque given less torque needed; friction may have either sign at rest."""
+        need = inverse(self.members, *state)
+        v = state[1]
+        dry = self.friction * np.sign(v)
+        off = np.abs(u - need - dry)
+        rest = np.abs(v) < RESTING * self.speed
+        between = np.maximum(np.abs(u - need) - self.friction, 0.0)
+        # Next to a change of sign the polynomial of the torque cannot follow it.
+        turns = (np.ptp(np.sign(v), axis=0) > 0) & (self.friction > 0.0)
+        return np.where(rest | turns, np.minimum(off, between), off)
+
+    def replay(self) -> tuple[Array, Array, Array]:
+        """Integrate the torques from the start, with a trace of feedback."""
+        move = self.movement
+        n = move.q.shape[1]
+        scratch = [member.arm.model.createData() for member in self.members]
+        x = np.concatenate([self.case["q_start"], self.case["v_start"]])
+        times, states, trace = [np.zeros(1)], [x], np.zeros(n)
+        for k in range(len(move.t) - 1):
+            begin, h = move.t[k], move.t[k + 1] - move.t[k]
+
+            def parts(
+                t: float, x: Array, k: int = k, begin: float = begin, h: float = h
+            ):
+                h = move.t[k + 1] - move.t[k]
+                s = np.array([np.clip((t - move.t[k]) / h, 0.0, 1.0)])
+                q, v, _, _ = move.state(k, s)
+                pull = RATE * (RATE * (q[0] - x[:n]) + 2 * (v[0] - x[n:]))
+                return move.torque(k, s)[0], pull, v[0]
+
+            def slope(t: float, x: Array) -> Array:
+                u, pull, planned = parts(t, x)
+                return np.concatenate(
+                    [x[n:], self._forward(scratch, x, u, pull, planned)]
+                )
+
+            steps = max(1, int(np.ceil(h / TIME_STEP - 1e-9)))
+            ticks = np.linspace(begin, move.t[k + 1], steps + 1)[1:]
+            out = solve_ivp(
+                slope, (begin, move.t[k + 1]), x, "LSODA", ticks, rtol=1e-9, atol=1e-10
+            )
+            if not out.success or not np.all(np.isfinite(out.y)):
+                self.check(False, f"replay ended at {begin:.4f} s: {out.message}")
+                break
+            x = out.y[:, -1]
+            times.append(out.t)
+            states.extend(out.y.T)
+            _, pull, _ = parts(float(ticks[-1]), x)
+            trace = np.maximum(trace, np.abs(self._mass_times(scratch, x[:n], pull)))
+        t, path = np.concatenate(times), np.array(states)
+        share = float(np.max(trace / (2.0 * self.effort)))
+        self.figures["feedback"] = share
+        self.check(share <= FEEDBACK, f"feedback of {share:.1e} of the range")
+        k = np.clip(np.searchsorted(move.t, t, side="right") - 1, 0, len(move.t) - 2)
+        s = (t - move.t[k]) / np.diff(move.t)[k]
+        plan = np.array(
+            [move.state(int(i), np.array([z]))[0][0] for i, z in zip(k, s, strict=True)]
+        )
+        away = float(np.abs(path[:, :n] - plan).max())
+        self.figures["deviation"] = away
+        # Between the nodes torques that are given lead somewhat beside the polynomials.
+        near = away <= DEVIATION or move.held
+        self.check(near, f"replay leaves the movement by {away:.1e}")
+        return t, path[:, :n], path[:, n:]
+
+    def _mass_times(self, scratch: list[Any], q: Array, pull: Array) -> Array:
+        out, begin = np.empty_like(pull), 0
+        for member, data in zip(self.members, scratch, strict=True):
+            part = slice(begin, begin + member.n)
+            place = member.configuration(q[part])
+            inertia = np.triu(pin.crba(member.arm.model, data, place))
+            out[part] = (inertia + np.triu(inertia, 1).T) @ pull[part]
+            begin += member.n
+        return out
+
+    def _forward(
+        self, scratch: list[Any], x: Array, u: Array, pull: Array, planned: Array
+    ) -> Array:
+        n, begin = len(u), 0
+        # The sign of dry friction is that of the movement: this is what makes the
+        # integration one of smooth functions; the feedback answers for the rest.
+        dry = np.sign(planned) * self.friction
+        force = u + self._mass_times(scratch, x[:n], pull) - dry
+        out = np.empty(n)
+        for member, data in zip(self.members, scratch, strict=True):
+            part = slice(begin, begin + member.n)
+            q, v = member.configuration(x[:n][part]), x[n:][part]
+            own = force[part] - member.arm.damping * v
+            out[part] = pin.aba(member.arm.model, data, q, v, own)
+            begin += member.n
+        resting = (self.friction > 0.0) & (planned == 0.0)
+        return np.where(resting, pull, out)
+
+    def goal(self, q: Array, v: Array) -> None:
+        """Where the replay ends."""
+        goal = self.case["goal"]
+        if goal["kind"] == "joint":
+            off = float(np.abs(q - np.array(goal["q"])).max())
+            speed = float(np.abs(v - np.array(goal["v"])).max())
+        else:
+            member = self.members[0]
+            model, data = member.arm.model, member.arm.model.createData()
+            pin.framesForwardKinematics(
+                model, data, member.configuration(q[: member.n])
+            )
+            place = member.base * data.oMf[model.getFrameId(goal["frame"])]
+            off = float(np.linalg.norm(place.translation - np.array(goal["position"])))
+            speed = float(np.abs(v).max())
+        self.figures |= {"goal_error": off, "goal_speed": speed}
+        self.check(off <= GOAL, f"goal missed by {off:.1e}")
+        self.check(speed <= SPEED, f"{speed:.1e} too fast at the goal")
+
+    def clearance(self, t: Array, q: Array) -> None:
+        """Exact distances."""
+        obstacles = [read_obstacle(item) for item in self.case["obstacles"]]
+        cell = Cell(self.members, obstacles, self.case["margin"])
+        if not len(cell._pairs):
+            return
+        keep = np.concatenate([[True], np.diff(t) > 1e-9])
+        t, q = t[keep], q[keep]
+        found = cell.at(t).closest(q)
+        self.figures["clearance"] = float(found.distance)
+        names = f"{found.first} and {found.second} at {t[found.sample]:.4f} s"
+        # A margin may be missed by 0.01 mm; nothing may touch.
+        least = -1e-5 if self.case["margin"] > 1e-5 else 0.0
+        text = f"room of {found.distance * 1e3:.4f} mm between {names}"
+        self.check(found.distance > least, text)
+        if found.distance > 2e-3:
+            return
+        # Where it is tight, look twenty times as closely.
+        k = found.sample
+        first, last = max(k - 3, 0), min(k + 3, len(t) - 1)
+        near = np.linspace(t[first], t[last], 121)
+        dense = np.array([np.interp(near, t, column) for column in q.T]).T
+        found = cell.at(near).closest(dense)
+        text = f"room of {found.distance * 1e3:.4f} mm between samples of {names}"
+        self.check(found.distance > 2.0 * least, text)
+
+
+def main() -> int:
+    """Judge the motion that the command line names."""
+    if len(sys.argv) != 3:
+        print(__doc__)
+        return 0
+    case = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    judge = Judge(case, read_movement(Path(sys.argv[2])))
+    judge.run()
+    if any(name.split(".")[0] == "tominpmp" for name in sys.modules):
+        raise RuntimeError("the judge has imported what it judges")
+    print(json.dumps({"faults": judge.faults, **judge.figures}))
+    return 1 if judge.faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""The motion of a file, read and evaluated without the library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.exact_geometry import Array
+
+
+@dataclass(frozen=True)
+class Movement:
+    """The motion of a file, as polynomials between its nodes.
+
+    Attributes:
+        t: Times of the nodes, shape (N + 1,).
+        q: Positions there, shape (N + 1, n).
+        v: Velocities there.
+        a: Accelerations of the intervals (N, n) or at the nodes (N + 1, n), or none.
+        share: Shares of an interval at which torques are given, shape (k,).
+        u: Torques there, shape (N, k, n).
+        held: Whether torques are what is given, constant on the intervals.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array | None
+    share: Array
+    u: Array
+    held: bool
+
+    def state(self, k: int, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Position, velocity, acceleration, jerk at shares s of interval k."""
+        h = self.t[k + 1] - self.t[k]
+        powers = self._powers(k, h)
+        out = []
+        for order in range(4):
+            poly = powers.copy()
+            for _ in range(order):
+                poly = poly[1:] * np.arange(1, len(poly))[:, None]
+            if not len(poly):
+                poly = np.zeros((1, self.q.shape[1]))
+            basis = s[:, None] ** np.arange(len(poly))
+            out.append(basis @ poly / h**order)
+        return out[0], out[1], out[2], out[3]
+
+    def _powers(self, k: int, h: float) -> Array:
+        q0, q1 = self.q[k], self.q[k + 1]
+        v0, v1 = self.v[k] * h, self.v[k + 1] * h
+        if self.a is not None and len(self.a) == len(self.t) - 1:
+            return np.array([q0, v0, 0.5 * self.a[k] * h * h])
+        if self.a is None:
+            ends, count = np.array([q0, v0, q1, v1]), 4
+            rows = [(0, 0.0), (1, 0.0), (0, 1.0), (1, 1.0)]
+        else:
+            a0, a1 = self.a[k] * h * h, self.a[k + 1] * h * h
+            ends, count = np.array([q0, v0, a0, q1, v1, a1]), 6
+            rows = [(0, 0.0), (1, 0.0), (2, 0.0), (0, 1.0), (1, 1.0), (2, 1.0)]
+        matrix = np.zeros((count, count))
+        for row, (order, at) in enumerate(rows):
+            for power in range(order, count):
+                factor = np.prod(np.arange(power - order + 1, power + 1))
+                matrix[row, power] = factor * at ** (power - order)
+        return np.asarray(np.linalg.solve(matrix, ends))
+
+    def torque(self, k: int, s: Array) -> Array:
+        """Torques at shares s of interval k, through those that are given."""
+        if len(self.share) == 1:
+            return np.repeat(self.u[k], len(s), axis=0)
+        x = self.share
+        # Lagrange's polynomials, in their barycentric form.
+        weights = 1.0 / np.prod(
+            np.where(np.eye(len(x), dtype=bool), 1.0, x[:, None] - x[None]), axis=1
+        )
+        apart = s[:, None] - x[None]
+        hit = np.abs(apart) < 1e-14
+        share = weights / np.where(hit, 1.0, apart)
+        share = np.where(hit.any(axis=1)[:, None], hit.astype(float), share)
+        share /= share.sum(axis=1, keepdims=True)
+        return np.asarray(share @ self.u[k])
+
+
+def read_movement(path: Path) -> Movement:
+    """Read the motion."""
+    with np.load(path, allow_pickle=False) as data:
+        a = data["a"] if data["a"].size else None
+        return Movement(
+            data["t"],
+            data["q"],
+            data["v"],
+            a,
+            data["share"],
+            data["u"],
+            bool(data["held"]),
+        )
