@@ -13,7 +13,8 @@ from tempfile import TemporaryDirectory
 
 from numpy.typing import ArrayLike
 
-from tominpmp.robot import JointValues, Robot, load_robot
+from tominpmp.description.joint_values import JointValues
+from tominpmp.robot import Robot, load_robot
 
 GRAVITY = 9.81
 DOWNWARD = (0.0, -GRAVITY, 0.0)

@@ -6,13 +6,14 @@ was checked once stays as it was checked.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.exceptions import brief
+from tominpmp.exceptions import brief, shortened
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,6 +21,9 @@ BoolArray = NDArray[np.bool_]
 
 # A range may stand for any number of numbers without holding them.
 MOST_NUMBERS = 10_000_000
+# Characters of the fields of a record, and numbers of an array in them.
+LINE = 150
+FEW_NUMBERS = 12
 
 
 def frozen_array(values: ArrayLike) -> Array:
@@ -86,13 +90,54 @@ def comparable(value: Any) -> Any:
     return value
 
 
+def record_line(record: Any) -> str:
+    """Show a dataclass on one line: the fields that are not at their defaults."""
+    parts = []
+    for item in fields(record):
+        value = getattr(record, item.name, None)
+        if item.repr and value is not item.default:
+            made = item.default_factory
+            default = item.default if made is MISSING else made()
+            if not _same(value, default):
+                parts.append(f"{item.name}={in_brief(value)}")
+    return f"{type(record).__name__}({shortened(', '.join(parts), LINE)})"
+
+
+def _same(value: object, default: object) -> bool:
+    if isinstance(value, MappingProxyType):
+        value = dict(value)
+    return type(value) is type(default) and comparable(value) == comparable(default)
+
+
+def in_brief(value: object) -> str:
+    """Show a value of a record: long arrays by their shape."""
+    if isinstance(value, MappingProxyType):
+        value = dict(value)
+    if isinstance(value, np.ndarray) and value.size > FEW_NUMBERS:
+        return f"<array of shape {value.shape}>"
+    if isinstance(value, np.ndarray):
+        return brief(value.tolist())
+    return brief(value)
+
+
 class Record:
     """Base of frozen dataclasses that hold arrays; to be declared with ``eq=False``.
 
     Records are equal if they are of one class and all fields are, arrays element by
     element; fields declared with ``compare=False`` do not count. Arrays remain
-    read-only when a record is copied or passed to another process.
+    read-only when a record is copied or passed to another process. A record shows
+    itself on one line: its fields that are not at their defaults, each in brief.
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Keep dataclasses from making another ``__repr__``, of any length."""
+        super().__init_subclass__(**options)
+        if "__repr__" not in cls.__dict__:
+            setattr(cls, "__repr__", cls.__repr__)  # noqa: B010
+
+    def __repr__(self) -> str:
+        """Name of the class, and what was given."""
+        return record_line(self)
 
     def _values(self) -> tuple[Any, ...]:
         """What is compared: the fields, with arrays as shapes and numbers."""

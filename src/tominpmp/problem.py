@@ -104,6 +104,15 @@ class Problem(Record):
             # Past this method and the generated __init__, to whoever makes the problem.
             warnings.warn(message, TominpmpWarning, stacklevel=3)
 
+    def __repr__(self) -> str:
+        """Robot, goal and what else there is, on one line."""
+        robot = f"{brief(self.robot.name)} with {self.robot.n} joints"
+        count = len(self.scene)
+        more = f", {count} obstacle{'s' if count > 1 else ''}" if count else ""
+        more += f", margin {self.margin:g} m" if self.margin else ""
+        more += ", motion limits" if self.motion_limits is not None else ""
+        return f"<Problem of {robot}: {brief(self.goal)}{more}>"
+
     @cached_property
     def checker(self) -> CollisionChecker:
         """Distances of the links to the obstacles and to each other."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tominpmp.exceptions import PlanningFailed, ProblemError
+from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
@@ -88,7 +89,7 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The outcome of planning.
+    """The outcome of planning; true if it is a success.
 
     Attributes:
         problem: The problem.
@@ -123,28 +124,54 @@ class Solution:
         """Whether there is a motion that reaches the goal and keeps all constraints."""
         return self.feasible and self.trajectory is not None
 
+    def __bool__(self) -> bool:
+        """Whether planning was a success."""
+        return self.success
+
+    def __repr__(self) -> str:
+        """Outcome, duration and method, on one line."""
+        robot, options = brief(self.problem.robot.name), self.options
+        time = f"T = {self.T:.6g} s" if self.success else "no motion"
+        judged = self.verification
+        verified = "" if judged is None or not judged.ok else ", verified"
+        return (
+            f"<Solution {self.status.name} for {robot}: {time}, method "
+            f"{options.method}{verified}, planned in {self.planning_time:.3g} s>"
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied and pickled: all but the callback, which has done its work."""
+        state = dict(self.__dict__)
+        if self.options.callback is not None:
+            state["options"] = replace(self.options, callback=None)
+        return state
+
     @property
     def T(self) -> float:
-        """Duration of the motion [s]; infinite if there is none."""
-        return np.inf if self.trajectory is None else self.trajectory.duration
+        """Duration of the motion [s]; infinite if planning failed.
+
+        The best motion of a failed planning, if any, has one of its own:
+        ``solution.trajectory.duration``.
+        """
+        return self.trajectory.duration if self.success else math.inf  # type: ignore[union-attr]
 
     @property
     def gap(self) -> float | None:
-        """T over the lower bound, less one; None without motion or bound."""
+        """T over the lower bound, less one; None without success or bound."""
         bound = self.lower_bound
-        if self.trajectory is None or bound is None or not bound.T > 0.0:
+        if not self.success or bound is None or not bound.T > 0.0:
             return None
         return self.T / bound.T - 1.0
 
     @property
     def roughness(self) -> float:
-        """How unquiet the torques are; infinite if there is no motion.
+        """How unquiet the torques are; infinite if planning failed.
 
         The sum over the joints of the squared differences of the torques at
         neighbouring ones of 100 instants, in full ranges of the torque.
         """
-        if self.trajectory is None:
-            return np.inf
+        if self.trajectory is None or not self.success:
+            return math.inf
         return roughness(self.trajectory, self.problem.robot.limits)
 
     @property

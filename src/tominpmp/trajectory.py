@@ -9,20 +9,31 @@ polynomials.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, IntArray, Record, real_array, real_number
+from tominpmp.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Record,
+    in_brief,
+    real_array,
+    real_number,
+)
 from tominpmp.exceptions import ProblemError, brief
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
 
 # More samples than this are taken for a mistake in dt, before they fill the memory.
 MAX_SAMPLES = 10_000_000
+# A time this far outside of a motion is one at its end [s], or as a share of T: sums
+# and files round.
+ROUNDING = 1e-9
 
 
 class State(NamedTuple):
@@ -39,6 +50,54 @@ class State(NamedTuple):
     v: Array
     a: Array
     u: Array
+
+    def __repr__(self) -> str:
+        """The numbers, or how many there are, on one line."""
+        parts = (
+            f"{k}={in_brief(np.asarray(x))}" for k, x in zip("qvau", self, strict=True)
+        )
+        return f"State({', '.join(parts)})"
+
+
+def _names(value: object) -> tuple[str, ...]:
+    """Names of joints as a tuple, if they are names."""
+    names = tuple(value) if isinstance(value, Sequence | np.ndarray) else ()
+    good = all(isinstance(name, str) and name for name in names)
+    if not good or not names or isinstance(value, str) or len(set(names)) < len(names):
+        raise ProblemError(
+            f"joint_names is {brief(value)}, expected names of joints, each its own",
+            "joint_names",
+        )
+    return tuple(str(name) for name in names)
+
+
+def _called(record: Samples | Trajectory, name: str) -> str:
+    whole = isinstance(record, Trajectory)
+    return f"trajectory field {name!r}" if whole else f"samples: {name}"
+
+
+def _numbers(name: str, record: Samples | Trajectory) -> Array:
+    value = getattr(record, name)
+    try:
+        return real_array(value)
+    except ValueError as error:
+        raise ProblemError(
+            f"{_called(record, name)} is {brief(value)}, expected numbers", name
+        ) from error
+
+
+def _check_shape(
+    record: Samples | Trajectory,
+    name: str,
+    shape: tuple[int, ...],
+    layout: str,
+) -> None:
+    found = getattr(record, name).shape
+    if found != shape:
+        raise ProblemError(
+            f"{_called(record, name)} has shape {found}, expected {shape}: {layout}",
+            name,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +121,24 @@ class Samples(Record):
     u: Array
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
+        """Check the shapes and make the arrays read-only."""
+        object.__setattr__(self, "joint_names", _names(self.joint_names))
         for name in ("t", "q", "v", "a", "u"):
-            object.__setattr__(self, name, real_array(getattr(self, name)))
+            object.__setattr__(self, name, _numbers(name, self))
+        rows, n = self.t.size, len(self.joint_names)
+        _check_shape(self, "t", (rows,), "one time a row")
+        for name in ("q", "v", "a", "u"):
+            layout = "one row a time, one column a joint"
+            _check_shape(self, name, (rows, n), layout)
+
+    def __repr__(self) -> str:
+        """Joints, rows and times, on one line."""
+        joints = brief(", ".join(self.joint_names))[1:-1]
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s" if self.t.size else "none"
+        return (
+            f"<Samples of {len(self.joint_names)} joints ({joints}): {self.t.size} "
+            f"rows, {span}>"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +160,8 @@ class Trajectory(Record):
             of degree 5 between them; None for motions of degree 3.
         inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes
             of a motion with constant acceleration; without it the torque is constant.
+        holding: The same function for a motion whose torques are given: what holds the
+            arm before and after it.
     """
 
     joint_names: tuple[str, ...]
@@ -97,16 +173,27 @@ class Trajectory(Record):
     inverse_dynamics: InverseDynamics | None = field(
         default=None, repr=False, compare=False
     )
+    holding: InverseDynamics | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
-        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        object.__setattr__(self, "joint_names", _names(self.joint_names))
+        for name in ("inverse_dynamics", "holding"):
+            function = getattr(self, name)
+            if function is not None and not callable(function):
+                raise ProblemError(
+                    f"trajectory field {name!r} is {brief(function)}, expected a "
+                    "function (q, v, a) -> u",
+                    name,
+                )
         for name in ("t", "q", "v", "u", "a"):
-            self._freeze(name)
+            if name != "a" or self.a is not None:
+                object.__setattr__(self, name, _numbers(name, self))
         nodes, n = self.t.size, len(self.joint_names)
-        self._check_shape("t", (nodes,), "one time a node")
+        _check_shape(self, "t", (nodes,), "one time a node")
         for name in ("q", "v", "u"):
-            self._check_shape(name, (nodes, n), "one row a node, one column a joint")
+            layout = "one row a node, one column a joint"
+            _check_shape(self, name, (nodes, n), layout)
         increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
         if nodes < 2 or not increasing or self.t[0] != 0.0:
             raise ProblemError(
@@ -114,27 +201,7 @@ class Trajectory(Record):
             )
         if self.a is not None and self.a.shape != (nodes, n):
             layout = "one row an interval or node, one column a joint"
-            self._check_shape("a", (nodes - 1, n), layout)
-
-    def _freeze(self, name: str) -> None:
-        value = getattr(self, name)
-        if value is None and name == "a":
-            return
-        try:
-            object.__setattr__(self, name, real_array(value))
-        except ValueError as error:
-            raise ProblemError(
-                f"trajectory field {name!r} is {brief(value)}, expected numbers", name
-            ) from error
-
-    def _check_shape(self, name: str, shape: tuple[int, ...], layout: str) -> None:
-        found = getattr(self, name).shape
-        if found != shape:
-            raise ProblemError(
-                f"trajectory field {name!r} has shape {found}, expected {shape}: "
-                f"{layout}",
-                field=name,
-            )
+            _check_shape(self, "a", (nodes - 1, n), layout)
 
     @property
     def duration(self) -> float:
@@ -146,12 +213,22 @@ class Trajectory(Record):
         """Number of joints."""
         return len(self.joint_names)
 
-    def __call__(self, time: ArrayLike) -> State:
+    def __repr__(self) -> str:
+        """Joints, nodes and duration, on one line."""
+        joints = brief(", ".join(self.joint_names))[1:-1]
+        return (
+            f"<Trajectory of {self.n} joints ({joints}): {self.t.size} nodes, "
+            f"T = {self.duration:.6g} s>"
+        )
+
+    def __call__(self, time: ArrayLike, *, hold: bool = False) -> State:
         """Evaluate the motion.
 
         Args:
-            time: A time [s] or an array of times, shape (m,). Times before the start or
-                after the end give the state there.
+            time: A time [s] or an array of times, shape (m,), from 0 to T.
+            hold: Whether there may be times before the start or after the end: the arm
+                stands there, at the position of that end, with the torque that holds it
+                still; this torque is NaN for a motion that knows no dynamics.
 
         Returns:
             Position, velocity, acceleration and torque: shape (n,) for a single time,
@@ -159,7 +236,8 @@ class Trajectory(Record):
             they are those just after the jump, as at the nodes.
 
         Raises:
-            ProblemError: If a time is not a number, or they are not in one row.
+            ProblemError: If a time is not a number, they are not in one row, or one is
+                outside of the motion by more than rounding and not to be held.
         """
         try:
             times = real_array(time)
@@ -171,10 +249,36 @@ class Trajectory(Record):
             raise ProblemError(
                 f"time is {brief(time)}, expected a time or a row of times [s]", "time"
             )
-        state = self._evaluate(np.clip(np.atleast_1d(times), 0.0, self.t[-1]))
+        row = np.atleast_1d(times)
+        outside = self._outside(row)
+        if np.any(outside) and hold is not True:
+            raise ProblemError(
+                f"time is {row[outside][0]:g} s, outside of the motion, which takes "
+                f"from 0 to {self.duration:g} s; hold=True holds its ends",
+                "time",
+            )
+        state = self._evaluate(np.clip(row, 0.0, self.t[-1]))
+        if np.any(outside):
+            state = self._held(state, outside)
         if times.ndim == 0:
             return State(*(part[0] for part in state))
         return state
+
+    def _outside(self, times: Array) -> BoolArray:
+        """Which times are before the start or after the end, by more than rounding."""
+        slack = ROUNDING * max(1.0, self.duration)
+        return np.asarray((times < -slack) | (times > self.duration + slack))
+
+    def _held(self, state: State, outside: BoolArray) -> State:
+        """The states, at rest where they are those of an end that is held."""
+        q, v, a, u = map(np.array, state)
+        v[outside] = a[outside] = 0.0
+        dynamics = self.inverse_dynamics or self.holding
+        if dynamics is None:
+            u[outside] = np.nan
+        else:
+            u[outside] = dynamics(q[outside], v[outside], a[outside])
+        return State(q, v, a, u)
 
     def _evaluate(self, times: Array) -> State:
         node = np.searchsorted(self.t, times, side="right") - 1

@@ -87,7 +87,8 @@ def test_infeasible_motion_is_kept_to_be_looked_at(
         problem, motion, feasible=False, status=Status.INFEASIBLE, message=message
     )
     assert not found.success
-    assert found.T == 1.1
+    assert found.T == np.inf
+    assert found.trajectory.duration == 1.1
     with pytest.raises(PlanningFailed) as caught:
         found.raise_if_failed()
     assert str(caught.value) == message

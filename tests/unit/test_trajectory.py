@@ -83,8 +83,12 @@ def test_nodes_are_met(make: Callable[[], Trajectory]) -> None:
 def test_before_the_start_and_after_the_end(make: Callable[[], Trajectory]) -> None:
     motion = make()
     for outside, inside in ((-1.0, 0.0), (-np.inf, 0.0), (1.5, 1.0), (np.inf, 1.0)):
-        for a, b in zip(motion(outside), motion(inside), strict=True):
-            np.testing.assert_array_equal(a, b)
+        with pytest.raises(ProblemError, match="outside of the motion"):
+            motion(outside)
+        held = motion(outside, hold=True)
+        np.testing.assert_array_equal(held.q, motion(inside).q)
+        assert not held.v.any()
+        assert not held.a.any()
 
 
 @either

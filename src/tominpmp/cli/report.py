@@ -53,7 +53,7 @@ def report_data(solution: Solution, files: Mapping[str, str]) -> dict[str, Any]:
         "status": solution.status.name,
         "message": solution.message,
         "success": solution.success,
-        "T": solution.T if math.isfinite(solution.T) else None,
+        "T": solution.T if solution.success else None,
         "method": options.method,
         "intervals": options.intervals,
         "lp_solver": options.lp_solver,
@@ -70,6 +70,8 @@ def report_data(solution: Solution, files: Mapping[str, str]) -> dict[str, Any]:
         data["limited_share"] = either
         data["q_start"] = _list(trajectory.q[0])
         data["q_end"] = _list(trajectory.q[-1])
+        if not solution.success:
+            data["best_attempt"] = trajectory.duration
     found, bound = solution.verification, solution.lower_bound
     if found is not None:
         data["verified"] = found.ok
@@ -93,9 +95,9 @@ def _list(values: Array) -> list[float]:
 def report_text(data: Mapping[str, Any]) -> str:
     """Write the report for people, a line an item."""
     lines: list[tuple[str, str]] = []
-    if data["T"] is not None:
-        kind = "duration" if data["success"] else "best attempt"
-        lines.append((kind, f"{data['T']:.4f} s"))
+    for key, kind in (("T", "duration"), ("best_attempt", "best attempt")):
+        if data.get(key) is not None:
+            lines.append((kind, f"{data[key]:.4f} s"))
     programs = f"{data['iterations']} ({_count(data['programs'], 'linear program')}"
     if data["starts"] > 1:
         programs += f", {data['starts']} starts"

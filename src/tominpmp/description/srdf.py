@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from tominpmp.arrays import record_line
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.xml_reader import XmlContext, read_xml
 from tominpmp.exceptions import RobotLoadError
@@ -29,6 +30,10 @@ class SemanticDescription:
     disabled_pairs: tuple[tuple[str, str], ...]
     group_states: Mapping[str, Mapping[str, float]] = field(hash=False)
     path: Path
+
+    def __repr__(self) -> str:
+        """What it holds, on one line."""
+        return record_line(self)
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
+from tominpmp.arrays import record_line
 from tominpmp.description.links import (
     copy_link,
     copy_origin,
@@ -104,6 +105,10 @@ class UrdfDescription:
     package_dirs: tuple[Path, ...]
     parts: tuple[str, ...] = ()
     attached: tuple[Any, ...] = ()
+
+    def __repr__(self) -> str:
+        """What it holds, on one line."""
+        return record_line(self)
 
 
 def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:

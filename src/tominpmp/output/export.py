@@ -79,7 +79,10 @@ def load_motion(path: str | Path) -> Samples:
     """
     read = _chosen(READERS, path)
     path = Path(path)
-    return _checked(read(read_bytes(path, MAX_BYTES), path), path)
+    try:
+        return _checked(read(read_bytes(path, MAX_BYTES), path), path)
+    except ProblemError as error:  # what the file holds is not samples
+        raise ScenarioError(f"{path}: {error}", path, error.field) from error
 
 
 def _chosen(table: dict[str, Callable], path: str | Path) -> Callable:  # type: ignore[type-arg]

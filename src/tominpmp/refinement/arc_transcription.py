@@ -150,6 +150,7 @@ class ArcTranscription:
             q=states[:, :n],
             v=states[:, n:],
             u=np.concatenate([torque, torque[-1:]]),
+            holding=system.dynamics.inverse,
         )
 
 

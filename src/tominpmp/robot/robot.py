@@ -26,7 +26,7 @@ from tominpmp.description.model import (
 )
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import FrameNotFound, ProblemError
+from tominpmp.exceptions import FrameNotFound, ProblemError, brief
 from tominpmp.payload import Payload, attach
 
 
@@ -98,6 +98,11 @@ class Robot(Record):
         found["locked_joints"] = tuple(sorted(self.locked_joints.items()))
         found["inertias"] = np.array([i.toDynamicParameters() for i in model.inertias])
         return tuple(map(comparable, found.values()))
+
+    def __repr__(self) -> str:
+        """Name and joints, on one line."""
+        joints = brief(", ".join(self.joint_names))[1:-1]
+        return f"<Robot {brief(self.name)} with {self.n} joints: {joints}>"
 
     @property
     def n(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from tominpmp.arrays import record_line
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import read_yaml
 
@@ -50,6 +51,10 @@ class MoveItLimits:
     position_upper: Mapping[str, float] = field(default_factory=dict)
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
+
+    def __repr__(self) -> str:
+        """What it holds, on one line."""
+        return record_line(self)
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""

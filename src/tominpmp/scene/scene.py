@@ -46,6 +46,11 @@ class Scene(Record):
         """Iterate over the obstacles."""
         return iter(self.obstacles)
 
+    def __repr__(self) -> str:
+        """Names of the obstacles, on one line."""
+        names = brief(", ".join(item.name for item in self.obstacles))[1:-1]
+        return f"<Scene with {len(self)} obstacles: {names or 'none'}>"
+
     def __len__(self) -> int:
         """Return how many obstacles there are."""
         return len(self.obstacles)

@@ -68,7 +68,11 @@ class FormerMotion(Guess):
         added = self.bend[0] + share * (
             self.bend[1] + share * (self.bend[2] + share * self.bend[3])
         )
-        return self.within(self.trajectory(self.entry + times).q + added)
+        return self.within(self.trajectory(self._own(times)).q + added)
+
+    def _own(self, times: Array) -> Array:
+        """Times of the motion itself at times of the guess [s]: the end is the last."""
+        return np.clip(self.entry + times, 0.0, self.trajectory.duration)
 
     def within(self, q: Array) -> Array:
         """Configurations brought within the position limits."""
@@ -180,7 +184,7 @@ class FormerMotion(Guess):
         q = self.position(nodes)
         if not self.unchanged:
             return transcription, transcription.start(q, np.array([T]))
-        v = self.trajectory(self.entry + nodes).v
+        v = self.trajectory(self._own(nodes)).v
         u = self.torque(0.5 * (nodes[1:] + nodes[:-1]))
         x = np.hstack([q, v])
         assert x.shape == (nodes.size, 2 * n)  # noqa: S101
@@ -229,7 +233,7 @@ def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
         np.tile(problem.q_start, (SAMPLES, 1)),
         False,
         trajectory=plain,
-        torque=lambda t: trajectory(entry + t).u,
+        torque=lambda t: trajectory(np.minimum(entry + t, trajectory.duration)).u,
         held=trajectory.inverse_dynamics is None,
         entry=entry,
         bend=bend,
@@ -274,7 +278,8 @@ def _from_samples(system: System, samples: Samples) -> Trajectory:
     u = samples.u
     if not np.all(np.isfinite(u)):
         u = system.dynamics.inverse(q, v, a)
-    return Trajectory(samples.joint_names, t - t[0], q, v, u)
+    inverse = system.dynamics.inverse
+    return Trajectory(samples.joint_names, t - t[0], q, v, u, holding=inverse)
 
 
 def _entry(motion: Trajectory, q: Array, v: Array, scale: Array) -> float:

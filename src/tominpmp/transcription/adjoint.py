@@ -391,9 +391,9 @@ class AdjointTranscription:
         u, h = self.split(z)
         x, n = self.motion(z).nodes, self._n
         return Trajectory(
-            joint_names=self.system.problem.robot.joint_names,
-            t=np.concatenate([[0.0], np.cumsum(h)]),
-            q=x[:, :n],
-            v=x[:, n:],
+            self.system.problem.robot.joint_names,
+            np.concatenate([[0.0], np.cumsum(h)]),
+            *(x[:, :n], x[:, n:]),
             u=np.concatenate([u, u[-1:]]),
+            holding=self.system.dynamics.inverse,
         )

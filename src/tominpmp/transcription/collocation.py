@@ -368,4 +368,5 @@ class CollocationTranscription:
             q=x[:, :n],
             v=x[:, n:],
             u=np.concatenate([u, u[-1:]]),
+            holding=self.system.dynamics.inverse,
         )

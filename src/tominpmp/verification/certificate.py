@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tominpmp.arrays import Array, BoolArray, Record, frozen_array
+from tominpmp.exceptions import BRIEF, shortened
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,15 @@ class Certificate(Record):
     costate_error: float | None
     tolerance: float
     seconds: float
+
+    def __bool__(self) -> bool:
+        """Whether the motion keeps the conditions."""
+        return self.ok
+
+    def __repr__(self) -> str:
+        """What was found, on one line."""
+        found = "ok" if self.ok else "not ok"
+        return f"<Certificate {found}: {shortened(self.message, 2 * BRIEF)}>"
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""

@@ -51,6 +51,10 @@ class ClearanceProof:
     contact: bool
     stretches: int
 
+    def __bool__(self) -> bool:
+        """Whether the clearance is proved."""
+        return self.proved
+
     @property
     def message(self) -> str:
         """The outcome in a sentence."""

@@ -15,6 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
+from tominpmp.exceptions import BRIEF, shortened
 from tominpmp.goals import (
     AnyGoal,
     FrameGoal,
@@ -93,6 +94,15 @@ class Verification:
     replay: Replay = field(repr=False)
     growth: float = 1.0
     feedback: Array | None = None
+
+    def __bool__(self) -> bool:
+        """Whether the motion is all right."""
+        return self.ok
+
+    def __repr__(self) -> str:
+        """What was found, on one line."""
+        found = "ok" if self.ok else "not ok"
+        return f"<Verification {found}: {shortened(self.message, 2 * BRIEF)}>"
 
     @property
     def message(self) -> str:
