@@ -73,11 +73,17 @@ def main() -> int:
     sheet = Sheet(arguments.csv, COLUMNS)
     goals = sample_problems(robot, arguments.goals, arguments.seed)
     tm.plan(
-        tm.Problem(robot, goals[0][0], tm.JointGoal(goals[0][1]))
+        tm.Problem(robot, goals[0][0], tm.JointGoal(goals[0][1]), self_collision=False)
     )  # loads libraries
     for number, (q_start, q_goal) in enumerate(goals):
-        free = tm.Problem(robot, q_start, tm.JointGoal(q_goal))
-        limited = tm.Problem(robot, q_start, tm.JointGoal(q_goal), motion_limits=limits)
+        free = tm.Problem(robot, q_start, tm.JointGoal(q_goal), self_collision=False)
+        limited = tm.Problem(
+            robot,
+            q_start,
+            tm.JointGoal(q_goal),
+            motion_limits=limits,
+            self_collision=False,
+        )
         begin = time.process_time()
         solution = tm.plan(limited)
         seconds = time.process_time() - begin

@@ -51,7 +51,9 @@ def main() -> int:
             robot = load_arm(name, factor)
             goals = sample_problems(robot, arguments.goals, arguments.seed)
             for number, (q_start, q_goal) in enumerate(goals):
-                problem = tm.Problem(robot, q_start, tm.JointGoal(q_goal))
+                problem = tm.Problem(
+                    robot, q_start, tm.JointGoal(q_goal), self_collision=False
+                )
                 for control in CONTROLS:
                     begin = time.process_time()
                     solution = tm.plan(problem, tm.Options(control=control))

@@ -184,7 +184,9 @@ class Contest:
         import tominpmp as tm
 
         started = time.perf_counter()
-        problem = tm.Problem(self._robot, q_start, tm.JointGoal(q_goal))
+        problem = tm.Problem(
+            self._robot, q_start, tm.JointGoal(q_goal), self_collision=False
+        )
         options = tm.Options(intervals=self._intervals, grid=self._grid)
         solution = tm.plan(problem, options)
         seconds = time.perf_counter() - started

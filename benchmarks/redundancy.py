@@ -56,7 +56,7 @@ def main() -> int:
         for number, (q_start, q_there) in enumerate(goals):
             place = kinematics.placement(q_there, FRAMES[name]).translation
             goal = tm.PositionGoal(FRAMES[name], place)
-            problem = tm.Problem(robot, q_start, goal)
+            problem = tm.Problem(robot, q_start, goal, self_collision=False)
             begin = time.process_time()
             free = tm.plan(problem)
             seconds = time.process_time() - begin
@@ -65,7 +65,9 @@ def main() -> int:
             found, _ = goal_configurations(System.of(problem), problem.goal, TRIED, rng)
             begin = time.process_time()
             durations = [
-                tm.plan(tm.Problem(robot, q_start, tm.JointGoal(q))).T
+                tm.plan(
+                    tm.Problem(robot, q_start, tm.JointGoal(q), self_collision=False)
+                ).T
                 for q in [q_there, *found][:TRIED]
             ]
             tried = time.process_time() - begin

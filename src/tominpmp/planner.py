@@ -253,7 +253,7 @@ def may_swing(system: System) -> bool:
     a small arm may have to swing.
     """
     smooth = system.problem.motion_limits is not None
-    return system.clearance is None and system.n <= SWINGERS and not smooth
+    return system.alone and system.n <= SWINGERS and not smooth
 
 
 def _in_turn(

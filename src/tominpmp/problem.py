@@ -48,8 +48,8 @@ class Problem(Record):
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
         motion_limits: Limits beyond those of the robot's description, if any.
         self_collision: Whether the links keep clear of each other, and of what is fixed
-            to the base, too, without a margin; None where there are obstacles or
-            several robots.
+            to the base, too, without a margin; None for yes. False is for robots whose
+            description is wrong about their shapes.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
@@ -87,6 +87,12 @@ class Problem(Record):
             )
         object.__setattr__(self, "scene", scene)
         object.__setattr__(self, "margin", self._checked_margin())
+        if not isinstance(self.self_collision, bool | None):
+            raise ProblemError(
+                f"self_collision is {brief(self.self_collision)}, expected True, False "
+                "or None",
+                "self_collision",
+            )
         if self.motion_limits is not None:
             if not isinstance(self.motion_limits, MotionLimits):
                 raise ProblemError(
@@ -116,9 +122,7 @@ class Problem(Record):
     @cached_property
     def checker(self) -> CollisionChecker:
         """Distances of the links to the obstacles and to each other."""
-        own = self.self_collision
-        if own is None:
-            own = bool(len(self.scene)) or len(self.robot.parts) > 1
+        own = self.self_collision is not False
         return CollisionChecker(self.robot, self.scene, self_collision=own)
 
     @cached_property
@@ -280,6 +284,9 @@ class Problem(Record):
     def _check_clear(self, q: Array, which: str) -> None:
         # When it arrives is not known yet: what moves may be elsewhere by then.
         time = 0.0 if which == "start" else None
+        moves = time is None and self.checker.moving
+        if not moves and self.checker.is_free(q, self.margins, time or 0.0):
+            return
         contact = self.checker.closest(q, self.margins, time)
         if contact is None:
             return
@@ -293,11 +300,27 @@ class Problem(Record):
             f"{margin:.4g} m"
         )
         pair = f"link {contact.link!r} and obstacle {contact.obstacle!r}"
+        advice = ""
         if contact.own:
             pair = f"links {contact.link!r} and {contact.obstacle!r}"
+            advice = self._advice_on_links(q)
         raise ProblemError(
-            f"{which} in collision: {pair} {depth} at q = {np.round(q, 4).tolist()}",
+            f"{which} in collision: {pair} {depth} at q = {np.round(q, 4).tolist()}"
+            f"{advice}",
             "q_start" if which == "start" else "goal",
+        )
+
+    def _advice_on_links(self, q: Array) -> str:
+        """What to do about links that are found to overlap where they may not."""
+        meshes = CollisionChecker(
+            self.robot, Scene(), self_collision=True, geometry="mesh"
+        )
+        cause = "" if meshes.is_free(q) else " their meshes overlap, too;"
+        if not cause:
+            cause = " their meshes do not, only the convex pieces these are taken as;"
+        return (
+            f":{cause} links that may touch belong among the disable_collisions of an "
+            "SRDF, and self_collision=False lets all of them touch"
         )
 
     def _check_hold(self, goal: JointGoal) -> None:

@@ -69,7 +69,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         return limit is not None and time.perf_counter() - begin > limit
 
     reached = problem.alternative_at(former.q[-1], former.v[-1])
-    system = System.of(reached)
+    complete = System.of(reached)
+    system = complete.first_tried
     guess = former_motion(system, former)
     before = roughness(former, problem.robot.limits)
     intervals = former.t.size - 1
@@ -84,6 +85,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         )
         if found[1].ok or over():
             break
+        if any(item.kind == "clearance" for item in found[1].violations):
+            system = complete  # with rows for the links
         intervals = intervals * 2 ** (refinement + 1)
     seconds = solution.planning_time + time.perf_counter() - begin
 

@@ -135,8 +135,9 @@ def test_start_that_hits_itself() -> None:
         Problem(arm, goal.q, JointGoal(q), scene=FAR)
     with pytest.raises(ProblemError, match="in collision"):
         Problem(arm, q, goal, self_collision=True)
-    # Where there are no obstacles, nobody looks unless asked to.
-    assert Problem(arm, q, goal).checker.pairs == ()
+    with pytest.raises(ProblemError, match="in collision"):
+        Problem(arm, q, goal)
+    assert Problem(arm, q, goal, self_collision=False).checker.pairs == ()
     assert Problem(arm, q, goal, scene=FAR, self_collision=False).margins.size
 
 

@@ -95,6 +95,13 @@ class Attempt:
         return self.feasible and (self.verification is None or self.verification.ok)
 
     @property
+    def touches(self) -> bool:
+        """Whether links come too close in the replay of a motion."""
+        return self.verification is not None and any(
+            item.kind == "clearance" for item in self.verification.violations
+        )
+
+    @property
     def duration(self) -> float:
         """T of the motion if it keeps all constraints [s]; else infinite."""
         return self.trajectory.duration if self.found else np.inf

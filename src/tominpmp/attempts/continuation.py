@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.attempts.attempt import STOPPED, Attempt
-from tominpmp.attempts.guessed import solve_and_verify, solve_from_guess
+from tominpmp.attempts.guessed import (
+    solve_and_verify,
+    solve_from_guess,
+    with_rows_where_needed,
+)
 from tominpmp.attempts.shooting import solve_by_shooting
 from tominpmp.attempts.watch import Watch
 from tominpmp.options import Options
@@ -71,10 +75,14 @@ def solve_with_continuous_accelerations(
         trust_region=FORMER_RADIUS * options.trust_region,
         max_iterations=min(options.max_iterations, FEW_ITERATIONS),
     )
-    guess = former_motion(system, motion)
     watch.begin()
-    faster = solve_from_guess(system, near, guess, watch)
-    faster = faster.verified(system.problem, options)
+
+    def solve(tried: System, _: Attempt | None) -> Attempt:
+        guess = former_motion(tried, motion)
+        found = solve_from_guess(tried, near, guess, watch)
+        return found.verified(system.problem, options)
+
+    faster = with_rows_where_needed(system, watch, solve)
     if not faster.duration < attempt.duration:
         return None
     # Few iterations do, and the motion that they began with had settled.

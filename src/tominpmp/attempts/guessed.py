@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -47,12 +48,48 @@ def solve_and_verify(
     system: System, options: Options, guess: Guess, watch: Watch
 ) -> Attempt:
     """Improve a guess; where the replay fails, go on with a finer grid."""
+
+    def solve(tried: System, former: Attempt | None) -> Attempt:
+        first = guess
+        if former is not None:
+            first = replace(former_motion(tried, former.trajectory), name=former.name)
+        return _solve_and_verify(tried, options, first, watch)
+
+    return with_rows_where_needed(system, watch, solve)
+
+
+def with_rows_where_needed(
+    system: System,
+    watch: Watch,
+    solve: Callable[[System, Attempt | None], Attempt],
+) -> Attempt:
+    """Solve without rows for the links of an arm alone; again with them if they touch.
+
+    Args:
+        system: The problem.
+        watch: What remembers that links touched: rows are taken at once then.
+        solve: Solves a problem, beginning with a former attempt if there is one.
+    """
+    first = system if watch.links_touched else system.first_tried
+    attempt = solve(first, None)
+    if first is system or not attempt.touches or attempt.status in STOPPED:
+        return attempt
+    watch.links_touched = True
+    return solve(system, attempt).after(attempt)
+
+
+def _solve_and_verify(
+    system: System, options: Options, guess: Guess, watch: Watch
+) -> Attempt:
     problem = system.problem
     attempt = solve_from_guess(system, options, guess, watch)
     attempt = attempt.verified(problem, options)
+    unwatched = system.clearance is None
     for _ in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
             break
+        if unwatched and attempt.touches:
+            break  # a finer grid does not part the links
         # Nor will the first motion do on the finer grid: it was too rough.
         options = replace(options, intervals=2 * options.intervals, objective="time")
         guess = replace(former_motion(system, attempt.trajectory), name=attempt.name)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
+from tominpmp.attempts.guessed import with_rows_where_needed
 from tominpmp.attempts.watch import Watch
 from tominpmp.options import Options
 from tominpmp.refinement import refine, unrefined
@@ -80,11 +81,23 @@ def solve_by_shooting(
 
     Where the replay fails, go on with shorter steps of the integration.
     """
+
+    def solve(tried: System, _: Attempt | None) -> Attempt:
+        return _solve_by_shooting(tried, options, watch, first)
+
+    return with_rows_where_needed(system, watch, solve)
+
+
+def _solve_by_shooting(
+    system: System, options: Options, watch: Watch, first: Array | None
+) -> Attempt:
     z = given_torques(system, options) if first is None else first
     attempt, z = shoot(system, options, watch, z, substeps=1)
     for refinement in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
             break
+        if system.clearance is None and attempt.touches:
+            break  # shorter steps do not part the links
         finer, z = shoot(system, options, watch, z, substeps=2 ** (refinement + 1))
         if not finer.feasible:
             break

@@ -17,11 +17,13 @@ class Watch:
     Attributes:
         start: Number of the initial guess that is worked on.
         best: Duration of the best motion so far [s]; infinite if there is none.
+        links_touched: Whether links of an arm that is alone have touched each other.
     """
 
     def __init__(self, options: Options) -> None:
         self.start = 0
         self.best = np.inf
+        self.links_touched = False
         self._starts = 0
         self._begin = time.perf_counter()
         self._limit = options.max_planning_time

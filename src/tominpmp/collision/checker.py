@@ -11,7 +11,6 @@ from tominpmp.collision.bodies import (
     Approximation,
     Geometry,
     approximations,
-    robot_bodies,
     scene_bodies,
 )
 from tominpmp.collision.bounds import BroadPhase
@@ -20,7 +19,7 @@ from tominpmp.collision.movers import Movers
 from tominpmp.collision.narrow import Guard, NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.query import Count, DistanceQuery
-from tominpmp.collision.selection import scene_pairs, self_pairs
+from tominpmp.collision.selection import links_of, own_pairs, scene_pairs
 from tominpmp.collision.shapes import is_convex
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
@@ -99,7 +98,7 @@ class CollisionChecker:
         self.robot, self.scene, self.geometry = robot, scene, geometry
         self.self_collision = self_collision
         watching = self.self_collision or len(scene)
-        links = robot_bodies(robot, geometry) if watching else []
+        links = links_of(robot, geometry) if watching else ()
         if len(scene) and not any(body.joint for body in links):
             raise SceneError(
                 f"the robot {robot.name!r} has no collision geometry on its moving "
@@ -110,7 +109,7 @@ class CollisionChecker:
         first, second = scene_pairs(bodies, len(links))
         self.obstacle_pairs = int(first.size)
         if self.self_collision:
-            own = self_pairs(robot, links)
+            own = own_pairs(robot, geometry)
             first = np.concatenate([first, own[0]])
             second = np.concatenate([second, own[1]])
         self.pairs: tuple[tuple[str, str], ...] = tuple(
@@ -181,6 +180,44 @@ class CollisionChecker:
         for i, row in enumerate(self.robot.expand(q)):
             out[i] = self._narrow.all(row, 0.0 if times is None else float(times[i]))
         return out
+
+    def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
+        """Lower bounds of all distances, without measuring any.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Shape (m, pairs) [m].
+        """
+        query = self._query
+        placed = query.place(self.robot.expand(q), times)
+        return query.broad.by_balls(placed)
+
+    def measured(
+        self,
+        q: Array,
+        instants: IntArray,
+        pairs: IntArray,
+        enough: Array,
+        times: Array | None = None,
+    ) -> Array:
+        """Signed distances of single pairs at single configurations.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each distance, shape (k,).
+            pairs: Index of its pair, shape (k,).
+            enough: Distances from which on a lower bound will do, shape (k,) [m].
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Shape (k,) [m]; exact where below ``enough``.
+        """
+        rows = self.robot.expand(q)
+        placed = self._query.place(rows, times)
+        return self._query.measured(rows, placed, instants, pairs, enough, times)
 
     def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.

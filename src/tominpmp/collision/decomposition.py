@@ -254,6 +254,6 @@ class Measure:
         ab, bc, ca = (
             np.einsum("pki,pki->pk", x, y) for x, y in ((a, b), (b, c), (c, a))
         )
-        volume = np.linalg.det(np.stack([a, b, c], axis=2))
+        volume = np.einsum("pki,pki->pk", a, np.cross(b, c))
         angle = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
         return np.asarray(np.abs(np.sum(angle, axis=1)) > np.pi)

@@ -150,6 +150,39 @@ class DistanceQuery:
         )
         return lower
 
+    def measured(
+        self,
+        q_model: Array,
+        placed: tuple[Array, Array],
+        instant: IntArray,
+        pair: IntArray,
+        enough: Array,
+        times: Array | None = None,
+    ) -> Array:
+        """Distances of single pairs at single instants.
+
+        Args:
+            q_model: Configurations of the model, shape (m, nv).
+            placed: Placements body_to_world there.
+            instant: Index of the configuration, shape (k,).
+            pair: Index of the pair, shape (k,).
+            enough: Distances from which on a lower bound will do, shape (k,) [m].
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Shape (k,) [m]; exact where below ``enough``.
+        """
+        self.count.pairs += instant.size
+        R, t, _ = self._relative(placed, instant, pair)
+        out = self.broad.by_covers(R, t, pair)
+        # Bounds say nothing about depths.
+        near = np.flatnonzero(out < np.maximum(enough, 0.0))
+        near = near[np.argsort(instant[near], kind="stable")]
+        if near.size:
+            self.count.queries += near.size
+            out[near] = self._exact(q_model, instant[near], pair[near], times)[0]
+        return out
+
     def _relative(
         self, placed: tuple[Array, Array], instant: IntArray, pair: IntArray
     ) -> tuple[Array, Array, Array]:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.bodies import Body
+from tominpmp.collision.bodies import Body, Geometry, robot_bodies
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.robot import Robot
 
 # Links that overlap at this share of random configurations are made to overlap.
+ALWAYS = 0.95
+# Convex pieces that overlap at this share of them, where the meshes never do, cannot
+# tell how far apart the links are.
 MOSTLY = 0.5
 SAMPLES = 100
 # Where a joint has no limits: what is sampled of it [rad or m].
@@ -27,11 +32,39 @@ def scene_pairs(bodies: Sequence[Body], links: int) -> tuple[IntArray, IntArray]
     return first, second
 
 
+def links_of(robot: Robot, geometry: Geometry) -> tuple[Body, ...]:
+    """Shapes of all links, the same ones for every checker of a robot."""
+    known = _known(robot)
+    if ("links", geometry) not in known:
+        known["links", geometry] = tuple(robot_bodies(robot, geometry))
+    found: tuple[Body, ...] = known["links", geometry]
+    return found
+
+
+def own_pairs(robot: Robot, geometry: Geometry) -> tuple[IntArray, IntArray]:
+    """As :func:`self_pairs` for :func:`links_of`, found once for each robot."""
+    known = _known(robot)
+    if ("pairs", geometry) not in known:
+        known["pairs", geometry] = self_pairs(robot, links_of(robot, geometry))
+    found: tuple[IntArray, IntArray] = known["pairs", geometry]
+    return found
+
+
+def _known(robot: Robot) -> dict[tuple[str, str], Any]:
+    """What was found for a robot before.
+
+    Hashing meshes and trying configurations takes longer than a plan in free space.
+    """
+    found: dict[tuple[str, str], Any] = robot.__dict__.setdefault("_collision", {})
+    return found
+
+
 def self_pairs(robot: Robot, bodies: Sequence[Body]) -> tuple[IntArray, IntArray]:
     """Pair the links of a robot with each other, and with what is fixed to its base.
 
     Left out are the pairs that the semantic description disables (if it disables any),
-    else neighbours; and links that overlap at most configurations.
+    else neighbours; links that overlap at nearly all configurations; and links whose
+    convex pieces overlap at most of them while their meshes do not at any.
 
     Args:
         robot: The robot.
@@ -74,21 +107,46 @@ def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
 def _sometimes_apart(
     robot: Robot, bodies: Sequence[Body], first: IntArray, second: IntArray
 ) -> IntArray:
-    """Indices of the pairs of links that do not overlap at most configurations."""
+    """Indices of the pairs of links that their shapes can tell apart."""
     if not first.size:
         return first
+    share = _overlapping(robot, bodies, first, second)
+    left_out = {name for name, often in share.items() if often > ALWAYS}
+    doubtful = {name for name, often in share.items() if MOSTLY < often <= ALWAYS}
+    if doubtful:
+        meshes = robot_bodies(robot, "mesh")
+        pairs = [
+            (i, k) if meshes[i].joint else (k, i)
+            for i, k in combinations(range(len(meshes)), 2)
+            if frozenset((meshes[i].name, meshes[k].name)) in doubtful
+        ]
+        exact = _overlapping(robot, meshes, *np.array(pairs, dtype=np.int64).T)
+        left_out |= {name for name in doubtful if exact.get(name, 0.0) == 0.0}
+    return np.array(
+        [
+            index
+            for index, (i, k) in enumerate(zip(first, second, strict=True))
+            if frozenset((bodies[i].name, bodies[k].name)) not in left_out
+        ],
+        np.int64,
+    )
+
+
+def _overlapping(
+    robot: Robot, bodies: Sequence[Body], first: IntArray, second: IntArray
+) -> dict[frozenset[str], float]:
+    """Share of random configurations at which links overlap, by their names."""
     narrow = NarrowPhase(robot.model, bodies, first, second)
     overlaps = np.array([narrow.overlaps(row) for row in _configurations(robot)])
-    names = [
-        frozenset((bodies[i].name, bodies[k].name))
-        for i, k in zip(first.tolist(), second.tolist(), strict=True)
-    ]
-    mostly = set()
-    for name in set(names):
-        columns = [index for index, item in enumerate(names) if item == name]
-        if np.mean(np.any(overlaps[:, columns], axis=1)) > MOSTLY:
-            mostly.add(name)
-    return np.array([i for i, name in enumerate(names) if name not in mostly], np.int64)
+    columns: dict[frozenset[str], list[int]] = {}
+    for index, (i, k) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        columns.setdefault(frozenset((bodies[i].name, bodies[k].name)), []).append(
+            index
+        )
+    return {
+        name: float(np.mean(np.any(overlaps[:, chosen], axis=1)))
+        for name, chosen in columns.items()
+    }
 
 
 def _configurations(robot: Robot) -> Array:

@@ -3,7 +3,7 @@
 ::
 
     margin = 0.01                       # distance to keep from obstacles [m]
-    self_collision = true               # the default where there are obstacles
+    self_collision = true               # the default; false lets links touch
 
     [robot]
     name = "panda"                      # or path = "arm.urdf"

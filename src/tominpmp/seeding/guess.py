@@ -223,18 +223,23 @@ def _guesses(
     ends = [ends[i] for i in order]
     rest = resting_guess(system, duration or straight[0].duration)
     on_frame = isinstance(problem.goal, PlaceGoal)
-    if system.clearance is None:
+    if system.alone:
         # The paper's kind of start, which satisfies nothing: the linear programs choose
         # the final configuration themselves. It is mostly the best one to begin with.
         yield from [rest, *straight] if on_frame else straight
     else:
         yield from [straight[0], rest] if on_frame else straight
-        if sampling_available():
-            line = np.stack([problem.q_start, ends[0]])
-            known = [line] if is_free_line(system, *line) else []
+    if system.clearance is not None:
+        line = np.stack([problem.q_start, ends[0]])
+        clear = is_free_line(system, *line)
+        # With nothing in the way but itself an arm needs no path around anything,
+        # unless it runs into itself on the straight one.
+        if sampling_available() and not (system.alone and clear):
+            known = [line] if clear else []
             yield from sampled_guesses(
                 system, ends, rng, known=known, deadline=deadline
             )
+    if not system.alone:
         yield from straight[1:]
     limits = problem.robot.limits
     low = np.maximum(limits.position_lower, problem.q_start - np.pi)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,9 @@ def _padding(problem: Problem, checker: CollisionChecker) -> Array:
     ends = [problem.q_start]
     if isinstance(problem.goal, JointGoal):
         ends.append(problem.goal.q)
-    room = checker.distances(np.stack(ends)) - problem.margins
+    # No more room than this matters.
+    cutoff = problem.margins + PADDING / PADDING_SHARE
+    room = checker.distances(np.stack(ends), cutoff) - problem.margins
     # What moves is not known to be there when the motion ends.
     room[1:, checker.moving_pairs] = np.inf
     room = np.min(room, axis=0)
@@ -45,7 +47,7 @@ class System:
         problem: The problem.
         dynamics: Equations of motion.
         kinematics: Placement of frames.
-        clearance: Distance to obstacles; None without obstacles.
+        clearance: Distances to obstacles and between links; None without either.
         reach: Length of the arm, which scales lengths [m].
         padding: Clearance that the rows ask for beyond the margin, so that the motion
             keeps the margin between them, by pair, as shares of the reach.
@@ -72,6 +74,21 @@ class System:
         )
         dynamics = RobotDynamics(problem.robot)
         return cls(problem, dynamics, kinematics, clearance, reach, padding / reach)
+
+    @property
+    def alone(self) -> bool:
+        """Whether an arm has nothing in its way but itself."""
+        problem = self.problem
+        return not len(problem.scene) and len(problem.robot.parts) <= 1
+
+    @property
+    def first_tried(self) -> System:
+        """The functions to begin with: those of an arm alone let its links touch.
+
+        They hardly ever do, and the verification tells where they do. Rows for them
+        would take more time than all the rest.
+        """
+        return replace(self, clearance=None) if self.alone else self
 
     def resting(self, time: float | None = None) -> System:
         """The same problem without the obstacles that move.

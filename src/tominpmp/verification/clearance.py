@@ -16,11 +16,9 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
-from tominpmp.collision.bodies import Body, robot_bodies
-from tominpmp.collision.shapes import outline
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.pieces import Pieces
-from tominpmp.verification.reach import Ball, LinkReach
+from tominpmp.verification.reach import LinkReach, link_balls
 
 # Stretches looked at before the proof is given up.
 MAX_STRETCHES = 20_000
@@ -134,7 +132,7 @@ class _Prover:
         self.pieces = Pieces.of(lambda times: path(times).q, path.t)
         self.stray = np.zeros(robot.n) if deviation is None else np.abs(deviation)
         self.stray = self.stray + self._rounding(trajectory)
-        self.reach = LinkReach(robot, _balls(checker))
+        self.reach = LinkReach(robot, link_balls(checker))
         own = np.arange(len(checker.pairs)) >= checker.obstacle_pairs
         self.motion = self.reach.relative(checker.pairs, own)
 
@@ -206,17 +204,3 @@ class _Prover:
     def _time(self, todo: _Stretches, places: Array) -> Array:
         begin, end = self.pieces.t[todo.piece], self.pieces.t[todo.piece + 1]
         return np.asarray(begin + 0.5 * (end - begin) * (1.0 + places))
-
-
-def _balls(checker: CollisionChecker) -> list[Ball]:
-    """Balls around the links, about the middles of their bodies."""
-    return [_ball(body) for body in robot_bodies(checker.robot, checker.geometry)]
-
-
-def _ball(body: Body) -> Ball:
-    shape = outline(body.shape)
-    middle = 0.5 * (np.min(shape.points, axis=0) + np.max(shape.points, axis=0))
-    radius = float(np.max(np.linalg.norm(shape.points - middle, axis=1)))
-    place = body.placement
-    centre = place.rotation @ middle + place.translation
-    return Ball(body.name, body.joint, np.asarray(centre), radius + shape.radius)

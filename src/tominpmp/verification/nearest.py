@@ -5,21 +5,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
+from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
-from tominpmp.transcription.exchange import CLOSE, DIPS, dipping
+from tominpmp.verification.approach import Approach, Closest
 from tominpmp.verification.excess import Excess
 from tominpmp.verification.replay import Replay
 
-# Instants at which all distances are measured first, and what two measurements of one
-# distance may differ by [m].
-GLANCES = 8
-GLANCE_ROUNDING = 1e-6
-# Instants whose distances are asked for at once; those of long motions take memory.
-CHUNK = 2000
+# Where a start or a goal touches something, pairs may lack a trace of room as long as
+# no joint is farther from there than this [rad or m].
+NEAR_END = 0.05
 
 
 class Nearest(NamedTuple):
@@ -39,11 +36,15 @@ def closest(
 ) -> Nearest | None:
     """The pair that has the least room beyond its margin on a motion.
 
+    No pair may lack any room at any time, between the rows of the replay neither; but
+    where the start or the goal of the problem is itself at the margin, a trace of it
+    around there.
+
     Args:
         problem: The problem, with the margin.
         replay: The motion.
         checker: Distances of the pairs.
-        tolerance: What may be missing [m].
+        tolerance: What may be missing there [m].
 
     Returns:
         The pair; None without pairs.
@@ -51,44 +52,50 @@ def closest(
     if not checker.pairs:
         return None
     margins = checker.margins(problem.margin)
-    # The closest of a few instants tells how far the others need to be looked at.
-    last = replay.t.size - 1
-    some = np.linspace(0, last, GLANCES).astype(np.int64)
-    room = checker.distances(replay.q[some], times=replay.t[some]) - margins
-    k, pair = np.unravel_index(int(np.argmin(room)), room.shape)
-    time, least = float(replay.t[some[k]]), float(room[k, pair])
-    dips: list[IntArray] = []
-    for begin in range(0, last + 1, CHUNK):
-        cutoff = margins + max(least, 0.0) + GLANCE_ROUNDING + CLOSE
-        part = replay.q[begin : begin + CHUNK]
-        times = replay.t[begin : begin + CHUNK]
-        room = checker.distances(part, cutoff, times) - margins
-        k, other = np.unravel_index(int(np.argmin(room)), room.shape)
-        if room[k, other] < least:
-            time, pair, least = float(times[k]), other, float(room[k, other])
-        dips.append(begin + dipping(-room, tolerance, max(least, 0.0) + CLOSE))
-    # Between the instants it may be closer.
-    found = np.concatenate(dips)
-    for begin in range(0, found.size, CHUNK // DIPS.size):
-        times = _between(replay.t, found[begin : begin + CHUNK // DIPS.size])
-        room = checker.distances(_positions(replay, times), margins, times) - margins
-        k, other = np.unravel_index(int(np.argmin(room)), room.shape)
-        if room[k, other] < least:
-            time, pair, least = float(times[k]), other, float(room[k, other])
-    name = " and ".join(checker.pairs[int(pair)])
-    violated = not -least <= tolerance
-    excess = Excess("clearance", name, time, -least, "m", -least, violated)
-    return Nearest(excess, least + float(margins[int(pair)]))
+    allowed = touching(problem, checker, margins, tolerance)
+    if replay.t.size < 2:  # lost at once: the end is not reached anyway
+        return _at_start(replay, checker, margins)
+    found = Approach(checker, replay, margins, allowed, NEAR_END).run()
+    return _nearest(found, checker, margins)
 
 
-def _between(t: Array, index: IntArray) -> Array:
-    """Times around some of the times, up to halfway to the next ones."""
-    before = t[index] - t[np.maximum(index - 1, 0)]
-    after = t[np.minimum(index + 1, t.size - 1)] - t[index]
-    steps = np.where(DIPS < 0.0, before[:, None], after[:, None])
-    return np.asarray((t[index, None] + DIPS * steps).ravel())
+def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:
+    name = " and ".join(checker.pairs[found.pair])
+    lacking = -found.room
+    if not found.violated and found.doubt > 0.0:
+        lacking = max(lacking, found.doubt)
+    violated = found.violated or found.doubt > 0.0
+    excess = Excess("clearance", name, found.time, lacking, "m", lacking, violated)
+    return Nearest(excess, found.room + float(margins[found.pair]))
 
 
-def _positions(replay: Replay, times: Array) -> Array:
-    """Positions between the instants of a replay, by cubic polynomials."""
-    return np.asarray(CubicHermiteSpline(replay.t, replay.q, replay.v)(times))
+def _at_start(replay: Replay, checker: CollisionChecker, margins: Array) -> Nearest:
+    room = checker.distances(replay.q[:1], times=replay.t[:1])[0] - margins
+    pair, time = int(np.argmin(room)), float(replay.t[0])
+    least = float(room[pair])
+    return _nearest(Closest(pair, time, least, least < 0.0, 0.0), checker, margins)
+
+
+def touching(
+    problem: Problem, checker: CollisionChecker, margins: Array, tolerance: float
+) -> Array:
+    """What pairs may lack around the ends of a motion that are at the margin.
+
+    Args:
+        problem: Start and goal.
+        checker: Distances of the pairs.
+        margins: Distances to keep, shape (pairs,) [m].
+        tolerance: What may be missing [m].
+
+    Returns:
+        At the start and at the end, shape (2, pairs) [m].
+    """
+    ends = [problem.q_start]
+    if isinstance(problem.goal, JointGoal):
+        ends.append(problem.goal.q)
+    room = checker.distances(np.array(ends), margins + tolerance) - margins
+    allowed = np.zeros((2, margins.size))
+    allowed[: len(ends)] = np.where(room < tolerance, tolerance, 0.0)
+    # Where what moves will be when the motion ends is not known to the problem.
+    allowed[1, checker.moving_pairs] = 0.0
+    return allowed

@@ -9,7 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.collision import CollisionChecker
+from tominpmp.collision.bodies import Body
 from tominpmp.collision.placements import Placements
+from tominpmp.collision.selection import links_of
+from tominpmp.collision.shapes import outline
 from tominpmp.robot import Robot
 
 
@@ -175,3 +179,17 @@ class RelativeMotion:
             total = np.sum(shifts[:, balls][:, :, alone], axis=2)
             moved[:, k] = np.max(total, axis=1, initial=0.0)
         return np.asarray(moved[:, self.sides[:, 0]] + moved[:, self.sides[:, 1]])
+
+
+def link_balls(checker: CollisionChecker) -> list[Ball]:
+    """Balls around the links of a checker, about the middles of their bodies."""
+    return [_ball(body) for body in links_of(checker.robot, checker.geometry)]
+
+
+def _ball(body: Body) -> Ball:
+    shape = outline(body.shape)
+    middle = 0.5 * (np.min(shape.points, axis=0) + np.max(shape.points, axis=0))
+    radius = float(np.max(np.linalg.norm(shape.points - middle, axis=1)))
+    place = body.placement
+    centre = place.rotation @ middle + place.translation
+    return Ball(body.name, body.joint, np.asarray(centre), radius + shape.radius)

@@ -1,0 +1,153 @@
+"""Links keep clear of each other always, with nothing around them too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from optimum_cases import HANGING, ROD, ROD_WEIGHT, UPRIGHT
+from robot_samples import INERTIAL, joint, link, load, robot
+from sample_arms import DOWNWARD, describe
+
+import tominpmp as tm
+from tominpmp.collision import CollisionChecker
+from tominpmp.planner import may_swing
+from tominpmp.transcription.system import System
+
+# The straight line between these leads the wrist of a Panda through its base.
+FOLDED = [1.1983, 1.5287, -0.6743, -2.9015, 2.2466, 1.8704, 0.3356]
+TURNED = [-2.3445, 1.3482, 2.7482, -2.7004, 1.2406, 2.9528, 0.9919]
+FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+
+
+def through_itself(**changes: object) -> tm.Problem:
+    panda = tm.load_robot("panda", locked_joints=FINGERS)
+    return tm.Problem(panda, FOLDED, tm.JointGoal(TURNED), **changes)
+
+
+def meshes_touch(problem: tm.Problem, motion: tm.Trajectory) -> bool:
+    meshes = CollisionChecker(
+        problem.robot, tm.Scene(), self_collision=True, geometry="mesh"
+    )
+    times = np.linspace(0.0, motion.duration, 400)
+    return not all(meshes.is_free(q) for q in motion(times).q)
+
+
+def test_free_space_motions_do_not_run_a_link_through_another() -> None:
+    problem = through_itself()
+    solution = tm.plan(problem)
+    assert solution.success
+    assert not meshes_touch(problem, solution.trajectory)
+    assert 0.0 < solution.verification.min_clearance < np.inf
+    assert solution.prove_clearance().contact is False
+
+
+def test_a_motion_through_itself_is_not_verified() -> None:
+    blind = tm.plan(through_itself(self_collision=False))
+    problem = through_itself()
+    assert blind.success
+    assert meshes_touch(problem, blind.trajectory)
+    found = tm.verify(problem, blind.trajectory)
+    assert not found.ok
+    assert found.worst["clearance"].violated
+    assert "panda_link" in found.message
+    assert found.min_clearance < -0.04
+
+
+def test_an_arm_alone_is_as_fast_as_if_its_links_could_touch() -> None:
+    ur5 = tm.load_robot("ur5")
+    ends = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
+    watched, blind = (
+        tm.plan(tm.Problem(ur5, ends[0], tm.JointGoal(ends[1]), self_collision=own))
+        for own in (None, False)
+    )
+    assert watched.success
+    assert watched.T == blind.T
+    assert watched.verification.min_clearance < np.inf
+    assert blind.verification.min_clearance == np.inf
+
+
+def swinging_arm(tmp_path: Path) -> tm.Robot:
+    """A weak pendulum with shapes, beside a box that it does not come near."""
+    box = "<collision><geometry><box size='{0} 0.02 0.02'/></geometry></collision>"
+    urdf = describe([ROD]).replace(
+        '<link name="base"/>',
+        f'<link name="base">{box.format("0.1")}</link><link name="post">'
+        f'{box.format("0.1")}</link><joint name="fixed" type="fixed"><parent '
+        'link="base"/><child link="post"/><origin xyz="0 0 3"/></joint>',
+    )
+    urdf = urdf.replace(
+        '<link name="link1">', f'<link name="link1">{box.format("1.0")}'
+    )
+    (tmp_path / "arm.urdf").write_text(urdf)
+    (tmp_path / "arm.srdf").write_text(
+        '<robot name="sample"><disable_collisions link1="base" link2="link1" '
+        'reason="Adjacent"/></robot>'
+    )
+    return tm.load_robot(
+        tmp_path / "arm.urdf",
+        srdf=tmp_path / "arm.srdf",
+        effort=0.6 * ROD_WEIGHT,
+        gravity=DOWNWARD,
+    )
+
+
+def test_small_arms_with_shapes_still_swing_up(tmp_path: Path) -> None:
+    arm = swinging_arm(tmp_path)
+    problem = tm.Problem(arm, [HANGING], tm.JointGoal([UPRIGHT]))
+    assert problem.checker.pairs
+    assert may_swing(System.of(problem))
+    solution = tm.plan(problem)
+    assert solution.success
+    assert 2.0 < solution.verification.min_clearance < np.inf
+
+
+def test_links_that_hit_at_the_start_are_named_with_what_to_do() -> None:
+    arm = tm.load_robot("ur5")
+    folded = [0.0, -1.0, 3.1, 0.0, 0.0, 0.0]
+    with pytest.raises(tm.ProblemError, match="their meshes overlap, too") as caught:
+        tm.Problem(arm, folded, tm.JointGoal(np.zeros(6)))
+    assert "disable_collisions" in str(caught.value)
+    assert "self_collision=False" in str(caught.value)
+    assert (
+        tm.Problem(
+            arm, folded, tm.JointGoal(np.zeros(6)), self_collision=False
+        ).checker.pairs
+        == ()
+    )
+
+
+@pytest.mark.parametrize("value", ("yes", 1, np.zeros(3)))
+def test_self_collision_is_a_truth_value(value: object) -> None:
+    with pytest.raises(tm.ProblemError, match=r"^self_collision is "):
+        through_itself(self_collision=value)
+
+
+def arm_of_boxes(tmp_path: Path, size: str) -> tm.Robot:
+    """Three links in a row, the last as large as said; it reaches back to the first."""
+    shape = "<collision><geometry><box size='{0}'/></geometry></collision>"
+    return load(
+        tmp_path,
+        robot(
+            link("base", ""),
+            link("l1", INERTIAL + shape.format("0.5 0.1 0.1")),
+            link("l2", INERTIAL + shape.format("0.1 0.1 0.1")),
+            link("l3", INERTIAL + shape.format(size)),
+            joint("j1", "base", "l1"),
+            joint("j2", "l1", "l2"),
+            joint("j3", "l2", "l3"),
+        ),
+    )
+
+
+def test_only_links_that_always_overlap_are_left_out(tmp_path: Path) -> None:
+    # Links that overlap at two thirds of the configurations are kept apart at others.
+    always = arm_of_boxes(tmp_path, "9 9 9")
+    assert not CollisionChecker(always, tm.Scene(), self_collision=True).pairs
+    mostly = arm_of_boxes(tmp_path, "3 3 0.1")
+    checker = CollisionChecker(mostly, tm.Scene(), self_collision=True)
+    q = np.random.default_rng(0).uniform(-1.0, 2.0, size=(400, 3))
+    share = np.mean(np.any(checker.distances(q) < 0.0, axis=1))
+    assert 0.5 < share < 0.95
+    assert {frozenset(pair) for pair in checker.pairs} == {frozenset(("l1", "l3"))}
