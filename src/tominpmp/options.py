@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal, NoReturn
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 
@@ -24,7 +25,7 @@ OBJECTIVES = ("time", "feasible")
 REFINEMENTS = ("grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
-OPTIONAL = ("max_planning_time", "initial_duration", "starts")
+OPTIONAL = ("max_planning_time", "initial_duration", "starts", "control_period")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +102,10 @@ class Options(Record):
             shape (n,) or (N, n) [N m]; None for zero.
         lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the
             name of any other solver that qpsolvers knows, or "auto".
+        control_period: Period of the controller that takes the motion as samples [s]:
+            all knots and the duration become multiples of it, so that the polynomials
+            by which the controller joins the samples are the motion itself, see
+            :mod:`~tominpmp.transcription.ticks`. None leaves them where they are.
         processes: Number of processes that several starts are spread over.
         callback: Called with an IterationRecord after every iteration; returning True
             stops the planning.
@@ -131,6 +136,7 @@ class Options(Record):
     initial_duration: float | None = None
     initial_control: Array | None = None
     lp_solver: str = "auto"
+    control_period: float | None = None
     processes: int = 1
     callback: Callable[[IterationRecord], bool | None] | None = None
 
@@ -163,6 +169,7 @@ class Options(Record):
             "control_step",
             "time_step",
             "initial_duration",
+            "control_period",
         ):
             self._positive(name)
         for name in ("smoothing", "slack"):
@@ -234,7 +241,28 @@ class Options(Record):
             contact=self.contact_tolerance,
         )
 
+    def changed(self, changes: Mapping[str, Any]) -> Options:
+        """These options, some of them with other values.
+
+        Args:
+            changes: Values by name.
+
+        Raises:
+            OptionsError: If there is no option of such a name, or its value is wrong.
+        """
+        for name in changes:
+            if name not in self.names():
+                raise OptionsError(_unknown(name, self.names()), option=name)
+        return replace(self, **changes) if changes else self
+
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Names of all options."""
         return tuple(item.name for item in fields(cls))
+
+
+def _unknown(name: str, known: tuple[str, ...]) -> str:
+    """Say that there is no option of a name, and which may be meant."""
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(known)}"
+    return f"there is no option {name[:60]!r}; {hint}"

@@ -16,6 +16,9 @@ from tominpmp.attempts import (
     STOPPED,
     Attempt,
     Watch,
+    check_clock,
+    on_clock,
+    searching,
     shots,
     solve_alone,
     solve_and_verify,
@@ -72,6 +75,7 @@ def plan(
     problem: Problem,
     options: Options | None = None,
     start: Solution | Trajectory | Samples | None = None,
+    **changes: Any,
 ) -> Solution:
     """Plan a motion in minimum time.
 
@@ -82,6 +86,8 @@ def plan(
             much like its own: another goal, obstacle or limit, or a start on its way.
             It is bent to the new ends. Other guesses are made only if it leads to no
             motion, or ``options.starts`` asks for more than one.
+        **changes: Options by name, as in ``plan(problem, intervals=60)``; they go
+            before those of ``options``.
 
     Returns:
         The solution. When no motion is found, its status and message say why; on Ctrl-C
@@ -93,8 +99,8 @@ def plan(
             of other joints.
         SolverNotFound: If the solver of linear programs is not installed.
     """
-    options = resolve_options(problem, options or Options())
-    watch = Watch(options)
+    options = resolve_options(problem, (options or Options()).changed(changes))
+    watch = Watch(searching(options))
     former = None if start is None else motion_of(start)
     make = partial(make_attempts, options=options, watch=watch)
     attempts: list[Attempt] = []
@@ -112,6 +118,7 @@ def plan(
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     solution = conclude(problem, options, watch, attempts, status)
+    solution = on_clock(solution, attempts, watch)
     if options.slack is None or not solution.success or status in STOPPED:
         return solution
     return smooth(solution, options.slack)
@@ -155,6 +162,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     """
     robot = problem.robot
     method = options.method
+    check_clock(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:

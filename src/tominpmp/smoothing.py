@@ -22,6 +22,7 @@ from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification import Verification, verify
 
 NO_QUIETER = "no quieter motion was found."
@@ -30,7 +31,8 @@ NO_QUIETER = "no quieter motion was found."
 def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     """Make the torques of a motion as quiet as they can be in slightly more time.
 
-    The duration is fixed at (1 + slack) T, and the squared differences of successive
+    The duration is fixed at (1 + slack) T, or at the next multiple of the control
+    period if the motion was planned for one, and the squared differences of successive
     torques are minimised, with all limits and clearances held and the start and the
     goal met. Quadratic programs are solved one after the other, as the constraints are
     not linear, and the result is verified by its replay.
@@ -102,12 +104,13 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     after = roughness(trajectory, problem.robot.limits)
     if after >= before:
         return left(NO_QUIETER)
+    gained = trajectory.duration / former.duration - 1.0
     return replace(
         solution,
         options=replace(options, slack=share or None),
         message=f"{solution.message} Quiet torques: roughness {before:.3g} to "
-        f"{after:.3g} for {100 * share:g} % more time, T = {trajectory.duration:.4f} "
-        "s.",
+        f"{after:.3g} for {100 * gained:.3g} % more time, T = "
+        f"{trajectory.duration:.4f} s.",
         trajectory=trajectory,
         initial=former,
         planning_time=seconds,
@@ -126,8 +129,16 @@ def _quieter(
     over: Callable[[], bool],
 ) -> Trajectory | None:
     """Quieter motion in the form of the former one; None if there is none."""
-    transcription, z = _program(system, options, guess, former, intervals)
-    z = transcription.stretch(z, 1.0 + slack)
+    ticks = None
+    if options.control_period is None:
+        transcription, z = _program(system, options, guess, former, intervals)
+        z = transcription.stretch(z, 1.0 + slack)
+    else:
+        period = options.control_period
+        count = ticks_of((1.0 + slack) * former.duration, period)
+        ticks = Ticks.near(period, count, former.t, intervals)
+        clocked, z = guess.clocked_program(system, ticks)
+        transcription = clocked.inner
     best: Array | None = None
     for _ in range(EXCHANGES):
         solver = QuietSolver(transcription, options, _times(transcription, z), over)
@@ -147,7 +158,10 @@ def _quieter(
             transcription = transcription.with_rows(more)
         else:
             break
-    return None if best is None else transcription.trajectory(best)
+    if best is None:
+        return None
+    motion = transcription.trajectory(best)
+    return motion if ticks is None else ticks.timed(motion)
 
 
 def _times(transcription: Transcription, z: Array) -> Array:

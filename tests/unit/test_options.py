@@ -42,6 +42,7 @@ BAD = {
     "step_rule": NO_CHOICES,
     "control_step": [*NO_NUMBERS, *NOT_POSITIVE],
     "time_step": [*NO_NUMBERS, *NOT_POSITIVE],
+    "control_period": [*(v for v in NO_NUMBERS if v is not None), *NOT_POSITIVE],
     "initial_duration": [*(v for v in NO_NUMBERS if v is not None), *NOT_POSITIVE],
     "initial_control": [
         "zero",
@@ -83,6 +84,7 @@ GOOD = {
     "step_rule": [(value, value) for value in STEP_RULES],
     "control_step": [(0.05, 0.05)],
     "time_step": [(0.01, 0.01)],
+    "control_period": [(None, None), (0.004, 0.004)],
     "initial_duration": [(None, None), (1.5, 1.5)],
     "initial_control": [(None, None)],
     "lp_solver": [(value, value) for value in (*LP_SOLVERS, "clarabel")],

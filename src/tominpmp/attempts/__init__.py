@@ -1,6 +1,7 @@
 """Attempts: what one initial guess, or a former motion, leads to."""
 
 from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.clock import check_clock, on_clock, searching
 from tominpmp.attempts.continuation import (
     solve_from_former,
     solve_with_continuous_accelerations,
@@ -13,6 +14,9 @@ __all__ = [
     "STOPPED",
     "Attempt",
     "Watch",
+    "check_clock",
+    "on_clock",
+    "searching",
     "shots",
     "solve_alone",
     "solve_and_verify",

@@ -66,6 +66,16 @@ Refine = Annotated[
         "NAME",
     ),
 ]
+ControlPeriod = Annotated[
+    float | None,
+    _option(
+        PLANNING,
+        "--control-period",
+        "Period of the controller that takes the motion as samples (s), 0.004 say: "
+        "knots and duration become multiples of it.",
+        "SECONDS",
+    ),
+]
 Processes = Annotated[
     int | None,
     _option(PLANNING, "--processes", "Processes that try initial guesses.", "N"),

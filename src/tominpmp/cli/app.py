@@ -129,6 +129,7 @@ def plan(
     processes: aims.Processes = None,
     objective: aims.Objective = None,
     slack: aims.Slack = None,
+    control_period: aims.ControlPeriod = None,
     start_from: aims.StartFrom = None,
     lp_solver: a.LpSolver = None,
     output: a.MotionFile = None,
@@ -184,6 +185,7 @@ def plan(
         "processes": processes,
         "objective": objective,
         "slack": slack,
+        "control_period": control_period,
         "lp_solver": lp_solver,
     }
     output_request = OutputRequest(

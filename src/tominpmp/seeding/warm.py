@@ -24,6 +24,7 @@ from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ticks import ClockedTranscription, Ticks
 
 # Samples for what needs the shape only.
 SAMPLES = 400
@@ -146,15 +147,23 @@ class FormerMotion(Guess):
                 system, interval_shares(kind, intervals), T
             )
             return transcription, transcription.start(self.position, T)
-        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
+        return self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
+
+    def _inverse_on(
+        self, system: System, shares: Array, duration: float
+    ) -> tuple[InverseTranscription, Array]:
+        """Program in constant accelerations on intervals of given shares."""
+        T = self.duration
+        nodes = T * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+        transcription = InverseTranscription(system, shares, duration)
         q = self.position(nodes)
         middle = self.position(0.5 * (nodes[1:] + nodes[:-1]))
         points = self.within(2.0 * middle - 0.5 * (q[1:] + q[:-1]))
         points[0], points[-1] = q[0], q[-1]
         v_end = system.final_velocity
         if v_end is None:
-            v_end = motion(motion.duration).v
-        return transcription, transcription.pack(points, v_end, np.array([T]))
+            v_end = self.trajectory(self.trajectory.duration).v
+        return transcription, transcription.pack(points, v_end, np.array([duration]))
 
     def spline_program(
         self, system: System, intervals: int, kind: str, degree: int
@@ -164,12 +173,35 @@ class FormerMotion(Guess):
         own = np.diff(self.nodes)[:, None] / self.duration
         if own.shape == shares.shape:
             shares = own
+        return self._spline_on(system, shares, self.duration, degree)
+
+    def _spline_on(
+        self, system: System, shares: Array, duration: float, degree: int
+    ) -> tuple[BSplineTranscription, Array]:
+        """Program in a B-spline on intervals of given shares."""
         transcription = BSplineTranscription(system, shares, degree)
         # As many in each interval, however short: each has a control point.
         starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
         fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
         wanted = self.position(fit * self.duration)
-        return transcription, transcription.fitted(fit, wanted, self.duration)
+        return transcription, transcription.fitted(fit, wanted, duration)
+
+    def clocked_program(
+        self, system: System, ticks: Ticks
+    ) -> tuple[ClockedTranscription, Array]:
+        """Program on the clock of a controller, and an iterate near to the motion.
+
+        In a B-spline if the accelerations of the motion are continuous, else in
+        constant accelerations; the motion is stretched to the time of the ticks.
+        """
+        motion, T = self.trajectory, ticks.duration
+        inner: InverseTranscription | BSplineTranscription
+        if self.continuous:
+            degree = 3 if motion.a is None else 5
+            inner, z = self._spline_on(system, ticks.shares, T, degree)
+        else:
+            inner, z = self._inverse_on(system, ticks.shares, T)
+        return ClockedTranscription(inner, ticks), z
 
     def lifted_program(
         self, system: System, intervals: int, kind: str

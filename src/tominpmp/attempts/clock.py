@@ -1,0 +1,357 @@
+"""Motions on the clock of a controller: the last stage of a plan with a period.
+
+The motion that was found freely lasts so many periods and a bit. Its knots are moved to
+ticks, and a few linear programs find a motion on these knots that lasts one period
+more at most, or a few where that cannot be. What a controller makes of its samples is
+this motion itself, see :mod:`~tominpmp.transcription.ticks`, and so its replay judges
+what the controller will do.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.guessed import EXCHANGES, NEARLY, SMOOTHING_SHARE
+from tominpmp.attempts.watch import Watch
+from tominpmp.exceptions import OptionsError
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.seeding.warm import FormerMotion, former_motion
+from tominpmp.solution import IterationRecord, Solution, Status
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.lp import make_solver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.trajectory import MAX_SAMPLES, Trajectory
+from tominpmp.transcription.exchange import OVERLOAD
+from tominpmp.transcription.system import System
+from tominpmp.transcription.ticks import ClockedTranscription, Ticks, ticks_of
+from tominpmp.verification.verdict import Verification, verify
+
+logger = logging.getLogger(__name__)
+
+# Share of the planning time after which a motion without a clock is made do.
+SEARCH_SHARE = 0.7
+# Time for this stage once planning was interrupted [s].
+PATIENCE = 1.0
+# The motion is near to what it comes from: share of the usual trust region, iterations.
+RADIUS = 0.3
+ITERATIONS = 15
+# Numbers of periods that are tried, and by how much more of them the next try has
+# where nothing tells: by one, and by shares of the number later on.
+TRIES = 12
+LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
+# A motion has so many periods at least; the shortest have more than they need.
+FEWEST = 4
+# How a plan ends that has found no motion on the clock.
+NO_CLOCK = (*STOPPED, Status.UNVERIFIED)
+# A lower bound is mentioned if T is above it by less than this share.
+TELLING = 1.0
+# Intervals are halved where the replay of a motion is not all right, up to so many.
+MOST_INTERVALS = 400
+
+
+def check_clock(problem: Problem, options: Options) -> None:
+    """Refuse options and robots that know no clock.
+
+    Raises:
+        OptionsError: If a joint has no motor, or torques are to switch exactly.
+    """
+    if options.control_period is None:
+        return
+    passive = problem.robot.passive_joints
+    if passive:
+        raise OptionsError(
+            f"control_period is {options.control_period:g} s, and {', '.join(passive)} "
+            "has no motor: no controller makes it follow samples; expected None for "
+            "this robot",
+            "control_period",
+        )
+    if options.refine == "switching":
+        raise OptionsError(
+            "refine is 'switching', which places switches between ticks, and "
+            f"control_period is {options.control_period:g} s, which allows them at "
+            "ticks only: expected refine 'grid' or None",
+            "refine",
+        )
+
+
+def searching(options: Options) -> Options:
+    """Options for the search without a clock, which leaves some of the time."""
+    limit = options.max_planning_time
+    if options.control_period is None or limit is None:
+        return options
+    return replace(options, max_planning_time=SEARCH_SHARE * limit)
+
+
+def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> Solution:
+    """Bring the motion of a solution to the clock of its options.
+
+    Args:
+        solution: What planning without the clock has led to.
+        attempts: All that it has tried: where the fastest motion cannot be brought to
+            the clock, another one may.
+        watch: Time that was spent.
+
+    Returns:
+        The solution on the clock; what was given where there is no motion. Where none
+        on the clock is found, it is no success, and the message says so.
+
+    Raises:
+        OptionsError: If the period does not suit the duration of the motion.
+    """
+    options, period = solution.options, solution.options.control_period
+    if period is None or not solution.success:
+        return solution
+    assert solution.trajectory is not None  # noqa: S101
+    check_period(period, solution.trajectory.duration)
+    monitor = _monitor(options, solution.status, watch)
+    found = sorted((a for a in attempts if a.found), key=lambda a: a.duration)
+    outcome = Clocked(Status.INFEASIBLE)
+    history, remark = list(solution.history), ""
+    try:
+        for attempt in found:
+            outcome = _bring(solution.problem, options, attempt.trajectory, monitor)
+            remark = attempt.remark
+            history += _numbered(outcome.history, attempts.index(attempt), attempt)
+            if outcome.trajectory is not None or outcome.status in STOPPED:
+                break
+    except KeyboardInterrupt:
+        outcome = Clocked(Status.INTERRUPTED)
+    solution = replace(solution, history=tuple(history), planning_time=watch.seconds)
+    if outcome.trajectory is None:
+        return _failed(solution, outcome, period)
+    return _succeeded(solution, outcome, remark, period)
+
+
+def _numbered(
+    records: Sequence[IterationRecord], start: int, former: Attempt
+) -> list[IterationRecord]:
+    """Records of this stage as those of the attempt that it goes on from."""
+    first = len(former.history)
+    return [
+        replace(record, start=start, iteration=first + number)
+        for number, record in enumerate(records)
+    ]
+
+
+def check_period(period: float, duration: float) -> None:
+    """Refuse periods that do not suit a motion.
+
+    Raises:
+        OptionsError: If a period is longer than half of it, or far too short.
+    """
+    if period > 0.5 * duration:
+        raise OptionsError(
+            f"control_period is {period:g} s, and the motion takes {duration:.4g} s: "
+            "expected half of that at most",
+            "control_period",
+        )
+    if not duration / period <= MAX_SAMPLES:
+        raise OptionsError(
+            f"control_period is {period:g} s, too short for a motion of "
+            f"{duration:.4g} s: more than {MAX_SAMPLES} samples",
+            "control_period",
+        )
+
+
+@dataclass
+class Deadline:
+    """Monitor of this stage: ends it at a time, or when the callback says so.
+
+    Attributes:
+        options: Callback and feasibility.
+        watch: Time that was spent.
+        until: End on the clock of ``perf_counter`` [s]; None for no end.
+        goal: Duration that need not be improved [s].
+    """
+
+    options: Options
+    watch: Watch
+    until: float | None
+    goal: float = 0.0
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is used up."""
+        return self.until is not None and time.perf_counter() >= self.until
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        callback = self.options.callback
+        seen = replace(record, start=self.watch.start, seconds=self.watch.seconds)
+        if callback is not None and callback(seen):
+            return Status.INTERRUPTED
+        within = record.violation <= self.options.feasibility
+        if within and record.duration <= self.goal * (1.0 + 1e-12):
+            return Status.FEASIBLE
+        return Status.TIME_LIMIT if self.over else None
+
+
+def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
+    limit = options.max_planning_time
+    now = time.perf_counter()
+    until = None if limit is None else now - watch.seconds + limit
+    if status is Status.INTERRUPTED:
+        # Who interrupts wants the motion soon; without a clock it is none.
+        until = min(now + PATIENCE, np.inf if until is None else until)
+        options = replace(options, callback=None)
+    return Deadline(options, watch, until)
+
+
+@dataclass(frozen=True, eq=False)
+class Clocked:
+    """What the search for a motion on the clock led to.
+
+    Attributes:
+        status: How it ended.
+        trajectory: The motion; None if there is none.
+        verification: Its replay, or that of the last motion that did not pass.
+        history: Records of all iterations.
+        violations: Largest violations of the last iterate by kind.
+    """
+
+    status: Status
+    trajectory: Trajectory | None = None
+    verification: Verification | None = None
+    history: tuple[IterationRecord, ...] = ()
+    violations: dict[str, float] = field(default_factory=dict)
+
+
+def _bring(
+    problem: Problem, options: Options, motion: Trajectory, monitor: Deadline
+) -> Clocked:
+    """Look for a motion on the clock near one without."""
+    period = options.control_period
+    assert period is not None  # noqa: S101
+    system = System.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
+    guess = former_motion(system, motion)
+    intervals = motion.t.size - 1
+    count = max(ticks_of(motion.duration, period), FEWEST)
+    last = Clocked(Status.INFEASIBLE)
+    for attempt in range(TRIES):
+        ticks = Ticks.near(period, count, motion.t, intervals)
+        program, z, result = _solve(system, options, guess, ticks, monitor)
+        history = (*last.history, *result.history)
+        logger.info(
+            "%d intervals on %d ticks: %s", ticks.intervals, count, result.status.value
+        )
+        last = replace(last, status=result.status, history=history)
+        if z is not None:
+            trajectory = ticks.timed(program.trajectory(z))
+            verification = verify(
+                problem, trajectory, options.tolerances, checker=problem.checker
+            )
+            last = replace(last, verification=verification)
+            if verification.ok:
+                return replace(last, trajectory=trajectory)
+            last = replace(last, status=Status.UNVERIFIED)
+        if result.status in STOPPED or monitor.over:
+            stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
+            return replace(last, status=stopped)
+        count = _next_count(count, attempt, ticks, result)
+        if z is not None or result.best is None:
+            intervals = min(2 * intervals, max(intervals, MOST_INTERVALS))
+    return last
+
+
+def _next_count(count: int, attempt: int, ticks: Ticks, result: SlpResult) -> int:
+    """Number of periods of the next try."""
+    if result.best is not None:
+        needed = ticks_of(result.best.duration, ticks.period)
+        if needed > count:
+            return needed
+    return count + 1 + int(LONGER[min(attempt, len(LONGER) - 1)] * count)
+
+
+def _solve(
+    system: System,
+    options: Options,
+    guess: FormerMotion,
+    ticks: Ticks,
+    monitor: Deadline,
+) -> tuple[ClockedTranscription, Array | None, SlpResult]:
+    """Look for a motion on given knots.
+
+    Returns:
+        Program, an iterate that keeps all constraints and lasts as long as the ticks,
+        if there is one, and the last outcome.
+    """
+    near = replace(
+        options,
+        objective="time",
+        trust_region=RADIUS * options.trust_region,
+        max_iterations=min(options.max_iterations, ITERATIONS),
+    )
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * ticks.duration
+    monitor.goal = ticks.duration
+    lp = make_solver(options.lp_solver)
+    program, z = guess.clocked_program(system, ticks)
+    program = program.with_more_rows(z, -NEARLY) or program
+    result: SlpResult | None = None
+    for _ in range(EXCHANGES):
+        solver = SlpSolver(program, near, smoothing, lp, monitor)
+        result = solver.run(z, after=result)
+        z = result.iterate.z if result.best is None else result.best.z
+        if result.status in STOPPED or result.best is None:
+            break
+        more = program.with_more_rows(z, OVERLOAD)
+        if more is None:
+            break
+        program = more
+    assert result is not None  # noqa: S101
+    kept = program.on_clock(z)
+    if result.best is None or kept is None:
+        return program, None, result
+    worst = np.max(program.rows.violation(program.evaluate(kept)), initial=0.0)
+    return program, kept if worst <= options.feasibility else None, result
+
+
+def _succeeded(
+    solution: Solution, outcome: Clocked, remark: str, period: float
+) -> Solution:
+    """The solution with the motion on the clock."""
+    motion, free = outcome.trajectory, solution.trajectory
+    assert motion is not None and free is not None  # noqa: S101
+    T = motion.duration
+    message = (
+        f"{solution.status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
+        f"{period:g} s, {100 * (T / free.duration - 1.0):.2f} % above the motion "
+        "without such a clock"
+    )
+    solution = replace(
+        solution,
+        trajectory=motion,
+        verification=outcome.verification,
+        violations={},
+    )
+    gap = solution.gap
+    if gap is not None and gap < TELLING:
+        message += f" and {100 * gap:.1f} % above what none can beat"
+    return replace(solution, message=f"{message}. {remark}".rstrip())
+
+
+def _failed(solution: Solution, outcome: Clocked, period: float) -> Solution:
+    """The solution as a failure: the motion that it keeps knows no clock."""
+    status = outcome.status if outcome.status in NO_CLOCK else Status.INFEASIBLE
+    reasons = {
+        Status.TIME_LIMIT: "the planning time was used up",
+        Status.INTERRUPTED: "the planning was interrupted",
+    }
+    reason = reasons.get(status, "none of the numbers of periods tried would do")
+    if status is Status.UNVERIFIED and outcome.verification is not None:
+        reason = outcome.verification.message.rstrip(".")
+    message = (
+        f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
+        f"motion that is kept, T = {solution.T:.4f} s, keeps all else, but its knots "
+        "are not on the clock."
+    )
+    return replace(solution, status=status, message=message, feasible=False)

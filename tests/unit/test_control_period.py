@@ -1,0 +1,441 @@
+"""Motions on the clock of a controller, judged as the controller interpolates them.
+
+What comes out is sampled at the period, joined by SciPy's polynomials as the joint
+trajectory controller does it (cubic ones through positions and velocities; of degree 5
+through accelerations, where these do not jump), and torques are computed anew by
+Pinocchio's ``rnea``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.interpolate import BPoly, CubicHermiteSpline
+
+import tominpmp as tm
+from tominpmp.exceptions import OptionsError
+from tominpmp.planner import plan
+from tominpmp.transcription.ticks import Ticks, ticks_of
+
+PERIODS = (0.001, 0.004, 0.008)
+# Instants of every period at which the interpolated motion is looked at.
+SHARES = np.array([0.0, 0.07, 0.21, 0.4, 0.5, 0.63, 0.79, 0.94, 1.0])
+LIMITS = tm.MotionLimits(acceleration=14.0, jerk=900.0, effort_rate=3000.0)
+
+TIP = "ee_link"
+UR5_END = (-0.5, -1.6, 0.7, 0.4, 0.1, 1.0)
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return tm.load_robot("ur5")
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return tm.load_robot("planar3r")
+
+
+def ur5_problem(robot, **changes):
+    start = (0.4, -1.1, 1.3, -0.7, 0.6, 0.2)
+    return tm.Problem(robot, start, tm.JointGoal(UR5_END), **changes)
+
+
+def planar_problem(robot, **changes):
+    goal = changes.pop("goal", tm.JointGoal((0.9, -1.2, -0.9)))
+    return tm.Problem(robot, (0.5, 1.7, -1.7), goal, **changes)
+
+
+def torques(robot, q, v, a):
+    """Torques by Pinocchio with viscous friction."""
+    model = robot.model
+    data = model.createData()
+    rows = [pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)]
+    return np.array(rows) + robot.damping * v
+
+
+def as_interpolated(samples, *, quintic):
+    """Positions, velocities, accelerations between samples, as a controller has them.
+
+    Each period by itself, so that values at its end are those before a jump.
+    """
+    t, state = samples.t, (samples.q, samples.v, samples.a)
+    times = (t[:-1, None] + np.diff(t)[:, None] * SHARES).ravel()
+    parts = [[], [], []]
+    for k, (begin, end) in enumerate(pairwise(t)):
+        inside = begin + (end - begin) * SHARES
+        if quintic:
+            ends = [[part[j] for part in state] for j in (k, k + 1)]
+            curve = BPoly.from_derivatives([begin, end], np.array(ends))
+        else:
+            curve = CubicHermiteSpline(
+                [begin, end], samples.q[k : k + 2], samples.v[k : k + 2]
+            )
+        for order, rows in enumerate(parts):
+            rows.append(curve.derivative(order)(inside) if order else curve(inside))
+    return times, *(np.concatenate(rows) for rows in parts)
+
+
+def check(solution, period, *, limits=None):
+    """Whatever the motion, what holds on the clock of a controller."""
+    assert solution.success, solution.message
+    assert solution.verification.ok
+    assert solution.options.control_period == period
+    robot, motion = solution.problem.robot, solution.trajectory
+    ticks = motion.t / period
+    assert np.all(np.abs(ticks - np.rint(ticks)) <= 1e-12 * np.maximum(ticks, 1.0))
+    samples = motion.sample(period)
+    count = round(motion.duration / period)
+    assert samples.t.size == count + 1
+    np.testing.assert_array_equal(samples.t, np.arange(count + 1) * period)
+    np.testing.assert_allclose(motion.q[0], solution.problem.q_start, atol=1e-12)
+    smooth = motion.a is None or motion.a.shape[0] == motion.t.size
+    cubic = motion.a is None or motion.a.shape[0] == motion.t.size - 1
+    bound = robot.limits
+    for quintic in [False] * cubic + [True] * smooth:
+        times, q, v, a = as_interpolated(samples, quintic=quintic)
+        planned = motion(times)
+        speed = np.max(np.abs(planned.v))
+        np.testing.assert_allclose(q, planned.q, atol=1e-9)
+        np.testing.assert_allclose(v, planned.v, atol=1e-7 * max(speed, 1.0))
+        u = torques(robot, q, v, a)
+        half = 0.5 * (bound.effort_upper - bound.effort_lower)
+        assert np.all(u <= bound.effort_upper + 5e-3 * half)
+        assert np.all(u >= bound.effort_lower - 5e-3 * half)
+        assert np.all(np.abs(v) <= bound.velocity * 1.005)
+        assert np.all(q <= bound.position_upper + 1e-6)
+        assert np.all(q >= bound.position_lower - 1e-6)
+        if limits is not None:
+            names = robot.joint_names
+            assert np.all(np.abs(a) <= 1.005 * limits.by_joint("acceleration", names))
+            inside = a.reshape(count, SHARES.size, -1)
+            jerk = np.diff(inside, axis=1) / (period * np.diff(SHARES)[:, None])
+            assert np.all(np.abs(jerk) <= 1.005 * limits.by_joint("jerk", names) + 1e-3)
+
+
+@pytest.mark.parametrize("period", PERIODS)
+@pytest.mark.parametrize("limits", [None, LIMITS], ids=["torques", "limits"])
+def test_the_interpolated_motion_is_the_planned_one(ur5, period, limits):
+    problem = ur5_problem(ur5, motion_limits=limits)
+    free = tm.plan(problem)
+    solution = tm.plan(problem, control_period=period)
+    check(solution, period, limits=limits)
+    # What is given away is little, and never less than nothing.
+    assert solution.T >= free.T * (1.0 - 1e-3)
+    assert solution.T <= 1.03 * free.T
+    np.testing.assert_allclose(solution.trajectory.q[-1], problem.goal.q, atol=1e-9)
+    assert f"{period:g} s" in solution.message
+
+
+def test_without_a_period_samples_break_torque_limits(ur5):
+    """The defect: what a controller makes of samples was not what was planned."""
+    problem = ur5_problem(ur5)
+    samples = tm.plan(problem, control="constant").trajectory.sample(0.008)
+    _, q, v, a = as_interpolated(samples, quintic=False)
+    excess = np.abs(torques(ur5, q, v, a)) - ur5.limits.effort_upper
+    assert np.max(excess) > 1.0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"control": "constant"},
+        {"control": "linear"},
+        {"control": "spline"},
+        {"method": "inverse"},
+        {"method": "collocation"},
+        {"method": "adjoint"},
+        {"refine": "grid"},
+        {"intervals": 8},
+        {"grid": "uniform"},
+        {"starts": 3, "seed": 4},
+        {"objective": "feasible"},
+        {"slack": 0.02},
+        {"slack": 0.02, "control": "constant"},
+        {"lp_solver": "highs"},
+        {"smoothing": 0.0},
+        {"max_planning_time": 60.0},
+    ],
+    ids=str,
+)
+def test_all_options_keep_the_clock(planar, options):
+    problem = planar_problem(planar)
+    free = tm.plan(problem, **options)
+    solution = tm.plan(problem, control_period=0.01, **options)
+    check(solution, 0.01)
+    if options.get("objective") != "feasible":
+        assert solution.T <= 1.03 * free.T + 0.01
+
+
+def test_spline_motions_are_joined_by_quintic_polynomials(planar):
+    solution = tm.plan(planar_problem(planar), control="spline", control_period=0.01)
+    motion = solution.trajectory
+    assert motion.a is not None and motion.a.shape == motion.q.shape
+    check(solution, 0.01)
+
+
+def test_the_penalty_method_is_brought_to_the_clock(planar):
+    problem = planar_problem(planar)
+    solution = tm.plan(problem, method="penalty", control_period=0.01)
+    if tm.plan(problem, method="penalty").success:
+        check(solution, 0.01)
+    else:
+        assert not solution.success
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        tm.PositionGoal(TIP, (0.4, 0.3, 0.5)),
+        tm.PositionGoal(TIP, (0.4, 0.3, 0.5), (0.2, 0.0, 0.1)),
+        tm.JointGoal(UR5_END, (0.5, 0.2, -0.3, 0.1, 0.0, 1.0)),
+        tm.JointRegionGoal(UR5_END, np.full(6, 0.1)),
+        tm.AnyGoal([tm.JointGoal(UR5_END), tm.PositionGoal(TIP, (0.4, 0.3, 0.5))]),
+    ],
+    ids=["position", "moving position", "moving joints", "region", "any"],
+)
+@pytest.mark.parametrize("moving", [False, True])
+def test_goals_of_all_kinds_and_moving_starts(ur5, goal, moving):
+    v_start = (0.6, -0.4, 0.2, 0.0, 0.5, -0.5) if moving else np.zeros(6)
+    problem = replace(ur5_problem(ur5), goal=goal, v_start=v_start)
+    quick = {"starts": 1, "intervals": 20}
+    solution = tm.plan(problem, control_period=0.008, **quick)
+    check(solution, 0.008)
+    free = tm.plan(problem, **quick)
+    assert solution.T <= 1.03 * free.T + 0.008
+    np.testing.assert_allclose(solution.trajectory.v[0], v_start, atol=1e-9)
+
+
+@pytest.mark.parametrize("control", ["constant", "linear"])
+def test_obstacles_that_move_are_met_on_time(planar, control):
+    """Time matters: the motion is not merely stretched."""
+    ball = tm.Sphere(
+        "ball",
+        radius=0.6,
+        position=(3.2, -3.0, 0.0),
+        motion=tm.ConstantVelocity(velocity=(0.0, 2.5, 0.0)),
+    )
+    problem = planar_problem(planar, scene=tm.Scene([ball]), margin=0.02)
+    solution = tm.plan(problem, control=control, intervals=20, control_period=0.01)
+    check(solution, 0.01)
+    # Sampled and joined as the controller does, at the times at which it is there.
+    times, q, _, _ = as_interpolated(solution.trajectory.sample(0.01), quintic=False)
+    room = problem.checker.distances(q, times=times)
+    assert np.min(room) > 0.02 - 2e-5
+    assert solution.verification.min_clearance > 0.02 - 2e-5
+
+
+def test_obstacles(ur5):
+    post = tm.Cylinder("post", radius=0.05, length=1.0, position=(0.5, 0.1, 0.5))
+    problem = ur5_problem(ur5, scene=tm.Scene([post]), margin=0.01)
+    solution = tm.plan(problem, control_period=0.004)
+    check(solution, 0.004)
+    _, q, _, _ = as_interpolated(solution.trajectory.sample(0.004), quintic=False)
+    assert np.min(problem.checker.distances(q)) > 0.01 - 2e-5
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        tm.MotionLimits(effort_scale=0.8),
+        tm.MotionLimits(effort_curves={"joint2": tm.EffortCurve.droop(60.0, 6.0)}),
+        tm.MotionLimits(effort_rate=400.0),
+        tm.MotionLimits(jerk=60.0),
+        tm.MotionLimits(acceleration=8.0),
+    ],
+    ids=["share", "torque over speed", "torque rate", "jerk", "acceleration"],
+)
+def test_motion_limits_of_all_kinds(planar, limits):
+    if limits.effort_curves:
+        curve = next(iter(limits.effort_curves.values()))
+        limits = replace(limits, effort_curves={planar.joint_names[1]: curve})
+    problem = planar_problem(planar, motion_limits=limits)
+    solution = tm.plan(problem, control_period=0.01)
+    check(solution, 0.01)
+    assert solution.T <= 1.03 * tm.plan(problem).T + 0.01
+
+
+def test_warm_starts(planar):
+    former = tm.plan(planar_problem(planar), control_period=0.01)
+    near = planar_problem(planar, goal=tm.JointGoal((0.92, -1.18, -0.9)))
+    for start in (former, tm.plan(planar_problem(planar)).trajectory):
+        check(tm.plan(near, start=start, control_period=0.01), 0.01)
+    same = tm.plan(former.problem, start=former, control_period=0.01)
+    check(same, 0.01)
+    assert same.T <= former.T + 1e-9
+
+
+def test_a_motion_on_the_clock_can_be_made_quiet(planar):
+    solution = tm.plan(planar_problem(planar), control_period=0.01)
+    quiet = tm.smooth(solution, 0.03)
+    check(quiet, 0.01)
+    assert quiet.roughness < solution.roughness
+    count = round(quiet.T / 0.01)
+    assert 1.03 * solution.T <= quiet.T + 1e-9 < 1.03 * solution.T + 0.01
+    assert quiet.T == count * 0.01
+
+
+def test_a_coarse_clock_has_a_knot_a_tick(planar):
+    """Half of the motion at most; the fewer ticks, the more of them are knots."""
+    problem = planar_problem(planar)
+    free = tm.plan(problem)
+    for period in (0.05, free.T / 7.5, free.T / 2.1):
+        check(tm.plan(problem, control_period=period), period)
+
+
+@pytest.mark.parametrize(
+    "period",
+    [0, 0.0, -0.004, np.nan, np.inf, "0.004", "4ms", [0.004], True, 1j, object()],
+    ids=repr,
+)
+def test_wrong_periods(planar, period):
+    with pytest.raises(OptionsError, match=r"^control_period is ") as caught:
+        tm.plan(planar_problem(planar), control_period=period)
+    assert caught.value.option == "control_period"
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0, 50.0])
+def test_a_period_longer_than_half_of_the_motion(planar, share):
+    problem = planar_problem(planar)
+    period = share * tm.plan(problem).T
+    with pytest.raises(OptionsError, match="expected half of that at most"):
+        tm.plan(problem, control_period=period)
+
+
+@pytest.mark.parametrize("period", [1e-9, 1e-300, 5e-324])
+def test_a_period_that_gives_too_many_samples(planar, period):
+    with pytest.raises(OptionsError, match="too short"):
+        tm.plan(planar_problem(planar), control_period=period)
+
+
+def test_exact_switches_are_not_on_a_clock(planar):
+    with pytest.raises(OptionsError, match="between ticks"):
+        tm.plan(planar_problem(planar), refine="switching", control_period=0.01)
+
+
+def test_no_controller_interpolates_joints_without_motors():
+    arm = tm.load_robot("planar3r", effort=[50.0, 50.0, 0.0], gravity=(0, 0, 0))
+    assert arm.passive_joints
+    with pytest.raises(OptionsError, match="has no motor"):
+        tm.plan(planar_problem(arm), control_period=0.01)
+
+
+def test_options_by_name(planar):
+    problem = planar_problem(planar)
+    given = tm.Options(intervals=12, control_period=0.02, starts=2)
+    solution = tm.plan(problem, given, intervals=16, control_period=0.01)
+    assert (solution.options.intervals, solution.options.starts) == (16, 2)
+    check(solution, 0.01)
+    off = plan(problem, given, control_period=None)
+    assert off.options.control_period is None
+    assert given.intervals == 12
+    with pytest.raises(OptionsError, match="did you mean 'intervals'") as caught:
+        tm.plan(problem, interval_s=60)
+    assert caught.value.option == "interval_s"
+    with pytest.raises(OptionsError, match="did you mean 'control_period'"):
+        tm.plan(problem, given, controlperiod=0.01)
+    with pytest.raises(OptionsError, match="there are: method, intervals"):
+        tm.plan(problem, zzz=1)
+    with pytest.raises(OptionsError, match=r"^intervals is "):
+        tm.plan(problem, intervals=0)
+
+
+def count_calls(problem):
+    """How often the callback is called without a clock."""
+    calls = []
+    tm.plan(problem, callback=calls.append)
+    return len(calls)
+
+
+def test_no_time_for_the_clock(planar):
+    """A motion without the clock is no success, and is not lost either."""
+    problem, calls = planar_problem(planar), []
+    before = count_calls(problem)
+
+    def stop(record):
+        calls.append(record)
+        return len(calls) > before
+
+    solution = tm.plan(problem, callback=stop, control_period=0.01)
+    assert len(calls) == before + 1
+    assert not solution.success
+    assert solution.status is tm.Status.INTERRUPTED
+    assert "No motion on a clock of 0.01 s was found" in solution.message
+    assert "the planning was interrupted" in solution.message
+    assert solution.trajectory is not None
+    assert solution.T == np.inf
+
+
+@pytest.mark.parametrize("how", ["callback", "signal"])
+def test_a_motion_that_was_interrupted_is_brought_to_the_clock(ur5, how):
+    def stop(record):
+        ended = record.violation < 1e-6 and record.iteration >= 2
+        if ended and how == "signal":
+            raise KeyboardInterrupt
+        return ended
+
+    problem = ur5_problem(ur5, motion_limits=LIMITS)
+    assert tm.plan(problem, callback=stop).success
+    solution = tm.plan(problem, callback=stop, control_period=0.004)
+    assert solution.status is tm.Status.INTERRUPTED
+    check(solution, 0.004)
+
+
+def test_an_interrupt_while_the_clock_is_sought(planar, monkeypatch):
+    def interrupt(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tominpmp.attempts.clock._solve", interrupt)
+    solution = tm.plan(planar_problem(planar), control_period=0.01)
+    assert not solution.success
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.trajectory is not None
+
+
+def test_part_of_the_time_is_kept_for_the_clock(planar):
+    """However short the time, what is called a success is on the clock."""
+    problem = planar_problem(planar)
+    for seconds in (0.02, 0.1, 0.3):
+        solution = tm.plan(problem, max_planning_time=seconds, control_period=0.01)
+        if solution.success:
+            check(solution, 0.01)
+
+
+def test_where_no_number_of_periods_will_do(planar, monkeypatch):
+    """The message says that the motion is not on the clock; success is not claimed."""
+    monkeypatch.setattr("tominpmp.attempts.clock.TRIES", 1)
+    monkeypatch.setattr(
+        "tominpmp.attempts.clock.ticks_of", lambda T, period: int(0.8 * T / period)
+    )
+    solution = tm.plan(planar_problem(planar), control_period=0.01)
+    assert not solution.success
+    assert solution.status is tm.Status.INFEASIBLE
+    assert "No motion on a clock of 0.01 s was found" in solution.message
+
+
+def test_scenario_files_keep_the_period(planar, tmp_path: Path):
+    path = tmp_path / "problem.toml"
+    tm.save_scenario(path, planar_problem(planar), tm.Options(control_period=0.004))
+    assert "control_period = 0.004" in path.read_text()
+    scenario = tm.load_scenario(path)
+    assert scenario.options.control_period == 0.004
+    check(tm.plan(scenario.problem, scenario.options), 0.004)
+
+
+def test_knots_near_nodes():
+    nodes = np.array([0.0, 0.001, 0.4, 0.404, 0.9, 1.0])
+    ticks = Ticks.near(0.1, 10, nodes)
+    assert ticks.knots.tolist() == [0, 4, 9, 10]
+    assert ticks.duration == pytest.approx(1.0)
+    np.testing.assert_allclose(ticks.shares[:, 0], [0.4, 0.5, 0.1])
+    # Filled up where more intervals are wanted, to one a tick at most.
+    assert Ticks.near(0.1, 10, nodes, 5).knots.tolist() == [0, 2, 4, 6, 9, 10]
+    assert Ticks.near(0.1, 10, nodes, 99).knots.tolist() == list(range(11))
+    assert ticks_of(1.0, 0.1) == 10
+    assert ticks_of(1.0 + 1e-9, 0.1) == 10
+    assert ticks_of(1.0 + 1e-4, 0.1) == 11
