@@ -265,7 +265,7 @@ def planar() -> Robot:
 
 def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
     """All readers; files that theirs refer to are put into the folder."""
-    from tominpmp.output import export, ros
+    from tominpmp.output import bag, ros, tables
 
     good = folder / "good"
     good.mkdir(exist_ok=True)
@@ -307,10 +307,11 @@ def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
             lambda p: tm.load_motion_limits(p, arm),
             scenario,
         ),
-        Reader("motion.csv", written(export._write_csv), read_motion, scenario),
-        Reader("motion.npz", written(export._write_npz), read_motion, scenario),
+        Reader("motion.csv", written(tables.write_csv), read_motion, scenario),
+        Reader("motion.npz", written(tables.write_npz), read_motion, scenario),
         Reader("motion.json", written(ros.write_json), read_motion, scenario),
         Reader("motion.yaml", written(ros.write_yaml), read_motion, scenario),
+        Reader("motion.mcap", written(bag.write_bag), read_motion, scenario),
         Reader("mesh.stl", stl(), lambda p: tm.Mesh("m", path=p), tm.SceneError),
         Reader("mesh.obj", OBJ, lambda p: tm.Mesh("m", path=p), tm.SceneError),
     ]

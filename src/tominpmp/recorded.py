@@ -1,8 +1,16 @@
-"""Motions from files as trajectories of a robot, whoever planned them."""
+"""Motions from samples as trajectories of a robot, whoever planned them.
+
+What samples are between their times is up to whoever reads them. A controller follows a
+rule: straight lines between positions, cubics where there are velocities, polynomials
+of degree 5 where there are accelerations too; so are messages for it joined. A table
+in CSV or NPZ is a record of a motion, for which the motion is looked for that it was
+taken from.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -10,7 +18,9 @@ from scipy.interpolate import CubicSpline
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
+from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.trajectory import Samples, Trajectory
 
 # A locked joint may be this far from its place in a recorded motion [rad or m].
@@ -23,6 +33,32 @@ NANOSECOND = 1e-9
 # Deviation of a change of velocity from the mean of the accelerations before and after,
 # relative to the largest one, up to which accelerations are taken not to jump.
 SMOOTH = 0.02
+# What each way to join samples is called in reports.
+MANNERS = {
+    "steps": "accelerations that jump, as recorded",
+    "linear": "straight lines between positions, as a controller joins them",
+    "cubic": "cubics through positions and velocities",
+    "quintic": "polynomials of degree 5 through positions, velocities, accelerations",
+    "spline": "a smooth spline through positions, at rest at both ends",
+}
+
+
+class Joined(NamedTuple):
+    """Samples, joined.
+
+    Attributes:
+        trajectory: The motion.
+        manner: How they were joined, a key of MANNERS.
+        note: What follows from it, in a clause; empty if nothing is to be said.
+    """
+
+    trajectory: Trajectory
+    manner: str
+    note: str = ""
+
+    def __str__(self) -> str:
+        """Say how they were joined."""
+        return MANNERS[self.manner] + (f"; {self.note}" if self.note else "")
 
 
 def recorded_motion(
@@ -31,15 +67,37 @@ def recorded_motion(
     path: str | Path | None = None,
     *,
     start: Array | None = None,
+    start_velocity: Array | None = None,
+    interpolation: Interpolation | None = None,
 ) -> Trajectory:
+    """Make a trajectory of a robot from samples; see :func:`join`."""
+    return join(
+        samples,
+        robot,
+        path,
+        start=start,
+        start_velocity=start_velocity,
+        interpolation=interpolation,
+    ).trajectory
+
+
+def join(
+    samples: Samples,
+    robot: Robot,
+    path: str | Path | None = None,
+    *,
+    start: Array | None = None,
+    start_velocity: Array | None = None,
+    interpolation: Interpolation | None = None,
+) -> Joined:
     """Make a trajectory of a robot from samples.
 
-    Columns are found by the names of their joints. If the samples are those of a motion
-    whose acceleration is constant but for a jump between two samples at most, this
-    motion comes back. Else they are joined by polynomials, of degree 5 if they have
-    accelerations that do not jump, of degree 3 if not. Without velocities, positions
-    are joined by a smooth cubic spline that begins and ends at rest. The torque is what
-    that motion takes.
+    Columns are found by the names of their joints. The torque is what the motion takes.
+    With "auto", if the samples are those of a motion whose acceleration is constant but
+    for a jump between two samples at most, this motion comes back. Else they are
+    joined by polynomials, of degree 5 if they have accelerations that do not jump, of
+    degree 3 if not. Without velocities, positions are joined by a smooth cubic spline
+    that begins and ends at rest.
 
     Args:
         samples: The samples.
@@ -47,45 +105,145 @@ def recorded_motion(
         path: The file that they come from, if any, for messages.
         start: Positions where the motion begins if the first sample comes after time 0,
             as ROS allows, shape (n,).
+        start_velocity: Velocities there, shape (n,); None for rest.
+        interpolation: How to join them; None for what the samples say.
 
     Returns:
-        The trajectory, from time 0.
+        The trajectory, from time 0, and how it was joined.
 
     Raises:
-        ScenarioError: If the samples are not of this robot, or do not begin at 0.
+        ProblemError: If there is no such interpolation.
+        ScenarioError: If the samples are not of this robot, do not begin at 0, or lack
+            what the interpolation needs.
     """
-    columns = _columns(samples, robot, path)
-    t, q, v = samples.t, samples.q[:, columns], samples.v[:, columns]
-    a, u = samples.a[:, columns], samples.u[:, columns]
-    if t[0] < 0.0 or (t[0] > 0.0 and start is None):
+    chosen = samples.interpolation if interpolation is None else interpolation
+    check_interpolation(chosen)
+    rows = _rows(samples, robot, path)
+    if rows.t[0] < 0.0 or (rows.t[0] > 0.0 and start is None):
         raise ScenarioError(
-            f"{_named(path)}: the time begins at {t[0]:g} s, expected 0", path, "time"
+            f"{_named(path)}: the time begins at {rows.t[0]:g} s, expected 0",
+            path,
+            "time",
         )
-    if t[0] > 0.0 and start is not None:
-        t = np.concatenate([[0.0], t])
-        q = np.vstack([start, q])
-        # Nothing else is known there: velocities come from a spline.
-        v, a, u = (np.full(q.shape, np.nan) for _ in range(3))
-    if np.isnan(v).any():
+    if rows.t[0] > 0.0 and start is not None:
+        rows = _from_start(rows, start, start_velocity)
+    dynamics = RobotDynamics(robot)
+    if chosen == "auto":
+        return _as_recorded(rows, robot, dynamics)
+    manner = _by_rule(chosen, rows, path)
+    if manner == "linear":
+        return _straight(rows, robot, dynamics, start_velocity)
+    return Joined(_polynomials(rows, manner, robot, dynamics), manner)
+
+
+class _Rows(NamedTuple):
+    """Samples of the joints of a robot, in its order; unknown values are NaN."""
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+
+    def known(self, key: str) -> bool:
+        return not np.isnan(getattr(self, key)).any()
+
+
+def _rows(samples: Samples, robot: Robot, path: str | Path | None) -> _Rows:
+    columns = _columns(samples, robot, path)
+    parts = (samples.q, samples.v, samples.a, samples.u)
+    return _Rows(samples.t, *(part[:, columns] for part in parts))
+
+
+def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
+    """Rows that begin at time 0: at rest unless a velocity is given."""
+    rest = np.zeros(len(start))
+    first = (start, rest if velocity is None else velocity, rest, rest * np.nan)
+    parts = [np.vstack([row, part]) for row, part in zip(first, rows[1:], strict=True)]
+    return _Rows(np.concatenate([[0.0], rows.t]), *parts)
+
+
+def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str:
+    """Which polynomials join the rows."""
+    manner: str = chosen
+    if chosen == "controller":
+        manner = "linear"
+        if rows.known("v"):
+            manner = "quintic" if rows.known("a") else "cubic"
+        elif rows.known("a"):
+            manner = "quintic"  # which needs the velocities that are not there
+    needed = {"linear": "", "cubic": "v", "quintic": "va"}[manner]
+    names = {"v": "velocities", "a": "accelerations"}
+    for key in needed:
+        if not rows.known(key):
+            raise ScenarioError(
+                f"{_named(path)} lacks {names[key]}, which the interpolation {manner} "
+                "needs",
+                path,
+                names[key],
+            )
+    return manner
+
+
+def _polynomials(
+    rows: _Rows, manner: str, robot: Robot, dynamics: RobotDynamics
+) -> Trajectory:
+    steps = rows.a if manner == "quintic" else None
+    t, q, v = rows.t, rows.q, rows.v
+    draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
+    u = dynamics.inverse(q, v, draft(t).a)
+    return Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+
+
+def _straight(
+    rows: _Rows, robot: Robot, dynamics: RobotDynamics, velocity: Array | None
+) -> Joined:
+    """Straight lines: the velocity jumps wherever they meet, and at both ends."""
+    t, q = rows.t, rows.q
+    slopes = np.diff(q, axis=0) / np.diff(t)[:, None]
+    v = np.vstack([slopes, slopes[-1:]])
+    steps = np.zeros_like(slopes)
+    u = dynamics.inverse(q, v, np.zeros_like(q))
+    motion = Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+    before = np.zeros(robot.n) if velocity is None else velocity
+    jumps = np.abs(np.diff(np.vstack([before, slopes]), axis=0))
+    k, joint = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
+    unit = "m/s" if prismatic_joints(robot)[joint] else "rad/s"
+    note = (
+        f"velocities jump, by {jumps[k, joint]:.3g} {unit} of joint "
+        f"{robot.joint_names[int(joint)]} at {t[k]:.4g} s: the points need velocities"
+    )
+    return Joined(motion, "linear", note if jumps[k, joint] > 0.0 else "")
+
+
+def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
+    """The motion that rows were taken from, as far as they tell."""
+    t, q, v, a, u = rows
+    manner, steps = "cubic", None
+    if not rows.known("v"):
+        manner = "spline"
         v = CubicSpline(t, q, bc_type="clamped")(t, 1)
         a = np.full(q.shape, np.nan)
-    dynamics = RobotDynamics(robot)
-    steps = None
     stepwise = _stepwise(t, q, v, a)
     if stepwise is not None:
+        manner = "steps"
         if stepwise[0].size > t.size:
             u = np.full(stepwise[1].shape, np.nan)
         t, q, v, steps = stepwise
     elif _is_smooth(t, v, a):
-        steps = a
+        manner, steps = "quintic", a
     if np.isnan(u).any():
         draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
         u = dynamics.inverse(q, v, draft(t).a)
-    return Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+    motion = Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+    return Joined(motion, manner)
 
 
 def checked_motion(
-    motion: Trajectory | Samples, robot: Robot, start: Array
+    motion: Trajectory | Samples,
+    robot: Robot,
+    start: Array,
+    start_velocity: Array | None = None,
 ) -> Trajectory:
     """A motion of a robot that is to be judged; samples are joined to one.
 
@@ -93,13 +251,16 @@ def checked_motion(
         motion: The motion, or samples of it.
         robot: Whose motion it is.
         start: Where samples begin that come after time 0, shape (n,) [rad or m].
+        start_velocity: How fast, shape (n,) [rad/s or m/s]; None for rest.
 
     Raises:
         ProblemError: If the motion is one of other joints, or has no numbers.
         ScenarioError: If samples are.
     """
     if isinstance(motion, Samples):
-        motion = recorded_motion(motion, robot, start=start)
+        motion = recorded_motion(
+            motion, robot, start=start, start_velocity=start_velocity
+        )
     if motion.joint_names != robot.joint_names:
         raise ProblemError(
             f"the motion is one of {', '.join(motion.joint_names)}, expected "

@@ -26,9 +26,12 @@ from tominpmp.arrays import (
     real_number,
 )
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.sampling import Interpolation, check_interpolation, clock
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
 
+# A time this close to a node [s] is that node, whatever rounding has made of it.
+SAME_TIME = 1e-10
 # More samples than this are taken for a mistake in dt, before they fill the memory.
 MAX_SAMPLES = 10_000_000
 # A time this far outside of a motion is one at its end [s], or as a share of T: sums
@@ -111,6 +114,11 @@ class Samples(Record):
         v: Velocities [rad/s or m/s], shape (m, n).
         a: Accelerations [rad/s^2 or m/s^2], shape (m, n).
         u: Torques [N m or N], shape (m, n).
+        interpolation: What becomes of them between their times: "controller" joins them
+            as ROS's joint trajectory controller does, by straight lines where there are
+            positions only, by cubics with velocities, by polynomials of degree 5 with
+            accelerations; these three may be named too; "auto" looks for the motion
+            that they were taken from, see :mod:`~tominpmp.recorded`.
     """
 
     joint_names: tuple[str, ...]
@@ -119,6 +127,7 @@ class Samples(Record):
     v: Array
     a: Array
     u: Array
+    interpolation: Interpolation = "auto"
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
@@ -130,6 +139,7 @@ class Samples(Record):
         for name in ("q", "v", "a", "u"):
             layout = "one row a time, one column a joint"
             _check_shape(self, name, (rows, n), layout)
+        check_interpolation(self.interpolation)
 
     def __repr__(self) -> str:
         """Joints, rows and times, on one line."""
@@ -345,8 +355,16 @@ class Trajectory(Record):
                 f"more than {MAX_SAMPLES} samples",
                 field="dt",
             )
-        times = np.arange(0.0, self.duration, step)
-        if times.size > 1 and self.duration - times[-1] < 1e-9 * self.duration:
-            times = times[:-1]
-        times = np.append(times, self.duration)
-        return Samples(self.joint_names, times, *self(times))
+        times = clock(self.duration, step)
+        return Samples(self.joint_names, times, *self(self._at_nodes(times)))
+
+    def _at_nodes(self, times: Array) -> Array:
+        """Times, those that rounding keeps from being those of nodes put right.
+
+        Accelerations that jump at a node would else be those before it.
+        """
+        right = np.minimum(np.searchsorted(self.t, times), self.t.size - 1)
+        left = np.maximum(right - 1, 0)
+        nearer = np.abs(self.t[right] - times) < np.abs(self.t[left] - times)
+        node = self.t[np.where(nearer, right, left)]
+        return np.where(np.abs(node - times) < SAME_TIME, node, times)

@@ -46,12 +46,12 @@ def test_constant_acceleration_comes_back(planar3r: Robot, tmp_path: Path) -> No
     rows = np.array(q), np.array(v)
     u = dynamics.inverse(*rows, np.vstack([a, a[-1:]]))
     motion = Trajectory(NAMES, t, *rows, u, a, dynamics.inverse)
-    for ending in ("csv", "yaml"):
+    for ending in ("csv", "npz"):
         path = export(motion, tmp_path / f"m.{ending}")
         assert recorded_motion(load_motion(path), planar3r, path) == motion
     # Jumps between samples are found again.
     between = np.linspace(0.0, 1.0, 77)
-    for ending in ("csv", "yaml"):
+    for ending in ("csv", "npz"):
         path = export(motion, tmp_path / f"m.{ending}", dt=0.04)
         found = recorded_motion(load_motion(path), planar3r, path)
         assert found.a is not None

@@ -1,27 +1,29 @@
-"""Motions as messages of ROS 2: ``trajectory_msgs/msg/JointTrajectory``.
+"""Motions as messages of ROS 2, as YAML and JSON.
 
-The YAML is what ``ros2 topic pub`` takes and ``ros2 topic echo`` prints, the JSON has
-the same fields. ROS counts time in whole nanoseconds: times are rounded to them, and
-pushed apart where two would become one, as controllers refuse equal times.
+The YAML is what ``ros2 topic pub`` and ``ros2 action send_goal`` take and ``ros2 topic
+echo`` prints, the JSON has the same fields. ROS counts time in whole nanoseconds, so
+that is where a motion is looked at: what a point says holds at its time, to the last
+bit. Efforts are left out unless they are asked for, as most controllers refuse them,
+and so are accelerations that jump: a controller runs a polynomial of degree 5 through
+accelerations, which overshoots at a jump, and a cubic where there are none, which is
+the motion itself.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.description.fields import Field
-from tominpmp.description.yaml_reader import parse_yaml
-from tominpmp.exceptions import ScenarioError, brief
-from tominpmp.trajectory import Samples
+from tominpmp.exceptions import ProblemError, brief
+from tominpmp.sampling import BILLION
+from tominpmp.trajectory import Samples, Trajectory
 
-BILLION = 10**9
 # What a point calls the quantities of samples.
 POINT_FIELDS = {
     "q": "positions",
@@ -29,6 +31,35 @@ POINT_FIELDS = {
     "a": "accelerations",
     "u": "effort",
 }
+# Messages, and the keys under which they hold a JointTrajectory.
+MESSAGES: dict[str, tuple[str, ...]] = {
+    "JointTrajectory": (),
+    "FollowJointTrajectory": ("trajectory",),
+    "RobotTrajectory": ("joint_trajectory",),
+}
+# The one that is written unless another one is asked for.
+MESSAGE = "JointTrajectory"
+# Nodes closer than this to the one before are left out [ns]: over less time the last
+# digits of positions make more acceleration than the jump that is moved.
+CLOSEST = 100
+# Velocities at the end up to this [rad/s or m/s] are rounding and written as zero:
+# controllers refuse motions that do not end at rest.
+AT_REST = 1e-6
+# Jumps of accelerations up to this, relative to the largest one, are rounding.
+CONTINUOUS = 1e-6
+
+
+def check_message(name: object) -> None:
+    """Check the name of a message.
+
+    Raises:
+        ProblemError: If motions are not written as such.
+    """
+    if not isinstance(name, str) or name not in MESSAGES:
+        raise ProblemError(
+            f"message is {brief(name)}, expected one of: {', '.join(MESSAGES)}",
+            "message",
+        )
 
 
 def nanoseconds(times: Array) -> IntArray:
@@ -46,6 +77,67 @@ def nanoseconds(times: Array) -> IntArray:
     return np.asarray(np.maximum.accumulate(rounded) + steps, dtype=np.int64)
 
 
+def message_samples(
+    trajectory: Trajectory, dt: float | None, with_effort: bool
+) -> Samples:
+    """What the points of a message hold.
+
+    Args:
+        trajectory: The motion.
+        dt: Time between points [s]; None for the nodes.
+        with_effort: Whether the points have efforts.
+
+    Returns:
+        The samples, at whole nanoseconds; what is left out is NaN.
+
+    Raises:
+        ProblemError: If dt is not a positive number, or less than 100 ns.
+    """
+    if isinstance(dt, int | float) and 0.0 < dt * BILLION < CLOSEST:
+        raise ProblemError(
+            f"dt is {dt} s, expected {CLOSEST} ns at least for a ROS message", "dt"
+        )
+    times = trajectory.t if dt is None else trajectory.sample(dt).t
+    ticks = _spread(nanoseconds(times), trajectory.duration)
+    q, v, a, u = (part.copy() for part in trajectory(ticks / BILLION))
+    # The last tick may be half a rounding early.
+    end = trajectory.v[-1]
+    q[-1], v[-1] = trajectory.q[-1], np.where(np.abs(end) <= AT_REST, 0.0, end)
+    if not accelerations_continue(trajectory):
+        a[:] = np.nan
+    if not with_effort:
+        u[:] = np.nan
+    names = trajectory.joint_names
+    return Samples(names, ticks / BILLION, q, v, a, u, "controller")
+
+
+def _spread(ticks: IntArray, duration: float) -> IntArray:
+    """Ticks [ns] that are far enough apart; the last is not before the end."""
+    last = max(int(np.ceil(duration * BILLION - 1e-3)), CLOSEST)
+    kept = [0]
+    for tick in ticks[1:-1].tolist():
+        if tick - kept[-1] >= CLOSEST and last - tick >= CLOSEST:
+            kept.append(tick)
+    return np.array([*kept, last], dtype=np.int64)
+
+
+def accelerations_continue(trajectory: Trajectory) -> bool:
+    """Whether the accelerations of a motion do not jump at its nodes."""
+    if trajectory.a is not None and trajectory.a.shape == trajectory.q.shape:
+        return True
+    t, nodes = trajectory.t, np.arange(1, trajectory.t.size - 1)
+    if trajectory.a is not None:
+        before, after = trajectory.a[nodes - 1], trajectory.a[nodes]
+    else:
+        # The acceleration of a cubic is linear: what it ends with follows from the
+        # beginning and the middle.
+        begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
+        before = 2.0 * trajectory(middle).a - begin
+        after = trajectory(t[nodes]).a
+    largest = max(np.max(np.abs(before), initial=0.0), np.max(np.abs(after), initial=0))
+    return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
+
+
 def _points(samples: Samples) -> Iterator[dict[str, Any]]:
     for k, total in enumerate(nanoseconds(samples.t).tolist()):
         sec, nanosec = divmod(total, BILLION)
@@ -57,33 +149,74 @@ def _points(samples: Samples) -> Iterator[dict[str, Any]]:
         yield point | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
 
 
-def write_json(samples: Samples, file: BinaryIO) -> None:
+def message_data(samples: Samples) -> dict[str, Any]:
+    """A JointTrajectory as plain values."""
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(samples.joint_names),
+        "points": list(_points(samples)),
+    }
+
+
+def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a JSON message, a line a point."""
     header = json.dumps({"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""})
     names = json.dumps(list(samples.joint_names))
+    keys = MESSAGES[message]
+    for key in keys:
+        file.write(f'{{"{key}": '.encode())
     file.write(f'{{"header": {header},\n"joint_names": {names},\n"points": ['.encode())
     for index, point in enumerate(_points(samples)):
         file.write(b",\n" if index else b"\n")
-        file.write(json.dumps(point, allow_nan=False).encode())
-    file.write(b"\n]}\n")
+        parts = [f'"{name}": {_value(part)}' for name, part in point.items()]
+        file.write(f"{{{', '.join(parts)}}}".encode())
+    file.write(b"\n]}" + b"}" * len(keys) + b"\n")
 
 
-def write_yaml(samples: Samples, file: BinaryIO) -> None:
+def _value(part: Any) -> str:
+    """A part of a point as JSON that YAML 1.1, which ROS reads, understands too."""
+    if isinstance(part, list):
+        return f"[{', '.join(map(_number, part))}]"
+    return json.dumps(part)
+
+
+def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a YAML message."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="\n")
-    text.write("header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: ''\n")
-    text.write(f"joint_names: {json.dumps(list(samples.joint_names))}\npoints:\n")
+    indent = ""
+    for key in MESSAGES[message]:
+        text.write(f"{indent}{key}:\n")
+        indent += "  "
+    names = ", ".join(map(_quoted, samples.joint_names))
+    for line in (
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        "  frame_id: ''",
+        f"joint_names: [{names}]",
+        "points:",
+    ):
+        text.write(f"{indent}{line}\n")
     for point in _points(samples):
         time = point.pop("time_from_start")
         mark = "-"
         for name, values in point.items():
-            text.write(f"{mark} {name}: [{', '.join(map(_number, values))}]\n")
+            text.write(f"{indent}{mark} {name}: [{', '.join(map(_number, values))}]\n")
             mark = " "
         text.write(
-            f"  time_from_start: {{sec: {time['sec']}, nanosec: {time['nanosec']}}}\n"
+            f"{indent}  time_from_start: {{sec: {time['sec']}, "
+            f"nanosec: {time['nanosec']}}}\n"
         )
     text.flush()
     text.detach()  # the file is closed by whoever opened it
+
+
+def _quoted(name: str) -> str:
+    """A text in quotes as YAML has them, where JSON writes two halves of a letter."""
+    return re.sub(
+        "[^ -~]",
+        lambda found: f"\\U{ord(found.group()):08x}",
+        json.dumps(name, ensure_ascii=False),
+    )
 
 
 def _number(value: float) -> str:
@@ -92,71 +225,3 @@ def _number(value: float) -> str:
     if mark and "." not in mantissa:
         mantissa += ".0"
     return mantissa + mark + exponent
-
-
-def read_yaml(content: bytes, path: Path) -> Samples:
-    """Read a YAML message; see :func:`read_message`."""
-    return read_message(Field(parse_yaml(content, path), path))
-
-
-def read_json(content: bytes, path: Path) -> Samples:
-    """Read a JSON message; see :func:`read_message`."""
-    try:
-        message = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{path} is no JSON: {error}", path) from error
-    return read_message(Field(message, path))
-
-
-def read_message(message: Field) -> Samples:
-    """Read a JointTrajectory, also one inside a RobotTrajectory or an action goal.
-
-    Velocities, accelerations and effort may be left out, of all points alike. Times are
-    read as ROS 2, ROS 1 (secs, nsecs) or a single number [s] have them.
-
-    Args:
-        message: The message.
-
-    Returns:
-        The samples; what the message leaves out is NaN.
-
-    Raises:
-        ScenarioError: If it is none, with the key.
-    """
-    for wrapper in ("goal", "trajectory", "joint_trajectory"):
-        if message.get("points").value is None and message.get(wrapper).given:
-            message = message.get(wrapper)
-            if isinstance(message.value, list) and len(message.value) == 1:
-                message = next(iter(message.items()))
-    names = tuple(item.text() for item in message.need("joint_names").items())
-    points = list(message.need("points").items())
-    parts: dict[str, Array] = {}
-    for key, name in POINT_FIELDS.items():
-        found = [point.get(name) for point in points]
-        given = [item.given for item in found]
-        if key == "q" or any(given):
-            rows = [item.numbers(len(names)) for item in found]
-            parts[key] = np.array(rows).reshape(len(points), len(names))
-        else:
-            parts[key] = np.full((len(points), len(names)), np.nan)
-    times = np.array([_time(point.need("time_from_start")) for point in points])
-    return Samples(names, times.reshape(len(points)), **parts)
-
-
-def _time(value: Field) -> float:
-    """Seconds of a Duration."""
-    if not isinstance(value.value, dict):
-        return value.number()
-    old = "secs" in value.value or "nsecs" in value.value
-    sec, nanosec = ("secs", "nsecs") if old else ("sec", "nanosec")
-    value.only(sec, nanosec)
-    total = 0
-    for name, unit in ((sec, BILLION), (nanosec, 1)):
-        item = value.get(name)
-        if not item.given:
-            continue
-        if not isinstance(item.value, int) or isinstance(item.value, bool):
-            item.fail(f"is {brief(item.value)}, expected a whole number")
-        item.number()  # refuses what does not fit into a float
-        total += item.value * unit
-    return total / BILLION

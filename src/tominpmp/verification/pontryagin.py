@@ -74,7 +74,7 @@ def certify(
     """
     begin = time.perf_counter()
     robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start)
+    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(System.of(problem), trajectory)

@@ -149,7 +149,7 @@ def verify(
     begin = time.perf_counter()
     tolerances = Tolerances() if tolerances is None else tolerances
     robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start)
+    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     torque = torque_pieces(trajectory)
     integration = Integration(robot, trajectory, torque, integrator)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start

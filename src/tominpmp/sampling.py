@@ -1,0 +1,54 @@
+"""At which times a motion is sampled, and how samples are joined again."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import ProblemError, brief
+
+# How samples are joined, see Samples in tominpmp.trajectory.
+Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
+INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
+# Nanoseconds in a second: clocks of controllers count them.
+BILLION = 10**9
+
+
+def check_interpolation(name: object) -> None:
+    """Check the name of a way to join samples.
+
+    Raises:
+        ProblemError: If there is none of that name.
+    """
+    if not isinstance(name, str) or name not in INTERPOLATIONS:
+        raise ProblemError(
+            f"interpolation is {brief(name)}, expected one of: "
+            f"{', '.join(INTERPOLATIONS)}",
+            "interpolation",
+        )
+
+
+def clock(duration: float, period: float) -> Array:
+    """Times of a clock over a motion: 0, period, 2 period, ..., duration.
+
+    Each is the multiple itself, not a sum of periods, and of whole nanoseconds where
+    the period is: the number that one would type.
+
+    Args:
+        duration: Duration of the motion [s].
+        period: Time between ticks [s].
+
+    Returns:
+        Increasing times [s]; the last interval is shorter where the duration is no
+        multiple.
+    """
+    count = int(np.ceil(duration / period * (1.0 - 1e-9)))
+    ticks = np.arange(count, dtype=np.float64)
+    whole = round(period * BILLION)
+    if whole > 0 and whole / BILLION == period:
+        times = ticks * whole / BILLION
+    else:
+        times = ticks * period
+    return np.append(times, duration)

@@ -1,0 +1,408 @@
+"""Tests of what a controller of ROS 2 makes of an exported motion."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from motion_samples import END, START, quintic, speed_up_and_brake
+
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
+from tominpmp.output.export import export, load_motion
+from tominpmp.output.ros import accelerations_continue
+from tominpmp.recorded import join, recorded_motion
+from tominpmp.robot import Robot
+from tominpmp.sampling import clock
+from tominpmp.trajectory import Samples, Trajectory
+
+ROS_ENDINGS = ("yaml", "json", "mcap")
+BETWEEN = np.linspace(0.0, 0.95, 173)
+
+
+@pytest.fixture
+def jumping(planar3r: Robot) -> Trajectory:
+    """Accelerations constant on 12 intervals, from rest to rest in 0.95 s."""
+    return speed_up_and_brake(planar3r, START, END, 0.95, 12)
+
+
+def smooth(robot: Robot, nodes: int = 21) -> Trajectory:
+    """From rest to rest with accelerations that do not jump."""
+    held = quintic(robot, START, END, 1.0, nodes - 1)
+    way, s = np.subtract(END, START), held.t[:, None]
+    a = (60 * s - 180 * s**2 + 120 * s**3) * way
+    return replace(held, a=a, inverse_dynamics=RobotDynamics(robot).inverse)
+
+
+def controller(message: dict[str, Any], time: float) -> np.ndarray:
+    """Position and velocity that the joint trajectory controller asks for.
+
+    Its documentation: a polynomial through positions, and velocities, and
+    accelerations, of the points before and after; here solved as it stands.
+    """
+    points = message["points"]
+    times = [
+        p["time_from_start"]["sec"] + p["time_from_start"]["nanosec"] * 1e-9
+        for p in points
+    ]
+    k = min(int(np.searchsorted(times, time, side="right")) - 1, len(points) - 2)
+    h, s = times[k + 1] - times[k], time - times[k]
+    kinds = [
+        kind
+        for kind in ("positions", "velocities", "accelerations")
+        if points[k][kind] and points[k + 1][kind]
+    ]
+    size = 2 * len(kinds)
+    rows, values = [], []
+    for at, point in ((0.0, points[k]), (h, points[k + 1])):
+        for order, kind in enumerate(kinds):
+            rows.append(derivatives(at, order, size))
+            values.append(point[kind])
+    c = np.linalg.solve(np.array(rows), np.array(values))
+    return np.array([derivatives(s, order, size) @ c for order in (0, 1)])
+
+
+def derivatives(s: float, order: int, size: int) -> list[float]:
+    return [
+        float(np.prod(range(p - order + 1, p + 1))) * s ** (p - order)
+        if p >= order
+        else 0.0
+        for p in range(size)
+    ]
+
+
+@pytest.mark.parametrize("ending", ROS_ENDINGS)
+@pytest.mark.parametrize("dt", [None, 0.05, 0.013])
+def test_file_is_read_as_the_controller_interpolates_it(
+    planar3r: Robot, ending: str, dt: float | None, tmp_path: Path
+) -> None:
+    for motion in (
+        speed_up_and_brake(planar3r, START, END, 0.95, 12),
+        smooth(planar3r),
+    ):
+        path = export(motion, tmp_path / f"m.{ending}", dt=dt)
+        message = json.loads(export(motion, tmp_path / "m2.json", dt=dt).read_text())
+        found = recorded_motion(load_motion(path), planar3r, path)
+        for time in np.linspace(0.0, 0.9499, 40):
+            state = found(time)
+            q, v = controller(message, time)
+            np.testing.assert_allclose(state.q, q, atol=1e-9)
+            np.testing.assert_allclose(state.v, v, atol=1e-7)
+
+
+def test_jumping_accelerations_are_left_out_and_followed_exactly(
+    planar3r: Robot, jumping: Trajectory, tmp_path: Path
+) -> None:
+    assert not accelerations_continue(jumping)
+    path = export(jumping, tmp_path / "m.yaml")
+    samples = load_motion(path)
+    assert np.isnan(samples.a).all()
+    assert join(samples, planar3r, path).manner == "cubic"
+    found = recorded_motion(samples, planar3r, path)
+    np.testing.assert_allclose(found(BETWEEN).q, jumping(BETWEEN).q, atol=1e-9)
+    np.testing.assert_allclose(found(BETWEEN).v, jumping(BETWEEN).v, atol=1e-7)
+    np.testing.assert_allclose(found(BETWEEN).u, jumping(BETWEEN).u, atol=1e-3)
+    # With them, the controller would overshoot by far.
+    wrong = replace(samples, a=jumping(samples.t).a)
+    overshoot = recorded_motion(wrong, planar3r, path)(BETWEEN).a - jumping(BETWEEN).a
+    assert np.abs(overshoot).max() > 0.5 * np.abs(jumping(BETWEEN).a).max()
+
+
+def test_continuous_accelerations_are_written(planar3r: Robot, tmp_path: Path) -> None:
+    motion = smooth(planar3r)
+    assert accelerations_continue(motion)
+    path = export(motion, tmp_path / "m.yaml", dt=0.1)
+    samples = load_motion(path)
+    assert join(samples, planar3r, path).manner == "quintic"
+    found = recorded_motion(samples, planar3r, path)
+    between = np.linspace(0.0, 1.0, 211)
+    # The motion is of degree 5, so that any points of it will do.
+    np.testing.assert_allclose(found(between).q, motion(between).q, atol=1e-9)
+    np.testing.assert_allclose(found(between).a, motion(between).a, atol=1e-5)
+
+
+def test_cubics_with_continuous_accelerations(planar3r: Robot, tmp_path: Path) -> None:
+    t = np.array([0.0, 0.2, 0.5, 1.0])
+    a = np.array([[0.0, 0, 0], [3.0, -2, 1], [-1.0, 1, 0], [0.5, 0, 2]])
+    h = np.diff(t)[:, None]
+    v = np.vstack([np.zeros(3), np.cumsum(0.5 * h * (a[1:] + a[:-1]), axis=0)])
+    steps = h * v[:-1] + h**2 * (2 * a[:-1] + a[1:]) / 6
+    q = np.vstack([START, START + np.cumsum(steps, axis=0)])
+    inverse = RobotDynamics(planar3r).inverse
+    motion = Trajectory(planar3r.joint_names, t, q, v, inverse(q, v, a), None, inverse)
+    assert accelerations_continue(motion)
+    samples = load_motion(export(motion, tmp_path / "m.json"))
+    np.testing.assert_allclose(samples.a, a, atol=1e-9)
+    assert not accelerations_continue(replace(motion, v=1.01 * v))
+
+
+@pytest.mark.parametrize("ending", ROS_ENDINGS)
+def test_effort_is_left_out_unless_asked_for(
+    jumping: Trajectory, ending: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"m.{ending}"
+    assert np.isnan(load_motion(export(jumping, path)).u).all()
+    with_effort = load_motion(export(jumping, path, with_effort=True))
+    np.testing.assert_array_equal(with_effort.u[0], jumping.u[0])
+
+
+def test_effort_changes_nothing_of_what_is_judged(
+    planar3r: Robot, jumping: Trajectory, tmp_path: Path
+) -> None:
+    without = load_motion(export(jumping, tmp_path / "m.json"))
+    wrong = replace(without, u=np.full(without.q.shape, 1e3))
+    assert recorded_motion(wrong, planar3r) == recorded_motion(without, planar3r)
+
+
+def test_positions_alone_are_joined_by_lines(planar3r: Robot) -> None:
+    t = np.array([0.0, 0.5, 1.0])
+    q = np.array([START, [0.6, 1.7, -1.7], [0.6, 1.5, -1.7]])
+    nothing = np.full(q.shape, np.nan)
+    samples = Samples(planar3r.joint_names, t, q, nothing, nothing, nothing)
+    joined = join(samples, planar3r, interpolation="controller")
+    assert joined.manner == "linear"
+    assert "0.4 rad/s of joint joint2 at 0.5 s" in str(joined)
+    state = joined.trajectory([0.25, 0.75])
+    np.testing.assert_allclose(state.q, [[0.55, 1.7, -1.7], [0.6, 1.6, -1.7]])
+    np.testing.assert_allclose(state.v, [[0.2, 0.0, 0.0], [0.0, -0.4, 0.0]])
+    # A table is taken for a record of a smooth motion.
+    assert join(samples, planar3r).manner == "spline"
+
+
+def test_interpolation_can_be_chosen(
+    planar3r: Robot, jumping: Trajectory, tmp_path: Path
+) -> None:
+    path = export(jumping, tmp_path / "m.csv")
+    manners = {"auto": "steps", "controller": "quintic", "cubic": "cubic"}
+    for interpolation, manner in manners.items():
+        samples = load_motion(path, interpolation=interpolation)  # type: ignore[arg-type]
+        assert join(samples, planar3r, path).manner == manner
+    for wrong in ("quadratic", 5, None, ["auto"]):
+        if wrong is not None:
+            with pytest.raises(ProblemError, match="expected one of: auto, controller"):
+                load_motion(path, interpolation=wrong)  # type: ignore[arg-type]
+    lacking = replace(load_motion(path), v=np.full(jumping.q.shape, np.nan))
+    for interpolation in ("controller", "cubic"):
+        with pytest.raises(ScenarioError, match="lacks velocities, which"):
+            join(lacking, planar3r, path, interpolation=interpolation)  # type: ignore[arg-type]
+
+
+def test_late_first_point_is_reached_from_the_start(planar3r: Robot) -> None:
+    t = np.array([0.4, 1.0])
+    q = np.array([[0.6, 1.7, -1.7], END])
+    v = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    nothing = np.full(q.shape, np.nan)
+    samples = Samples(planar3r.joint_names, t, q, v, nothing, nothing, "controller")
+    speed = np.array([0.1, 0.0, 0.0])
+    start = np.array(START)
+    found = recorded_motion(samples, planar3r, start=start, start_velocity=speed)
+    np.testing.assert_array_equal(found.q[0], start)
+    np.testing.assert_array_equal(found.v, [speed, *v])
+    at_rest = recorded_motion(samples, planar3r, start=start)
+    np.testing.assert_array_equal(at_rest.v[0], np.zeros(3))
+
+
+# Times
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.004, 0.008, 0.01, 1 / 240])
+def test_times_are_multiples_of_the_period(dt: float) -> None:
+    times = clock(10.0 * dt * 997, dt)
+    k = np.arange(9971)
+    assert times.size == 9971
+    if dt == 1 / 240:
+        np.testing.assert_array_equal(times[:-1], k[:-1] * dt)
+    else:
+        # What one would type: 0.003, not 0.0030000000000000005.
+        typed = [float(f"{i * round(dt * 1000)}e-3") for i in k]
+        np.testing.assert_array_equal(times[:-1], typed[:-1])
+
+
+def test_period_that_does_not_divide_the_duration(
+    jumping: Trajectory, tmp_path: Path
+) -> None:
+    for ending in ("csv", "yaml"):
+        samples = load_motion(export(jumping, tmp_path / f"m.{ending}", dt=0.3))
+        np.testing.assert_array_equal(samples.t, [0.0, 0.3, 0.6, 0.9, 0.95])
+        np.testing.assert_allclose(samples.q[-1], jumping.q[-1], atol=1e-15)
+
+
+def test_knots_on_the_clock_keep_their_side_of_a_jump(planar3r: Robot) -> None:
+    motion = speed_up_and_brake(planar3r, START, END, 1.2, 12)
+    # The sums of periods that a planner may have are not the multiples.
+    summed = np.concatenate([[0.0], np.cumsum(np.full(12, 0.1))])
+    assert np.any(summed != clock(1.2, 0.1))
+    motion = replace(motion, t=summed)
+    samples = motion.sample(0.1)
+    np.testing.assert_array_equal(samples.a[:-1], motion.a)
+
+
+@pytest.mark.parametrize("gap", [1e-10, 3e-9, 2e-8])
+def test_nodes_too_close_for_a_clock_are_left_out(
+    planar3r: Robot, jumping: Trajectory, gap: float, tmp_path: Path
+) -> None:
+    """Nanoseconds between points would be accelerations beyond all bounds."""
+    close = jumping.t[4] + gap
+    state = jumping(close)
+    assert jumping.a is not None
+    motion = Trajectory(
+        jumping.joint_names,
+        np.insert(jumping.t, 5, close),
+        np.insert(jumping.q, 5, state.q, axis=0),
+        np.insert(jumping.v, 5, state.v, axis=0),
+        np.insert(jumping.u, 5, state.u, axis=0),
+        np.insert(jumping.a, 5, jumping.a[4], axis=0),
+        jumping.inverse_dynamics,
+    )
+    samples = load_motion(export(motion, tmp_path / "m.yaml"))
+    assert samples.t.size == jumping.t.size
+    found = recorded_motion(samples, planar3r)
+    assert np.abs(found(BETWEEN).a - jumping(BETWEEN).a).max() < 1e-3
+
+
+@pytest.mark.parametrize("duration", [0.95, 0.1 + 0.2, 1 / 3, 2 / 7, np.pi])
+def test_end_is_at_rest_and_not_before_the_motion_ends(
+    planar3r: Robot, duration: float, tmp_path: Path
+) -> None:
+    motion = speed_up_and_brake(planar3r, START, END, duration, 8)
+    samples = load_motion(export(motion, tmp_path / "m.yaml"))
+    # Half a nanosecond before its end an arm is still in motion.
+    np.testing.assert_array_equal(samples.v[-1], np.zeros(3))
+    np.testing.assert_array_equal(samples.q[-1], motion.q[-1])
+    np.testing.assert_array_equal(samples.q[0], motion.q[0])
+    assert samples.t[0] == 0.0
+    assert samples.t[-1] == pytest.approx(duration, abs=1.1e-9)
+
+
+# Messages
+
+
+@pytest.mark.parametrize("ending", ["yaml", "json"])
+@pytest.mark.parametrize(
+    ("message", "keys"),
+    [
+        ("JointTrajectory", []),
+        ("FollowJointTrajectory", ["trajectory"]),
+        ("RobotTrajectory", ["joint_trajectory"]),
+    ],
+)
+def test_messages_around_a_trajectory(
+    jumping: Trajectory, ending: str, message: str, keys: list[str], tmp_path: Path
+) -> None:
+    path = export(jumping, tmp_path / f"m.{ending}", message=message)
+    found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for key in keys:
+        assert list(found) == [key]
+        found = found[key]
+    assert list(found) == ["header", "joint_names", "points"]
+    samples = load_motion(path)
+    assert samples.interpolation == "controller"
+    np.testing.assert_array_equal(samples.q, load_motion(path).q)
+    assert samples.t.size == jumping.t.size
+
+
+@pytest.mark.parametrize("ending", ["yaml", "json"])
+def test_numbers_and_names_that_yaml_1_1_reads_too(ending: str, tmp_path: Path) -> None:
+    """``1e-05`` is a word there, and a letter of two halves is two."""
+    names = ('a,"b"', "on", "ü 🤖", "line\nbreak")
+    q = np.array([[1e-5, -2e-300, 1e300, 0.0], [1.5e-7, 2.0, 1e22, -0.0]])
+    motion = Trajectory(names, np.array([0.0, 1.0]), q, 0 * q, 0 * q)
+    path = export(motion, tmp_path / f"m.{ending}")
+    points = yaml.safe_load(path.read_text(encoding="utf-8"))["points"]
+    assert [point["positions"] for point in points] == q.tolist()
+    assert load_motion(path).joint_names == names
+    if ending == "yaml":
+        assert yaml.safe_load(path.read_text("utf-8"))["joint_names"] == list(names)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("m.yaml", {"message": "JointState"}, "message is 'JointState', expected one"),
+        ("m.yaml", {"message": 5}, "message is 5, expected one of: JointTrajectory"),
+        ("m.csv", {"with_effort": True}, r"with_effort is for ROS messages \(.yaml"),
+        ("m.npz", {"message": "JointTrajectory"}, "message is for ROS messages"),
+        ("m.yaml", {"with_effort": "yes"}, "with_effort is 'yes', expected True"),
+        ("m.mcap", {"message": "FollowJointTrajectory"}, "write that as .yaml"),
+        ("m.yaml", {"dt": 5e-8}, "expected 100 ns at least"),
+    ],
+)
+def test_wrong_options(
+    jumping: Trajectory, name: str, options: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ProblemError, match=words):
+        export(jumping, tmp_path / name, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz", "yaml", "json", "mcap"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_file_has_values_that_are_no_numbers(
+    jumping: Trajectory, ending: str, value: float, tmp_path: Path
+) -> None:
+    q = jumping.q.copy()
+    q[3, 1] = value
+    with pytest.raises(ProblemError, match=r"q = (nan|inf) for joint 'joint2' at"):
+        export(replace(jumping, q=q), tmp_path / f"m.{ending}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def point(**changes: Any) -> dict[str, Any]:
+    return {"positions": [0.0], "time_from_start": {"sec": 0}} | changes
+
+
+def load(folder: Path, **around: Any) -> Samples:
+    points = [point(), point(time_from_start={"sec": 1})]
+    path = folder / "m.json"
+    message = {"joint_names": ["a"], "points": points}
+    path.write_text(json.dumps({"trajectory": message} | around))
+    return load_motion(path)
+
+
+@pytest.mark.parametrize(
+    ("around", "words"),
+    [
+        ({"path_tolerance": [{"name": "a", "position": 0.1}]}, "path_tolerance is not"),
+        ({"goal_time_tolerance": {"sec": 1, "nanosec": 0}}, "goal_time_tolerance is n"),
+        ({"speed_scaling": 0.5}, "speed_scaling is not looked at"),
+    ],
+)
+def test_what_stands_beside_a_motion_is_told_of(
+    around: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    with pytest.warns(TominpmpWarning, match=words):
+        assert load(tmp_path, **around).t.size == 2
+
+
+def test_what_was_not_filled_in_is_not(tmp_path: Path) -> None:
+    multiple = {"header": {"stamp": {"sec": 0}}, "joint_names": [], "points": []}
+    found = load(
+        tmp_path,
+        path_tolerance=[],
+        goal_time_tolerance={"sec": 0, "nanosec": 0},
+        multi_dof_trajectory=multiple,
+    )
+    assert found.t.size == 2
+
+
+@pytest.mark.parametrize("name", ["multi_dof_trajectory", "multi_dof_joint_trajectory"])
+def test_motions_of_more_than_joints_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="several degrees of freedom"):
+        load(tmp_path, **{name: {"joint_names": ["base"], "points": [{}]}})
+
+
+def test_keys_that_no_message_has_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.json"
+    points = [point(velocity=[0.0]), point(time_from_start={"sec": 1})]
+    path.write_text(json.dumps({"joint_names": ["a"], "points": points}))
+    with pytest.raises(ScenarioError, match=r"points\[0\]\.velocity: there is no such"):
+        load_motion(path)
+    points[0].pop("velocity")
+    path.write_text(json.dumps({"joint_names": ["a"], "points": points, "rate": 1}))
+    with pytest.raises(ScenarioError, match="rate: there is no such key"):
+        load_motion(path)
