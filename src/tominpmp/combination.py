@@ -27,6 +27,7 @@ from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import build_model, configured_model, expansion
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene, is_rotation
 
@@ -81,6 +82,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         locked_joints=locked,
         srdf=_joined_semantics(robots, description.path),
         description=description,
+        motion_limits=_joined_motion_limits(robots, joint_names),
     )
     _check_bases(robot, bases)
     return robot
@@ -180,6 +182,19 @@ def _joined_table(
         stacked("damping"),
         stacked("armature"),
     )
+
+
+def _joined_motion_limits(
+    robots: Mapping[str, Robot], joint_names: tuple[str, ...]
+) -> MotionLimits | None:
+    """Limits of all robots; the share of torques is the least of them."""
+    joined: MotionLimits | None = None
+    for part, robot in robots.items():
+        own = robot.motion_limits
+        if own is not None:
+            names = {joint: f"{part}/{joint}" for joint in robot.joint_names}
+            joined = own.renamed(names, robot.joint_names).over(joined, joint_names)
+    return joined
 
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:

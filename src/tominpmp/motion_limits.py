@@ -203,6 +203,68 @@ class MotionLimits(Record):
             )
         return np.asarray(np.broadcast_to(value, (n,)).copy())
 
+    def over(
+        self, others: MotionLimits | None, joint_names: Sequence[str]
+    ) -> MotionLimits:
+        """These limits, and where they say nothing those of another source.
+
+        Numbers for all joints, and arrays, say something of every joint; mappings only
+        of the joints in them. An infinite one says that there is no limit.
+
+        Args:
+            others: The other limits, which these go before; None for none.
+            joint_names: Names of the joints.
+
+        Raises:
+            ProblemError: If there are too many or too few values.
+            JointNotFound: If a joint is unknown.
+        """
+        if others is None:
+            return self
+        values: dict[str, PerJoint] = {}
+        for name in UNITS:
+            own, below = getattr(self, name), getattr(others, name)
+            if own is None or (isinstance(own, Mapping) and below is None):
+                values[name] = below if own is None else own
+                continue
+            if isinstance(own, Mapping):
+                rest = others.by_joint(name, joint_names).tolist()
+                merged = {**dict(zip(joint_names, rest, strict=True)), **own}
+                own = {k: v for k, v in merged.items() if v != np.inf}
+            unlimited = not own if isinstance(own, dict) else np.all(np.isinf(own))
+            values[name] = None if unlimited else own
+        return MotionLimits(
+            **values,
+            effort_scale=min(self.effort_scale, others.effort_scale),
+            effort_curves={
+                **(others.effort_curves or {}),
+                **(self.effort_curves or {}),
+            },
+        )
+
+    def renamed(self, names: Mapping[str, str], present: Sequence[str]) -> MotionLimits:
+        """The same limits for some of the joints, under other names.
+
+        Args:
+            names: New names by present ones; joints that are not in it are left out.
+            present: Names of all joints the limits are for, in their order.
+        """
+        values: dict[str, PerJoint] = {}
+        for name in UNITS:
+            if getattr(self, name) is None:
+                continue
+            numbers = self.by_joint(name, present).tolist()
+            rows = dict(zip(present, numbers, strict=True))
+            kept = {names[k]: v for k, v in rows.items() if k in names and v < np.inf}
+            if kept:
+                values[name] = kept
+        curves = {
+            names[k]: v for k, v in (self.effort_curves or {}).items() if k in names
+        }
+        return MotionLimits(
+            **values, effort_scale=self.effort_scale, effort_curves=curves
+        )
+
     def check(self, joint_names: Sequence[str]) -> None:
         """Check the limits against the joints of a robot.
 

@@ -46,7 +46,8 @@ class Problem(Record):
         margin: Distance that the links keep from them, and several robots from each
             other [m].
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
-        motion_limits: Limits beyond those of the robot's description, if any.
+        motion_limits: Limits beyond those of the robot's description, if any. Of what
+            they leave out, those of the robot hold: ``robot.motion_limits``.
         self_collision: Whether the links keep clear of each other, and of what is fixed
             to the base, too, without a margin; None for yes. False is for robots whose
             description is wrong about their shapes.
@@ -101,6 +102,12 @@ class Problem(Record):
                     "motion_limits",
                 )
             self.motion_limits.check(self.robot.joint_names)
+            limits = self.motion_limits.over(
+                self.robot.motion_limits, self.robot.joint_names
+            )
+            object.__setattr__(self, "motion_limits", limits)
+        else:
+            object.__setattr__(self, "motion_limits", self.robot.motion_limits)
         self.goal.validate(self.robot)
         snapped = self._snap_start()
         self._check_clear(self.q_start, "start")

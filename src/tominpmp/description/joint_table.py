@@ -177,6 +177,16 @@ class JointTable:
                 check_order(option, table.position_lower, table.position_upper, names)
         return table
 
+    def only(self, joint_names: Sequence[str]) -> JointTable:
+        """Table of some of the joints, in the order of their names."""
+        rows = [self.joint_names.index(name) for name in joint_names]
+        values = {
+            f.name: getattr(self, f.name)[rows]
+            for f in fields(self)
+            if f.name != "joint_names"
+        }
+        return JointTable(tuple(joint_names), **values)
+
     def limits(self) -> JointLimits:
         """The limits alone."""
         return JointLimits(

@@ -3,16 +3,39 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from xml.etree.ElementTree import Element
 
 from tominpmp.arrays import record_line
+from tominpmp.description.groups import JointGroups, read_groups
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.xml_reader import XmlContext, read_xml
-from tominpmp.exceptions import RobotLoadError
+from tominpmp.exceptions import RobotLoadError, TominpmpWarning
+
+# Elements that are read, and those that do not touch a motion: hands and tools, spheres
+# for other collision checkers, metrics of samplers, footprints.
+READ = (
+    "disable_collisions",
+    "disable_default_collisions",
+    "enable_collisions",
+    "group",
+    "group_state",
+    "passive_joint",
+    "rotor_params",
+    "virtual_joint",
+)
+WITHOUT_EFFECT = (
+    "end_effector",
+    "gripper",
+    "joint_property",
+    "link_sphere_approximation",
+    "specificities",
+)
 
 
 @dataclass(frozen=True)
@@ -25,11 +48,15 @@ class SemanticDescription:
         group_states: Joint positions [rad or m] by joint name, by the name of the
             state; states of several groups that share a name are one.
         path: The file.
+        groups: Groups of joints that are planned together.
+        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
     """
 
     disabled_pairs: tuple[tuple[str, str], ...]
     group_states: Mapping[str, Mapping[str, float]] = field(hash=False)
     path: Path
+    groups: JointGroups = field(default_factory=JointGroups)
+    rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __repr__(self) -> str:
         """What it holds, on one line."""
@@ -39,15 +66,19 @@ class SemanticDescription:
         """Make the mappings read-only."""
         frozen = {k: MappingProxyType(dict(v)) for k, v in self.group_states.items()}
         object.__setattr__(self, "group_states", MappingProxyType(frozen))
+        rotors = MappingProxyType(dict(self.rotor_inertias))
+        object.__setattr__(self, "rotor_inertias", rotors)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the read-only mappings as plain ones."""
-        states = {name: dict(state) for name, state in self.group_states.items()}
-        return type(self), (self.disabled_pairs, states, self.path)
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values["group_states"] = {k: dict(v) for k, v in self.group_states.items()}
+        values["rotor_inertias"] = dict(self.rotor_inertias)
+        return type(self), tuple(values.values())
 
 
 def read_srdf(
-    path: Path, links: Collection[str], joints: Collection[str]
+    path: Path, links: Collection[str], joints: Collection[str], xml: str | None = None
 ) -> SemanticDescription:
     """Read an SRDF file.
 
@@ -57,7 +88,8 @@ def read_srdf(
     Args:
         path: The file.
         links: Names of the robot's links.
-        joints: Names of the robot's joints.
+        joints: Names of the robot's joints that can move.
+        xml: The URDF file, for groups of links and chains.
 
     Returns:
         The description.
@@ -70,21 +102,56 @@ def read_srdf(
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
+    unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
+    if unread:
+        names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
+        warnings.warn(f"{path}: not read: {names}", TominpmpWarning, stacklevel=5)
+    return SemanticDescription(
+        tuple(_disabled_pairs(root, context, links)),
+        _group_states(root, context, joints),
+        path,
+        read_groups(root, path, links, joints, xml),
+        _rotor_inertias(root, context),
+    )
+
+
+def _disabled_pairs(
+    root: Element, context: XmlContext, links: Collection[str]
+) -> dict[tuple[str, str], None]:
+    """Pairs of links whose collision is not to be checked, in alphabetical order."""
+    known, strangers = set(links), set()
     pairs: dict[tuple[str, str], None] = {}
-    strangers = set()
-    for element in root.iter("disable_collisions"):
-        one = context.text(element, "link1", "disable_collisions")
-        other = context.text(element, "link2", "disable_collisions")
-        if one in links and other in links:
-            pairs[(min(one, other), max(one, other))] = None
+    for element in root.iter("disable_default_collisions"):
+        one = context.text(element, "link", element.tag)
+        if one in known:
+            pairs |= {_ordered(one, other): None for other in links if other != one}
         else:
-            strangers |= {one, other} - set(links)
+            strangers.add(one)
+    for element in root.iter("enable_collisions"):
+        ends = (context.text(element, f"link{i}", element.tag) for i in (1, 2))
+        pairs.pop(_ordered(*ends), None)
+    for element in root.iter("disable_collisions"):
+        one, other = (context.text(element, f"link{i}", element.tag) for i in (1, 2))
+        if one in known and other in known:
+            pairs[_ordered(one, other)] = None
+        else:
+            strangers |= {one, other} - known
     if strangers and not pairs:
         raise RobotLoadError(
-            f"{path} belongs to another robot: it names the links "
+            f"{context.path} belongs to another robot: it names the links "
             f"{', '.join(sorted(strangers)[:10])}, the robot has {', '.join(links)}",
-            path,
+            context.path,
         )
+    return pairs
+
+
+def _ordered(one: str, other: str) -> tuple[str, str]:
+    return min(one, other), max(one, other)
+
+
+def _group_states(
+    root: Element, context: XmlContext, joints: Collection[str]
+) -> dict[str, dict[str, float]]:
     states: dict[str, dict[str, float]] = {}
     for element in root.iter("group_state"):
         name = context.text(element, "name", "group_state")
@@ -96,7 +163,19 @@ def read_srdf(
             if joint_name in joints:
                 context.text(joint, "value", where)
                 state[joint_name] = context.number(joint, "value", where)
-    return SemanticDescription(tuple(pairs), states, path)
+    return states
+
+
+def _rotor_inertias(root: Element, context: XmlContext) -> dict[str, float]:
+    """Inertia of rotors times the square of the gear ratio, as Pinocchio reads them."""
+    found = {}
+    for table in root.iter("rotor_params"):
+        for joint in table.iter("joint"):
+            name = context.text(joint, "name", "rotor_params")
+            inertia = context.number(joint, "mass", "rotor_params", low=0.0)
+            ratio = context.number(joint, "gear_ratio", "rotor_params")
+            found[name] = inertia * ratio**2
+    return found
 
 
 def read_semantics(
@@ -110,4 +189,5 @@ def read_semantics(
     if path is None:
         return None
     joints = [joint.name for joint in description.joints]
-    return read_srdf(Path(path).expanduser().absolute(), description.links, joints)
+    file = Path(path).expanduser().absolute()
+    return read_srdf(file, description.links, joints, description.xml)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from tominpmp.description.files import check_folders, find_robot
+from tominpmp.description.files import RobotFiles, check_folders, find_robot
+from tominpmp.description.groups import JointGroups, group_locks, warn_of_passive
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import JointValues, check_gravity
 from tominpmp.description.linkage import Linkage
@@ -17,8 +19,8 @@ from tominpmp.description.model import (
     configured_model,
     expansion,
 )
-from tominpmp.description.srdf import read_semantics
-from tominpmp.description.urdf import read_urdf
+from tominpmp.description.srdf import SemanticDescription, read_semantics
+from tominpmp.description.urdf import UrdfDescription, read_urdf
 from tominpmp.exceptions import RobotLoadError
 from tominpmp.robot.robot import Robot
 
@@ -26,11 +28,67 @@ from tominpmp.robot.robot import Robot
 DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
 
 
+@dataclass(frozen=True)
+class RobotSource:
+    """What the files of a robot say.
+
+    Attributes:
+        files: The files.
+        description: The URDF file.
+        semantics: The SRDF file, if there is one.
+    """
+
+    files: RobotFiles
+    description: UrdfDescription
+    semantics: SemanticDescription | None
+
+    def linkage(
+        self, group: str | None, locked_joints: Mapping[str, float] | None
+    ) -> Linkage:
+        """Find which joints are locked and which follow others.
+
+        Args:
+            group: Group of joints that move; None for all.
+            locked_joints: Positions of joints that are not to move [rad or m].
+
+        Raises:
+            OptionsError: If there is no such group, or a position is wrong.
+            JointNotFound: If a joint is unknown.
+        """
+        joints = self.description.joints
+        # First what the caller gave, with its errors.
+        linkage = Linkage.resolve(joints, locked_joints or {})
+        if group is None:
+            return linkage
+        said = self.semantics
+        groups = JointGroups() if said is None else said.groups
+        states = {} if said is None else said.group_states
+        locks = group_locks(groups, states, joints, group, locked_joints or {})
+        return Linkage.resolve(joints, locks)
+
+
+def read_source(
+    name_or_path: str | os.PathLike[str],
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    srdf: str | os.PathLike[str] | None = None,
+) -> RobotSource:
+    """Read the files of a robot, given as to :func:`load_robot`.
+
+    Raises:
+        RobotLoadError: If there is no such robot, or its files are wrong.
+    """
+    files = find_robot(name_or_path)
+    description = read_urdf(files.urdf, check_folders(package_dirs))
+    semantics = read_semantics(files.srdf if srdf is None else srdf, description)
+    return RobotSource(files, description, semantics)
+
+
 def load_robot(
     name_or_path: str | os.PathLike[str],
     *,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     srdf: str | os.PathLike[str] | None = None,
+    group: str | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: ArrayLike | None = None,
     damping: JointValues | None = None,
@@ -53,6 +111,9 @@ def load_robot(
             and of ROS are looked through anyway.
         srdf: Semantic description; by default the one that lies beside the file or in
             the folder ``../srdf`` and has its name.
+        group: Group of the SRDF file, as ``"panda_arm"``, whose joints move. The others
+            are locked: where ``locked_joints`` has them, else where a group state of
+            the file has them, else at zero. The base stands still.
         locked_joints: Positions [rad or m] of joints that are not to move; outside
             their limits they cause a warning. Joints that follow them are locked too.
         gravity: Gravity in the world, shape (3,) [m/s^2]; by default what the file
@@ -74,16 +135,18 @@ def load_robot(
         OptionsError: If the value of an argument is wrong.
         JointNotFound: If a joint is unknown.
     """
-    files = find_robot(name_or_path)
-    description = read_urdf(files.urdf, check_folders(package_dirs))
-    linkage = Linkage.resolve(description.joints, locked_joints or {})
-    linkage.warn_of_limits(description.joints)
-    model = build_model(description, linkage.locked)
+    source = read_source(name_or_path, package_dirs, srdf)
+    linkage = source.linkage(group, locked_joints)
+    linkage.warn_of_limits(source.description.joints)
+    model = build_model(source.description, linkage.locked)
     joint_names, matrix, offset = expansion(model, linkage.followers)
+    urdf = source.files.urdf
     if not joint_names:
-        raise RobotLoadError(f"{files.urdf}: no joint is left that moves", files.urdf)
-    table = JointTable.from_description(
-        joint_names, description.joints, linkage
+        raise RobotLoadError(f"{urdf}: no joint is left that moves", urdf)
+    table = JointTable.from_description(joint_names, source.description.joints, linkage)
+    rotors = {} if source.semantics is None else source.semantics.rotor_inertias
+    table = table.overridden(
+        {}, armature={name: rotors[name] for name in joint_names if name in rotors}
     ).overridden(
         linkage.reasons(),
         damping=damping,
@@ -93,11 +156,11 @@ def load_robot(
         position_lower=position_lower,
         position_upper=position_upper,
     )
-    table.check_complete(files.urdf)
-    own = description.gravity or DEFAULT_GRAVITY
+    table.check_complete(urdf)
+    own = source.description.gravity or DEFAULT_GRAVITY
     checked = check_gravity(own if gravity is None else gravity)
     robot = Robot(
-        name=files.name or description.name,
+        name=source.files.name or source.description.name,
         model=configured_model(model, table, checked, matrix, offset),
         joint_names=joint_names,
         limits=table.limits(),
@@ -107,9 +170,12 @@ def load_robot(
         expansion_matrix=matrix,
         expansion_offset=offset,
         locked_joints=linkage.locked,
-        srdf=read_semantics(files.srdf if srdf is None else srdf, description),
-        description=description,
+        srdf=source.semantics,
+        description=source.description,
     )
-    check_inertia(robot.model, table, matrix, offset, files.urdf)
+    check_inertia(robot.model, table, matrix, offset, urdf)
+    if source.semantics is not None:
+        motors = set(robot.joint_names) - set(robot.passive_joints)
+        warn_of_passive(source.semantics.groups.passive, motors)
     _ = robot.collision_model  # a mesh that cannot be read is to be told of now
     return robot

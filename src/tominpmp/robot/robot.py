@@ -23,10 +23,12 @@ from tominpmp.description.model import (
     build_model,
     check_inertia,
     configured_model,
+    expansion,
 )
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import FrameNotFound, ProblemError, brief
+from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, brief
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.payload import Payload, attach
 
 
@@ -57,6 +59,8 @@ class Robot(Record):
         locked_joints: Positions of the locked joints by name [rad or m].
         srdf: Semantic description, if there is one.
         description: The URDF file, as read.
+        motion_limits: Limits beyond those of a URDF file, which problems with this
+            robot have unless they say otherwise; None for none.
     """
 
     name: str
@@ -71,9 +75,10 @@ class Robot(Record):
     locked_joints: Mapping[str, float]
     srdf: SemanticDescription | None = field(repr=False)
     description: UrdfDescription = field(repr=False)
+    motion_limits: MotionLimits | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Make the arrays and the mapping read-only."""
+        """Make the arrays and the mapping read-only, and check the motion limits."""
         matrices = ("expansion_matrix", "expansion_offset")
         for name in ("damping", "armature", "gravity", *matrices):
             value = getattr(self, name)
@@ -81,6 +86,8 @@ class Robot(Record):
                 object.__setattr__(self, name, read_only(value))
         locked = MappingProxyType(dict(self.locked_joints))
         object.__setattr__(self, "locked_joints", locked)
+        if self.motion_limits is not None:
+            self.motion_limits.check(self.joint_names)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the geometry, which is read again where it is needed.
@@ -268,6 +275,45 @@ class Robot(Record):
             if name in self.__dict__:
                 robot.__dict__[name] = self.__dict__[name]
         return robot
+
+    def with_locked(self, positions: Mapping[str, float]) -> Robot:
+        """Make a robot of which further joints do not move.
+
+        Args:
+            positions: Positions by joint name [rad or m]; joints that are locked
+                already stay where they are.
+
+        Raises:
+            OptionsError: If a position is wrong.
+            JointNotFound: If a joint is unknown.
+            RobotLoadError: If no joint is left that moves.
+        """
+        joints = self.description.joints
+        mimics = {joint.name for joint in joints if joint.mimic}
+        kept = {k: v for k, v in self.locked_joints.items() if k not in mimics}
+        linkage = Linkage.resolve(joints, {**positions, **kept})
+        linkage.warn_of_limits(joints)
+        plain = build_model(self.description, linkage.locked)
+        joint_names, *ties = expansion(plain, linkage.followers)
+        if not joint_names:
+            path = self.urdf_path
+            raise RobotLoadError(f"{path}: no joint is left that moves", path)
+        table = self._table().only(joint_names)
+        limits = self.motion_limits
+        if limits is not None:
+            limits = limits.renamed({k: k for k in joint_names}, self.joint_names)
+        return replace(
+            self,
+            model=configured_model(plain, table, self.gravity, *ties),
+            joint_names=joint_names,
+            limits=table.limits(),
+            damping=table.damping,
+            armature=table.armature,
+            expansion_matrix=ties[0],
+            expansion_offset=ties[1],
+            locked_joints=linkage.locked,
+            motion_limits=limits,
+        )
 
     def with_payload(self, payload: Payload) -> Robot:
         """Make a robot that carries a body on one of its frames.
