@@ -165,10 +165,14 @@ class MotionLimits(Record):
         def plain(value: object) -> object:
             if isinstance(value, Mapping):
                 return tuple(sorted(value.items(), key=lambda item: str(item[0])))
-            return tuple(np.ravel(value)) if isinstance(value, np.ndarray) else value
+            return (
+                tuple(np.ravel(value).tolist())
+                if isinstance(value, np.ndarray)
+                else value
+            )
 
         curves = tuple(
-            (joint, tuple(curve.speed), tuple(curve.effort))
+            (joint, tuple(curve.speed.tolist()), tuple(curve.effort.tolist()))
             for joint, curve in sorted((self.effort_curves or {}).items())
         )
         rest = tuple(plain(getattr(self, name)) for name in UNITS)

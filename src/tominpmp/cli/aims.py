@@ -46,6 +46,15 @@ MotionLimitsFile = Annotated[
         "FILE",
     ),
 ]
+Group = Annotated[
+    str | None,
+    _option(
+        ROBOT,
+        "--group",
+        "Group of the SRDF file whose joints move; the others are held.",
+        "NAME",
+    ),
+]
 Control = Annotated[
     str | None,
     _option(

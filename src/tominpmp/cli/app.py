@@ -109,6 +109,7 @@ def plan(
     margin: a.Margin = None,
     package_dir: a.PackageDirs = None,
     srdf: a.Srdf = None,
+    group: aims.Group = None,
     lock: a.Locks = None,
     gravity: a.Gravity = None,
     effort: a.Effort = None,
@@ -149,6 +150,7 @@ def plan(
         robot=robot,
         package_dirs=package_dir or (),
         srdf=srdf,
+        group=group,
         locks=lock or (),
         gravity=gravity,
         effort=effort,
@@ -220,6 +222,7 @@ def verify(
     margin: a.Margin = None,
     package_dir: a.PackageDirs = None,
     srdf: a.Srdf = None,
+    group: aims.Group = None,
     lock: a.Locks = None,
     joint_limits: a.JointLimitsFile = None,
     json: a.Json = False,
@@ -235,6 +238,7 @@ def verify(
         robot=problem,
         package_dirs=package_dir or (),
         srdf=srdf,
+        group=group,
         locks=lock or (),
         joint_limits=joint_limits,
     )
@@ -254,13 +258,18 @@ def play(
     obstacle: a.Obstacles = None,
     package_dir: a.PackageDirs = None,
     srdf: a.Srdf = None,
+    group: aims.Group = None,
     lock: a.Locks = None,
     output: a.Page = None,
     debug: a.Debug = False,
 ) -> None:
     """Show a motion in the browser, or write a page that plays it without network."""
     request = RobotRequest(
-        robot=robot, package_dirs=package_dir or (), srdf=srdf, locks=lock or ()
+        robot=robot,
+        package_dirs=package_dir or (),
+        srdf=srdf,
+        group=group,
+        locks=lock or (),
     )
     surroundings = MotionRequest(obstacles=obstacle or (), scene=scene)
     with guarded(debug):
@@ -275,6 +284,7 @@ def info(
     robot: a.RobotName,
     package_dir: a.PackageDirs = None,
     srdf: a.Srdf = None,
+    group: aims.Group = None,
     lock: a.Locks = None,
     gravity: a.Gravity = None,
     effort: a.Effort = None,
@@ -290,6 +300,7 @@ def info(
         robot=robot,
         package_dirs=package_dir or (),
         srdf=srdf,
+        group=group,
         locks=lock or (),
         gravity=gravity,
         effort=effort,

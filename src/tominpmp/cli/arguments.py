@@ -225,7 +225,7 @@ JointLimitsFile = Annotated[
         ROBOT,
         "--joint-limits",
         "MoveIt's joint_limits.yaml: limits of velocity, effort and position instead "
-        "of the URDF's.",
+        "of the URDF's, and of acceleration and jerk.",
         "FILE",
     ),
 ]

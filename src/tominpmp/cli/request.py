@@ -26,6 +26,7 @@ class RobotRequest:
         robot: Name or path.
         package_dirs: Folders in which to look for ``package://``.
         srdf: Semantic description.
+        group: Group of the semantic description whose joints move.
         locks: ``JOINT=VALUE`` of joints that are not to move.
         gravity: Three numbers [m/s^2].
         effort: Torque limits [N m or N], as text.
@@ -38,6 +39,7 @@ class RobotRequest:
     robot: str
     package_dirs: Sequence[Path] = ()
     srdf: Path | None = None
+    group: str | None = None
     locks: Sequence[str] = ()
     gravity: str | None = None
     effort: str | None = None
@@ -62,8 +64,7 @@ class RobotRequest:
         """
         from tominpmp.cli.values import joint_pair, joint_values, vector
         from tominpmp.exceptions import OptionsError
-        from tominpmp.robot import load_robot
-        from tominpmp.scenario.joint_limits import load_joint_limits
+        from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
 
         locked: dict[str, float] = {}
         for text in self.locks:
@@ -78,19 +79,17 @@ class RobotRequest:
                 changes[name] = joint_values(text, f"--{name}")
         if self.gravity is not None:
             changes["gravity"] = vector(self.gravity, "--gravity")
+        limits = None
         if self.joint_limits is not None:
-            for name, values in (
-                load_joint_limits(self.joint_limits).overrides().items()
-            ):
-                own = changes.get(name, {})
-                if isinstance(own, dict):
-                    changes[name] = {**values, **own}
-        return load_robot(
+            limits = load_joint_limits(self.joint_limits)
+        return load_limited_robot(
+            limits,
             self.robot,
+            changes,
             package_dirs=self.package_dirs,
             srdf=self.srdf,
+            group=self.group,
             locked_joints={**(resting or {}), **locked},
-            **changes,
         )
 
 

@@ -10,8 +10,9 @@ from tominpmp.cli.request import MotionRequest, RobotRequest, make_options
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.robot import read_source
 from tominpmp.scenario.motion_limits import load_motion_limits
-from tominpmp.scenario.moveit import load_moveit, resting_joints
+from tominpmp.scenario.moveit import load_moveit, request_locks
 from tominpmp.scenario.scenario import load_scenario
 from tominpmp.scene import Scene
 
@@ -47,9 +48,11 @@ def load_problem(
         return motion.problem(robot.load()), chosen
     if motion.scene is None:
         raise ProblemError("--request needs a --scene that it belongs to", "scene")
-    keep = ("scene", "request", *KEPT, *(f.name for f in fields(robot)))
+    own = [f.name for f in fields(robot) if f.name != "group"]
+    keep = ("scene", "request", *KEPT, *own)
     _refuse("--request", robot, motion, keep=keep)
-    arm = robot.load(resting_joints(motion.request))
+    source = read_source(robot.robot, robot.package_dirs, robot.srdf)
+    arm = robot.load(request_locks(source, motion.request))
     margin = 0.0 if motion.margin is None else motion.margin
     problem = load_moveit(arm, motion.scene, motion.request, margin=margin)
     return _limited(problem, motion), chosen
@@ -60,6 +63,7 @@ def _limited(problem: Problem, motion: MotionRequest) -> Problem:
     if motion.motion_limits is None:
         return problem
     limits = load_motion_limits(motion.motion_limits, problem.robot)
+    limits = limits.over(problem.motion_limits, problem.robot.joint_names)
     return replace(problem, motion_limits=limits)
 
 

@@ -114,16 +114,8 @@ class _Reader:
     ) -> None:
         self.root, self.context = root, context
         self.links, self.order = links, joints
-        # Joint above each link, and the link above that.
-        self.above: dict[str, tuple[str, str]] = {}
-        self.fixed: set[str] = set()
-        for joint in tree.findall("joint"):
-            parent, child = joint.find("parent"), joint.find("child")
-            if parent is not None and child is not None:
-                name = joint.get("name", "")
-                self.above[child.get("link", "")] = name, parent.get("link", "")
-                if name not in self.order:
-                    self.fixed.add(name)
+        self.above = _joints_above(tree)
+        self.fixed = {joint for joint, _ in self.above.values()} - set(joints)
         self.virtual = {
             joint.get("name", ""): joint.get("type", "fixed")
             for joint in root.findall("virtual_joint")
@@ -174,7 +166,7 @@ class _Reader:
                 )
                 unknown += [link for link in (base, tip) if link not in self.links]
                 if {base, tip} <= self.links:
-                    found |= self._path(base) ^ self._path(tip)
+                    found |= _path(self.above, base) ^ _path(self.above, tip)
             elif element.tag == "group":
                 inner = self.context.text(element, "name", where)
                 if inner not in self.elements:
@@ -191,13 +183,35 @@ class _Reader:
         known = {*self.order, *self.fixed}
         return short if joint not in known and short in known else joint
 
-    def _path(self, link: str) -> set[str]:
-        """Joints from the root to a link."""
-        joints = set()
-        while link in self.above:
-            joint, link = self.above[link]
-            joints.add(joint)
-        return joints
+
+def _joints_above(tree: Element) -> dict[str, tuple[str, str]]:
+    """Joint above each link of a URDF file, and the link above that."""
+    above = {}
+    for joint in tree.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            link = parent.get("link", "")
+            above[child.get("link", "")] = joint.get("name", ""), link
+    return above
+
+
+def _path(above: Mapping[str, tuple[str, str]], link: str) -> set[str]:
+    """Joints from the root to a link."""
+    joints = set()
+    while link in above:
+        joint, link = above[link]
+        joints.add(joint)
+    return joints
+
+
+def carrying_joints(xml: str, link: str) -> set[str]:
+    """Joints from the root to a link, fixed ones among them; none if it is unknown.
+
+    Args:
+        xml: A URDF file.
+        link: Name of the link.
+    """
+    return _path(_joints_above(fromstring(xml)), link)
 
 
 def group_locks(
@@ -228,21 +242,20 @@ def group_locks(
         known = f"; the robot has: {', '.join(groups.groups)}"
         if not groups.groups:
             known = ": the robot has no SRDF file with groups; give one with srdf="
-        raise OptionsError(
-            f"group: there is no group {brief(group)}{known}", "group"
-        )
+        raise OptionsError(f"group: there is no group {brief(group)}{known}", "group")
     found = groups.groups[name]
     if not found.joints:
         raise OptionsError(
             f"group: the group {name!r} has no joint that the robot has", "group"
         )
-    _warn_of_group(name, found)
+    warn_of_group(name, found)
     outside = [j for j in joints if j.name not in found.joints and not j.mimic]
     resting = {joint.name: rest_position(joint, states) for joint in outside}
     return resting | dict(locked)
 
 
-def _warn_of_group(name: str, found: JointGroup) -> None:
+def warn_of_group(name: str, found: JointGroup) -> None:
+    """Warn of what a group has and the robot has not."""
     told = []
     if found.unknown:
         told.append(f"names {', '.join(found.unknown)}, which the robot lacks")

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import os
+import warnings
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from tominpmp.arrays import record_line
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import read_yaml
+from tominpmp.exceptions import TominpmpWarning, brief
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.robot import Robot, load_robot, read_source
 
 # What may lie around the table: nodes of ROS 2, namespaces of parameters.
 _WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")
@@ -23,6 +29,10 @@ _KEYS = {
     "position_lower": ("has_position_limits", "min_position"),
     "position_upper": ("has_position_limits", "max_position"),
 }
+# Pilz' planner knows another limit where a joint slows down, a negative number there.
+_SLOWING = ("has_deceleration_limits", "max_deceleration")
+# Whether a joint turns on without end is said by the URDF file.
+_TURNS = "angle_wraparound"
 
 
 @dataclass(frozen=True)
@@ -70,7 +80,7 @@ class MoveItLimits:
 
         Returns:
             Values by joint name: velocity, effort, position_lower, position_upper, as
-            far as there are any.
+            far as there are any. Accelerations and jerks are :meth:`motion_limits`.
         """
         factor = self.velocity_scaling if scaled else 1.0
         found = {"velocity": {k: factor * v for k, v in self.velocity.items()}}
@@ -78,12 +88,106 @@ class MoveItLimits:
             found[name] = dict(getattr(self, name))
         return {name: values for name, values in found.items() if values}
 
+    def motion_limits(
+        self, joint_names: Sequence[str], *, scaled: bool = False
+    ) -> MotionLimits | None:
+        """Limits of accelerations and jerks; None if there are none.
+
+        Args:
+            joint_names: Joints that move; what is said of others is left out.
+            scaled: Whether accelerations are scaled by ``acceleration_scaling``.
+        """
+        factor = self.acceleration_scaling if scaled else 1.0
+        values: dict[str, Any] = {
+            "acceleration": {k: factor * v for k, v in self.acceleration.items()},
+            "jerk": dict(self.jerk),
+        }
+        found: dict[str, Any] = {}
+        for name, limits in values.items():
+            own = {k: v for k, v in limits.items() if k in joint_names}
+            if own:
+                found[name] = own
+        return MotionLimits(**found) if found else None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that have a limit."""
+        return tuple(dict.fromkeys(joint for k in _KEYS for joint in getattr(self, k)))
+
+
+def load_limited_robot(
+    limits: MoveItLimits | None,
+    name_or_path: str | os.PathLike[str],
+    changes: Mapping[str, Any],
+    **arguments: Any,
+) -> Robot:
+    """Load a robot with the limits of MoveIt's file, accelerations and jerks too.
+
+    Limits of joints that do not move are left out; those of joints that the robot
+    lacks, or that follow others, with a warning.
+
+    Args:
+        limits: The limits; None for those of the robot alone.
+        name_or_path: As for :func:`~tominpmp.robot.load_robot`.
+        changes: Values per joint and gravity, which go before the file.
+        **arguments: Its further arguments.
+
+    Raises:
+        TominpmpError: As by :func:`~tominpmp.robot.load_robot`.
+    """
+    if limits is None:
+        return load_robot(name_or_path, **arguments, **changes)
+    files = {k: arguments[k] for k in ("package_dirs", "srdf") if k in arguments}
+    source = read_source(name_or_path, **files)
+    linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
+    joints = [joint.name for joint in source.description.joints]
+    _warn_of_joints(limits, joints, linkage.followers)
+    free = set(joints) - set(linkage.reasons())
+    values = dict(changes)
+    for key, numbers in limits.overrides().items():
+        own = values.get(key, {})
+        if isinstance(own, Mapping):
+            present = {k: v for k, v in numbers.items() if k in free}
+            values[key] = {**present, **own}
+    robot = load_robot(name_or_path, **arguments, **values)
+    further = limits.motion_limits(robot.joint_names)
+    if further is None:
+        return robot
+    further = further.over(robot.motion_limits, robot.joint_names)
+    return replace(robot, motion_limits=further)
+
+
+def _warn_of_joints(
+    limits: MoveItLimits, joints: Collection[str], followers: Collection[str]
+) -> None:
+    told = []
+    unknown = [brief(joint) for joint in limits.joints if joint not in joints]
+    if unknown:
+        told.append(f"the robot has no joints {', '.join(unknown[:20])}")
+    led = [joint for joint in limits.joints if joint in followers]
+    if led:
+        told.append(
+            f"limits of joints that follow others are not used: {', '.join(led)}"
+        )
+    scalings = limits.velocity_scaling, limits.acceleration_scaling
+    factors = [
+        f"{key} ({value:g})"
+        for key, value in zip(_SCALINGS, scalings, strict=True)
+        if value < 1.0
+    ]
+    if factors:
+        told.append(f"the limits are taken whole, without {' and '.join(factors)}")
+    if told:
+        message = f"{limits.path}: {'; '.join(told)}"
+        warnings.warn(message, TominpmpWarning, stacklevel=4)
+
 
 def load_joint_limits(path: str | Path) -> MoveItLimits:
     """Read a ``joint_limits.yaml``.
 
     A limit counts unless the file says that there is none (``has_velocity_limits:
-    false``); then that of the URDF remains.
+    false``); then that of the URDF remains. Where a deceleration is limited too, the
+    smaller of both holds for both. Of keys that are not read a warning tells.
 
     Args:
         path: The file.
@@ -101,16 +205,22 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
             table = table.get(wrapper)
     joints = table.need("joint_limits").table()
     found: dict[str, dict[str, float]] = {name: {} for name in _KEYS}
+    notes = [k for k in table.table() if k not in ("joint_limits", *_SCALINGS)]
     for joint, limits in joints.items():
-        for name, (flag, key) in _KEYS.items():
-            said = limits.get(flag)
-            if said.given and not said.flag():
-                continue
-            if said.given:
-                limits.need(key)
-            value = limits.get(key)
-            if value.given:
+        for name, keys in _KEYS.items():
+            value = _limit_of(limits, *keys)
+            if value is not None:
                 found[name][joint] = _limit(value, name)
+        slowing = _slowing(limits)
+        if slowing is not None:
+            own = found["acceleration"].get(joint, slowing)
+            found["acceleration"][joint] = min(own, slowing)
+            if own != slowing:
+                notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
+        notes += _unread(limits)
+    if notes:
+        told = ", ".join(brief(note).strip("'") for note in notes[:20])
+        warnings.warn(f"{path}: not used: {told}", TominpmpWarning, stacklevel=2)
     scaling = []
     for key in _SCALINGS:
         factor = table.get(key)
@@ -123,6 +233,41 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         velocity_scaling=scaling[0],
         acceleration_scaling=scaling[1],
     )
+
+
+def _limit_of(limits: Field, flag: str, key: str) -> Field | None:
+    """A limit, if there is one: it must be there where the flag says so."""
+    said = limits.get(flag)
+    if said.given and not said.flag():
+        return None
+    value = limits.need(key) if said.given else limits.get(key)
+    return value if value.given else None
+
+
+def _slowing(limits: Field) -> float | None:
+    """Largest deceleration, as a positive number."""
+    value = _limit_of(limits, *_SLOWING)
+    if value is None:
+        return None
+    number = value.number()
+    if number == 0.0:
+        value.fail("is 0, expected a number less than zero")
+    return abs(number)
+
+
+def _unread(limits: Field) -> list[str]:
+    """Keys of a joint that say something that is not used."""
+    known = {key for keys in (*_KEYS.values(), _SLOWING) for key in keys}
+    unread = []
+    for key, item in limits.table().items():
+        if key == _TURNS:
+            if item.given and item.flag():
+                unread.append(
+                    f"{item.key} (the URDF says whether a joint is continuous)"
+                )
+        elif key not in known:
+            unread.append(item.key)
+    return unread
 
 
 def _limit(value: Field, name: str) -> float:

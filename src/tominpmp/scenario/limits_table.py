@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import TominpmpError
 from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
 from tominpmp.robot import Robot
-from tominpmp.scenario.joint_limits import MoveItLimits
 from tominpmp.scenario.motion_limits import load_motion_limits
 from tominpmp.scenario.records import field_table, make
 
 
-def read_motion_limits(
-    table: Field, moveit: MoveItLimits | None, robot: Robot
-) -> MotionLimits | None:
+def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     """Read the limits.
 
     Args:
@@ -26,8 +25,6 @@ def read_motion_limits(
             :class:`~tominpmp.motion_limits.MotionLimits`; may be left out. ``file``
             names a YAML file that the other keys go before, see
             :mod:`~tominpmp.scenario.motion_limits`.
-        moveit: Limits of accelerations and jerks that the table's own go before; those
-            of joints that do not move are left out.
         robot: The robot.
 
     Returns:
@@ -36,21 +33,13 @@ def read_motion_limits(
     Raises:
         ScenarioError: If the table is wrong.
     """
-    values: dict[str, Any] = {}
-    if moveit is not None:
-        values = {
-            "acceleration": _of_joints(moveit.acceleration, robot),
-            "jerk": _of_joints(moveit.jerk, robot),
-        }
-        values = {key: limits for key, limits in values.items() if limits}
-    if not table.given and not values:
+    if not table.given:
         return None
-    if table.given:
-        table.only("file", *(field.name for field in fields(MotionLimits)))
-        values |= _of_file(table.get("file"), robot, values)
-        for name, item in table.table().items():
-            if name != "file":
-                values[name] = _limit(name, item, values.get(name, {}))
+    table.only("file", *(field.name for field in fields(MotionLimits)))
+    values = _of_file(table.get("file"), robot)
+    for name, item in table.table().items():
+        if name != "file":
+            values[name] = _limit(name, item, values.get(name, {}))
     try:
         limits = MotionLimits(**values)
         limits.check(robot.joint_names)
@@ -59,11 +48,7 @@ def read_motion_limits(
     return limits
 
 
-def _of_joints(values: Mapping[str, float], robot: Robot) -> dict[str, float]:
-    return {k: v for k, v in values.items() if k in robot.joint_names}
-
-
-def _of_file(item: Field, robot: Robot, before: Mapping[str, Any]) -> dict[str, Any]:
+def _of_file(item: Field, robot: Robot) -> dict[str, Any]:
     """Limits of the YAML file that a table refers to, relative to its own file."""
     if item.value is None:
         return {}
@@ -74,7 +59,7 @@ def _of_file(item: Field, robot: Robot, before: Mapping[str, Any]) -> dict[str, 
     for name in UNITS:
         own = getattr(limits, name)
         if own is not None:
-            found[name] = {**before.get(name, {}), **own}
+            found[name] = dict(own)
     return found
 
 
@@ -89,6 +74,27 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
         own = {k: v.number(infinite=True) for k, v in item.table().items()}
         return {**before, **own}
     return item.value
+
+
+def beyond(
+    limits: MotionLimits, others: MotionLimits | None, robot: Robot
+) -> MotionLimits:
+    """The same limits, so that they are what they are over those of the robot.
+
+    Args:
+        limits: Limits of a problem.
+        others: Limits of its robot.
+        robot: The robot.
+    """
+    if others is None:
+        return limits
+    names = robot.joint_names
+    freed: dict[str, Any] = {}
+    for name in UNITS:
+        own, below = limits.by_joint(name, names), others.by_joint(name, names)
+        if np.any(np.isinf(own) & np.isfinite(below)):
+            freed[name] = dict(zip(names, own.tolist(), strict=True))
+    return replace(limits, **freed)
 
 
 def motion_limits_table(limits: MotionLimits, folder: Path) -> dict[str, Any]:

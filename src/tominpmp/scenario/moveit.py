@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import JointNotFound, ProblemError, TominpmpWarning, brief
+from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot import Robot, RobotSource, load_robot, read_source
 from tominpmp.scenario.moveit_goals import APART, read_goal
+from tominpmp.scenario.moveit_group import (
+    followers,
+    group_locks,
+    joint_values,
+    start_positions,
+    unmoved,
+    warn_of_unknown_joints,
+)
 from tominpmp.scenario.moveit_scene import (
     Frames,
     load_moveit_scene,
@@ -42,14 +51,17 @@ def load_moveit(
     robot's speed limits.
 
     Args:
-        robot: The robot. Joints of which the goal says nothing stay where they start.
-            Given by its name or path, it is loaded with those joints locked.
+        robot: The robot, or its name or path. Planned is the group of its SRDF file
+            that the request names; the other joints are locked where they start.
+            Joints of the group of which a goal of joint positions says nothing stay
+            where they start, too.
         scene_path: YAML file with a ``PlanningScene`` message.
         request_path: YAML file with a ``MotionPlanRequest`` message.
         margin: Distance to keep from obstacles [m].
 
     Returns:
-        The problem.
+        The problem. Joints of the start state that the robot lacks, and locked ones
+        outside their limits, cause a warning.
 
     Raises:
         ScenarioError: If a file is wrong, or the problem in it, as by a start in
@@ -58,28 +70,23 @@ def load_moveit(
         ProblemError: If the margin is wrong.
     """
     scene_message, request = read_message(scene_path), read_message(request_path)
-    state = request.get("start_state")
-    start = _joint_values(state.get("joint_state"), "name", "position")
-    if not isinstance(robot, Robot):
-        try:
-            robot = load_robot(robot, locked_joints=_unmoved(request, start))
-        except JointNotFound as error:
-            state.get("joint_state").get("name").fail(str(error))
-    _check_state(robot, state.get("joint_state"), start)
+    state, start = request.get("start_state"), start_positions(request)
+    arm = _grouped_robot(robot, request, start)
+    _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
     refuse_attached(state)
-    frames = read_frames(scene_message, robot, state)
-    _check_upright(frames, robot, scene_message)
+    frames = read_frames(scene_message, arm, state)
+    _check_upright(frames, arm, scene_message)
     scene = read_scene(scene_message, frames)
-    goal = read_goal(request, robot, frames, start)
+    goal = read_goal(request, arm, frames, start)
     try:
         return Problem(
-            _scaled(robot, request.get("max_velocity_scaling_factor")),
-            np.array([start[name] for name in robot.joint_names]),
+            _scaled(arm, request.get("max_velocity_scaling_factor")),
+            np.array([start[name] for name in arm.joint_names]),
             goal,
             scene=scene,
             margin=margin,
-            v_start=_start_velocity(robot, state.get("joint_state")),
+            v_start=_start_velocity(arm, state.get("joint_state")),
         )
     except ProblemError as error:
         blamed = (error.field or "").split(".")[0]
@@ -89,18 +96,8 @@ def load_moveit(
         request.get(places.get(blamed, "goal_constraints")).fail(str(error))
 
 
-def _joint_values(state: Field, names: str, values: str) -> dict[str, float]:
-    """Values by joint name of a JointState."""
-    joints = [item.text() for item in state.need(names).items()]
-    found = state.need(values)
-    numbers = found.numbers()
-    if len(numbers) != len(joints):
-        found.fail(f"holds {len(numbers)} numbers for {len(joints)} joints")
-    return dict(zip(joints, numbers, strict=True))
-
-
 def resting_joints(request_path: str | Path) -> dict[str, float]:
-    """Find the joints that a request does not move.
+    """Find the joints that a request does not move, whatever its group.
 
     Args:
         request_path: YAML file with a ``MotionPlanRequest`` message.
@@ -113,32 +110,65 @@ def resting_joints(request_path: str | Path) -> dict[str, float]:
         ScenarioError: If the file is wrong.
     """
     request = read_message(request_path)
-    state = request.get("start_state").get("joint_state")
-    return _unmoved(request, _joint_values(state, "name", "position"))
+    return unmoved(request, start_positions(request))
 
 
-def _unmoved(request: Field, start: dict[str, float]) -> dict[str, float]:
-    moved = set()
-    for goal in request.get("goal_constraints").items():
-        if any(goal.get(f"{k}_constraints").given for k in ("position", "orientation")):
-            return {}  # any joint may move to bring a link to its place
-        for item in goal.get("joint_constraints").items():
-            moved.add(item.need("joint_name").text())
-    return {k: v for k, v in start.items() if k not in moved} if moved else {}
+def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, float]:
+    """Find the joints to lock where a robot is loaded for a request.
+
+    Args:
+        source: The files of the robot.
+        request_path: YAML file with a ``MotionPlanRequest`` message.
+
+    Returns:
+        Positions by joint name [rad or m]: of those outside its group, and of those of
+        which a goal of joint positions says nothing.
+
+    Raises:
+        ScenarioError: If the file is wrong.
+    """
+    request = read_message(request_path)
+    return _locks(request, start_positions(request), source)
 
 
-def _check_state(robot: Robot, state: Field, start: dict[str, float]) -> None:
+def _locks(
+    request: Field, start: Mapping[str, float], source: RobotSource
+) -> dict[str, float]:
+    description, semantics = source.description, source.semantics
+    joints = {joint.name: joint for joint in description.joints}
+    locks = group_locks(request, start, description, semantics)
+    for name, position in unmoved(request, start).items():
+        if name in joints and joints[name].mimic is None:
+            locks[name] = position
+    return locks | followers(start, description.joints, locks)
+
+
+def _grouped_robot(
+    robot: Robot | str | os.PathLike[str], request: Field, start: Mapping[str, float]
+) -> Robot:
+    """The robot with the joints locked that the request does not move."""
+    if not isinstance(robot, Robot):
+        source = read_source(robot)
+        return load_robot(robot, locked_joints=_locks(request, start, source))
+    locks = group_locks(request, start, robot.description, robot.srdf)
+    further = {k: v for k, v in locks.items() if k in robot.joint_names}
+    return robot.with_locked(further) if further else robot
+
+
+def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None:
     """Check the joints of the start state against those of the robot."""
-    known = {joint.name for joint in robot.description.joints}
-    for name in start:
-        if name not in known:
-            state.get("name").fail(
-                f"there is no joint {brief(name)}; the robot has: "
-                f"{', '.join(sorted(known))}"
-            )
+    known = [joint.name for joint in robot.description.joints]
     lacking = [name for name in robot.joint_names if name not in start]
     if lacking:
-        state.get("name").fail(f"says nothing about the joints {', '.join(lacking)}")
+        unknown = [brief(name) for name in start if name not in known][:10]
+        hint = ""
+        if unknown:
+            hint = f", and there is no joint {', '.join(unknown)}"
+        state.get("name").fail(
+            f"says nothing about the joints {', '.join(lacking)}{hint}; the robot "
+            f"has: {', '.join(sorted(known))}"
+        )
+    warn_of_unknown_joints(state.get("name"), start, known)
     for name, position in robot.locked_joints.items():
         asked = start.get(name, position)
         if abs(asked - position) > APART:
@@ -153,7 +183,14 @@ def _check_state(robot: Robot, state: Field, start: dict[str, float]) -> None:
 def _start_velocity(robot: Robot, state: Field) -> Array | None:
     if not state.get("velocity").given:
         return None
-    velocity = _joint_values(state, "name", "velocity")
+    velocity = joint_values(state, "name", "velocity")
+    held = [name for name in robot.locked_joints if velocity.get(name, 0.0) != 0.0]
+    if held:
+        warnings.warn(
+            f"{state.path}: {', '.join(held)} move at the start, but are locked",
+            TominpmpWarning,
+            stacklevel=3,
+        )
     return np.array([velocity[name] for name in robot.joint_names])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ from tominpmp.description.joint_table import JointTable
 from tominpmp.description.linkage import Linkage
 from tominpmp.exceptions import RobotLoadError, ScenarioError, TominpmpError
 from tominpmp.payload import Payload
-from tominpmp.robot import DEFAULT_GRAVITY, Robot, load_robot
-from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
+from tominpmp.robot import DEFAULT_GRAVITY, Robot
+from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
+from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
 from tominpmp.scenario.records import classes, field_table, file_name, make
 from tominpmp.scene import Obstacle
 
@@ -34,7 +36,9 @@ KEYS = (
     "path",
     "srdf",
     "package_dirs",
+    "group",
     "joint_limits",
+    "motion_limits",
     "gravity",
     "locked_joints",
     "payloads",
@@ -42,18 +46,19 @@ KEYS = (
 )
 
 
-def read_robot(table: Field) -> tuple[Robot, MoveItLimits | None]:
+def read_robot(table: Field) -> Robot:
     """Load the robot of a scenario.
 
     Args:
-        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``,
+        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
             ``locked_joints``, ``gravity`` and the overrides of :func:`load_robot`;
-            ``joint_limits``, a file of MoveIt; ``payloads``, a list of tables with the
+            ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
+            (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
             fields of :class:`~tominpmp.payload.Payload`. Paths are relative to the
             scenario.
 
     Returns:
-        The robot, and what that file of MoveIt says.
+        The robot.
 
     Raises:
         ScenarioError: If the table is wrong or the robot cannot be loaded.
@@ -72,8 +77,10 @@ def read_robot(table: Field) -> tuple[Robot, MoveItLimits | None]:
         if table.get(key).value is not None:
             arguments[key] = table.get(key).value
     try:
-        robot = load_robot(
+        robot = load_limited_robot(
+            limits,
             name.text() if name.given else folder / Path(path.text()).expanduser(),
+            arguments,
             package_dirs=[
                 folder / Path(item.text()).expanduser()
                 for item in table.get("package_dirs").items()
@@ -83,9 +90,10 @@ def read_robot(table: Field) -> tuple[Robot, MoveItLimits | None]:
                 if table.get("srdf").given
                 else None
             ),
+            group=table.get("group").text() if table.get("group").given else None,
             locked_joints=table.get("locked_joints").value or {},
-            **_with_limits(limits, arguments),
         )
+        robot = _limited(robot, table.get("motion_limits"))
     except ScenarioError:
         raise
     except TominpmpError as error:
@@ -98,18 +106,18 @@ def read_robot(table: Field) -> tuple[Robot, MoveItLimits | None]:
             robot = robot.with_payload(payload)
         except TominpmpError as error:
             item.fail(str(error))
-    return robot, limits
+    return robot
 
 
-def _with_limits(
-    limits: MoveItLimits | None, arguments: dict[str, Any]
-) -> dict[str, Any]:
-    """Add the limits of MoveIt's file, which the scenario's own go before."""
-    for key, values in ({} if limits is None else limits.overrides()).items():
-        own = arguments.get(key, {})
-        if isinstance(own, Mapping):
-            arguments[key] = {**values, **own}
-    return arguments
+def _limited(robot: Robot, table: Field) -> Robot:
+    """The robot with limits of its own beyond those of its files."""
+    if not table.given:
+        return robot
+    limits = read_motion_limits(table, robot)
+    if limits is None:
+        return robot
+    limits = limits.over(robot.motion_limits, robot.joint_names)
+    return replace(robot, motion_limits=limits)
 
 
 def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
@@ -149,6 +157,8 @@ def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
     payloads = [field_table(payload, kinds, folder) for payload in robot.payloads]
     if payloads:
         table["payloads"] = payloads
+    if robot.motion_limits is not None:
+        table["motion_limits"] = motion_limits_table(robot.motion_limits, folder)
     return table | _overrides(robot, locked)
 
 

@@ -51,11 +51,16 @@ from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError
 from tominpmp.goals import Goal, JointGoal
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.output.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
+from tominpmp.scenario.limits_table import (
+    beyond,
+    motion_limits_table,
+    read_motion_limits,
+)
 from tominpmp.scenario.records import (
     classes,
     field_table,
@@ -118,7 +123,7 @@ def load_scenario(path: str | Path) -> Scenario:
     path = Path(path).expanduser()
     document = Field(_read_toml(path), path)
     document.only(*SECTIONS)
-    robot, moveit = read_robot(document.need("robot"))
+    robot = read_robot(document.need("robot"))
     options = _read_options(document.get("options"))
     q_start = _positions(document.need("start"), robot, None)
     v_start = document.get("start").get("v")
@@ -132,9 +137,7 @@ def load_scenario(path: str | Path) -> Scenario:
             scene=_read_scene(document.get("scene")),
             margin=margin.number() if margin.value is not None else 0.0,
             v_start=None if v_start.value is None else _vector(v_start, robot),
-            motion_limits=read_motion_limits(
-                document.get("motion_limits"), moveit, robot
-            ),
+            motion_limits=read_motion_limits(document.get("motion_limits"), robot),
             self_collision=None if own.value is None else own.flag(),
         )
     except ScenarioError:
@@ -310,9 +313,11 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
         obstacles = [to_table(item, kinds, folder) for item in problem.scene]
         if obstacles:
             document[key] = {"obstacles": obstacles}
-        if problem.motion_limits is not None:
+        own = problem.robot.motion_limits
+        if problem.motion_limits not in (None, own):
             key = "motion_limits"
-            document[key] = motion_limits_table(problem.motion_limits, folder)
+            limits = beyond(problem.motion_limits or MotionLimits(), own, problem.robot)
+            document[key] = motion_limits_table(limits, folder)
         key = "options"
         table = field_table(_without_callback(options), {}, folder)
         if table:
@@ -346,7 +351,7 @@ def _check_robot(table: dict[str, Any], robot: Robot, path: Path) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is to be told was told at first loading
-        loaded, _ = read_robot(Field(table, path, "robot"))
+        loaded = read_robot(Field(table, path, "robot"))
     if loaded != robot:
         raise ScenarioError(
             f"{path}: robot: cannot be saved: it differs from its files by more than "

@@ -1,0 +1,152 @@
+"""Tests of groups: which joints move, and where the others are held."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot_samples import chain, write
+
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import JointNotFound, OptionsError, TominpmpWarning
+from tominpmp.robot import load_robot
+from tominpmp.scenario.robot_table import read_robot, robot_table
+
+ALL = """
+<group name="chain"><chain base_link="l1" tip_link="l3"/></group>
+<group name="links"><link name="l2"/><link name="base"/></group>
+<group name="names"><joint name="sample/j4"/></group>
+<group name="both"><group name="names"/><group name="links"/></group>
+<group name="l_hand"><joint name="j1"/></group>
+<group_state name="up" group="both"><joint name="j1" value="0.25"/></group_state>
+<group_state name="home" group="both"><joint name="j1" value="-0.5"/></group_state>
+"""
+
+
+def arm(folder: Path, groups: str = ALL, **arguments: object) -> object:
+    urdf = write(folder, chain("", "", "", ""))
+    write(folder, f'<robot name="sample">{groups}</robot>', f"{urdf.stem}.srdf")
+    return load_robot(urdf, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("group", "joints"),
+    [
+        ("chain", ("j2", "j3")),
+        ("links", ("j2",)),
+        ("names", ("j4",)),
+        ("both", ("j2", "j4")),
+        ("left_hand", ("j1",)),
+        ("sample_both", ("j2", "j4")),
+    ],
+)
+def test_joints_of_groups(group: str, joints: tuple[str, ...], tmp_path: Path) -> None:
+    found = arm(tmp_path, group=group)
+    assert found.joint_names == joints
+    rest = {"j1": -0.5, "j2": 0.0, "j3": 0.0, "j4": 0.0}
+    assert found.locked_joints == {k: v for k, v in rest.items() if k not in joints}
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_positions_of_the_caller_go_before(tmp_path: Path) -> None:
+    found = arm(tmp_path, group="chain", locked_joints={"j4": 0.75, "j3": 0.5})
+    assert found.joint_names == ("j2",)
+    assert found.locked_joints == {"j1": -0.5, "j3": 0.5, "j4": 0.75}
+    with pytest.raises(JointNotFound, match="no joint 'j9'"):
+        arm(tmp_path, group="chain", locked_joints={"j9": 0.0})
+
+
+def test_unknown_groups(tmp_path: Path) -> None:
+    with pytest.raises(OptionsError, match=r"'arm'; .* chain, links, names") as caught:
+        arm(tmp_path, group="arm")
+    assert caught.value.option == "group"
+    with pytest.raises(OptionsError, match="no group 3"):
+        arm(tmp_path, group=3)
+    with pytest.raises(OptionsError, match="no SRDF file with groups"):
+        arm(tmp_path, "", group="arm")
+    with pytest.raises(OptionsError, match="no joint that the robot has"):
+        arm(tmp_path, '<group name="a"/>', group="a")
+
+
+def test_what_a_group_has_and_the_robot_lacks_is_told(tmp_path: Path) -> None:
+    inside = '<joint name="j1"/><joint name="gone"/><link name="no"/>'
+    text = f'<group name="a">{inside}<group name="none"/></group>'
+    with pytest.warns(TominpmpWarning, match="'a' names gone, no, none, which"):
+        arm(tmp_path, text, group="a")
+    base = '<virtual_joint name="v" type="floating" child_link="base"/>'
+    text = f'{base}<group name="a"><joint name="v"/><joint name="j1"/></group>'
+    with pytest.warns(TominpmpWarning, match="moves the base, which .* standing"):
+        arm(tmp_path, text, group="a")
+    assert arm(tmp_path, text).n == 4  # a free base of no group changes nothing
+
+
+def test_passive_joints_that_are_driven_are_told_of(tmp_path: Path) -> None:
+    text = '<passive_joint name="j2"/>'
+    with pytest.warns(TominpmpWarning, match=r"calls j2 passive.*effort=\{'j2': 0\}"):
+        arm(tmp_path, text)
+    arm(tmp_path, text, effort={"j2": 0})
+    arm(tmp_path, text, locked_joints={"j2": 0.0})
+
+
+def test_unknown_elements_of_an_srdf_file_are_told_of(tmp_path: Path) -> None:
+    with pytest.warns(TominpmpWarning, match="not read: <disable_collision>"):
+        arm(tmp_path, '<disable_collision link1="l1" link2="l2"/>')
+    arm(tmp_path, '<link_sphere_approximation link="l1"/><end_effector name="e"/>')
+
+
+def test_collisions_disabled_by_default(tmp_path: Path) -> None:
+    text = (
+        '<disable_default_collisions link="l1"/>'
+        '<enable_collisions link1="l3" link2="l1"/>'
+    )
+    found = arm(tmp_path, text)
+    expected = {("base", "l1"), ("l1", "l2"), ("l1", "l4")}
+    assert set(found.srdf.disabled_pairs) == expected
+
+
+def test_rotors_of_an_srdf_file(tmp_path: Path) -> None:
+    text = '<rotor_params><joint name="j2" mass="1e-4" gear_ratio="50"/></rotor_params>'
+    found = arm(tmp_path, text)
+    np.testing.assert_allclose(found.armature, [0.0, 0.25, 0.0, 0.0])
+    assert not np.any(arm(tmp_path, text, armature=0.0).armature)
+
+
+def test_a_group_that_holds_itself(tmp_path: Path) -> None:
+    ring = [f'<group name="{a}"><group name="{b}"/></group>' for a, b in ("ab", "ba")]
+    text = "".join(ring)
+    with pytest.raises(Exception, match="group 'a' holds itself"):
+        arm(tmp_path, text)
+
+
+def test_bundled_and_example_robots() -> None:
+    """One call each; the base of a humanoid stands still."""
+    panda = load_robot("panda", group="panda_arm")
+    assert panda.n == 7 and panda.locked_joints["panda_finger_joint1"] == 0.001
+    talos = load_robot("talos", group="left_arm")
+    assert talos.joint_names == tuple(f"arm_left_{i}_joint" for i in range(1, 8))
+    assert talos.locked_joints["leg_left_4_joint"] == 0.859395  # half sitting
+    np.testing.assert_allclose(talos.armature, 0.1)
+    with pytest.raises(OptionsError, match="has: r_leg, l_leg, r_arm, l_arm"):
+        load_robot("talos", group="tail")
+
+
+def test_groups_of_scenarios(tmp_path: Path) -> None:
+    table = {"name": "panda", "group": "arm"}
+    found = read_robot(Field(table, tmp_path / "s.toml", "robot"))
+    assert found == load_robot("panda", group="arm")
+    saved = Field(robot_table(found, tmp_path), tmp_path / "s.toml", "robot")
+    assert read_robot(saved) == found
+
+
+def test_locking_further_joints(tmp_path: Path) -> None:
+    whole = arm(tmp_path, velocity=[1, 2, 3, 4])
+    part = whole.with_locked({"j1": 0.5, "j3": 0.0})
+    expected = arm(
+        tmp_path, locked_joints={"j1": 0.5, "j3": 0.0}, velocity={"j2": 2, "j4": 4}
+    )
+    assert part == expected
+    assert part.collision_model.ngeoms == expected.collision_model.ngeoms
+    with pytest.raises(Exception, match="no joint is left"):
+        part.with_locked({"j2": 0.0, "j4": 0.0})

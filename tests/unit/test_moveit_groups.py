@@ -1,0 +1,185 @@
+"""Files of MoveIt as they are: the group is planned, all else held where it starts.
+
+The start states name the joints of whole robots, as those of MotionBenchMaker do:
+grippers that the URDF lacks, fingers beyond their limits, a head, another arm.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tominpmp.exceptions import ScenarioError, TominpmpWarning
+from tominpmp.goals import JointGoal
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.moveit import load_moveit
+
+UR5 = [
+    f"{name}_joint"
+    for name in (
+        "shoulder_pan",
+        "shoulder_lift",
+        "elbow",
+        "wrist_1",
+        "wrist_2",
+        "wrist_3",
+    )
+]
+ROBOTIQ = ["robotiq_85_left_knuckle_joint", "robotiq_85_right_finger_tip_joint"]
+ARMS = {
+    side: [f"{side}_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+    for side in ("left", "right")
+}
+BAXTER = ["head_pan", *ARMS["left"], "l_gripper_l_finger_joint", *ARMS["right"]]
+PANDA = [f"panda_joint{i}" for i in range(1, 8)]
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+
+
+def files(
+    folder: Path,
+    group: str,
+    start: dict[str, float],
+    goal: dict[str, float] | str,
+    **more: Any,
+) -> tuple[Path, Path]:
+    """A scene far away, and a request for joints, or for a link to be at a point."""
+    if isinstance(goal, str):
+        region = {
+            "primitives": [{"type": "sphere", "dimensions": [0.001]}],
+            "primitive_poses": [{"position": [0.5, 0.5, 0.5]}],
+        }
+        wanted: Any = {
+            "position_constraints": [{"link_name": goal, "constraint_region": region}]
+        }
+    else:
+        wanted = {
+            "joint_constraints": [
+                {"joint_name": name, "position": value} for name, value in goal.items()
+            ]
+        }
+    request = {
+        "group_name": group,
+        "start_state": {
+            "joint_state": {"name": list(start), "position": list(start.values())}
+        },
+        "goal_constraints": [wanted],
+        **more,
+    }
+    ball = {
+        "id": "ball",
+        "primitives": [{"type": "sphere", "dimensions": [0.1]}],
+        "primitive_poses": [{"position": [5, 5, 5]}],
+    }
+    paths = folder / "scene.yaml", folder / "request.yaml"
+    paths[0].write_text(json.dumps({"world": {"collision_objects": [ball]}}))
+    paths[1].write_text(json.dumps(request))
+    return paths
+
+
+def test_ur5_whose_gripper_is_not_in_the_urdf(tmp_path: Path) -> None:
+    start = dict(zip(UR5, [0, -1.5, 1.5, -1.5, -1.5, 0], strict=True))
+    goal = dict(zip(UR5, [1, -1.2, 1.2, -1.5, -1.5, 0], strict=True))
+    grip = dict.fromkeys(ROBOTIQ, 0.0)
+    paths = files(tmp_path, "manipulator", {**grip, **start}, goal)
+    with pytest.warns(TominpmpWarning, match="no joints 'robotiq_85_left_knuckle") as w:
+        problem = load_moveit("ur5", *paths)
+    assert len(w) == 1
+    assert problem.robot.n == 6
+    np.testing.assert_array_equal(problem.q_start, list(start.values()))
+    with pytest.warns(TominpmpWarning, match="robotiq_85_right_finger_tip_joint"):
+        assert load_moveit(load_robot("ur5"), *paths) == problem
+
+
+@pytest.mark.parametrize("sides", [("left",), ("left", "right")])
+def test_baxter_with_two_arms(sides: tuple[str, ...], tmp_path: Path) -> None:
+    """The head and the fingers are held at the start, and an arm that has no goal."""
+    start = dict.fromkeys(BAXTER, 0.0)
+    start |= {"left_s1": -1.0, "right_s1": -0.9, "head_pan": 0.1}
+    start |= {"l_gripper_l_finger_joint": 0.05}
+    moved = [joint for side in sides for joint in ARMS[side]]
+    goal = {joint: start[joint] + 0.05 for joint in moved}
+    group = "both_arms" if len(sides) == 2 else "left_arm"
+    paths = files(tmp_path, group, {**start, "virtual_joint": 0.0}, goal)
+    with pytest.warns(TominpmpWarning) as caught:
+        problem = load_moveit("baxter", *paths)
+    told = " ".join(str(item.message) for item in caught)
+    assert "l_gripper_l_finger_joint is locked at 0.05, outside its limits" in told
+    assert "no joints 'virtual_joint'" in told
+    assert "r_gripper_l_finger_joint" in told  # the start says nothing about it
+    assert set(problem.robot.joint_names) == set(moved)
+    assert problem.robot.locked_joints["head_pan"] == 0.1
+    assert problem.robot.locked_joints["l_gripper_l_finger_joint"] == 0.05
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("goal", ["joints", "link"])
+def test_panda_with_fingers_beyond_their_limits(
+    named: bool, goal: str, tmp_path: Path
+) -> None:
+    start = dict(zip(PANDA, READY, strict=True))
+    wanted = (
+        {k: v + 0.1 for k, v in start.items()} if goal == "joints" else "panda_hand"
+    )
+    fingers = {"panda_finger_joint1": 0.065, "panda_finger_joint2": 0.065}
+    paths = files(tmp_path, "panda_arm", {**start, **fingers}, wanted)
+    robot: str | Robot = "panda" if named else load_robot("panda")
+    with pytest.warns(TominpmpWarning, match="locked at 0.065, outside its limits"):
+        problem = load_moveit(robot, *paths)
+    assert problem.robot.joint_names == tuple(PANDA)
+    assert problem.robot.locked_joints == fingers
+    assert problem.robot.limits.velocity.shape == (7,)
+
+
+def test_joints_that_the_user_locked_remain_locked(tmp_path: Path) -> None:
+    start = dict(zip(PANDA, READY, strict=True))
+    goal = {k: v + 0.1 for k, v in start.items() if k != "panda_joint7"}
+    fingers = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
+    robot = load_robot("panda", locked_joints={"panda_joint7": 0.785})
+    paths = files(tmp_path, "arm", {**start, **fingers}, goal)
+    problem = load_moveit(robot, *paths)
+    assert problem.robot.joint_names == tuple(PANDA[:6])
+    assert problem.goal == JointGoal([v + 0.1 for v in READY[:6]])
+
+
+def test_an_unknown_group_with_a_goal_of_a_link(tmp_path: Path) -> None:
+    """What carries the link is planned."""
+    start = dict.fromkeys(BAXTER, 0.0) | {"left_s1": -1.0, "right_s1": -1.0}
+    start |= {"l_gripper_l_finger_joint": 0.01, "r_gripper_l_finger_joint": 0.01}
+    paths = files(tmp_path, "arms", start, "left_wrist")
+    with pytest.warns(TominpmpWarning, match=r"no group 'arms' \(it has: whole_body\)"):
+        robot = load_moveit("baxter", *paths).robot
+    assert set(robot.joint_names) <= set(ARMS["left"])
+    assert robot.locked_joints["right_s1"] == -1.0
+
+
+def test_a_start_that_says_nothing_about_the_group(tmp_path: Path) -> None:
+    start = dict(zip(PANDA[:6], READY[:6], strict=True))
+    paths = files(tmp_path, "arm", {**start, "x": 1.0}, dict.fromkeys(PANDA, 0.1))
+    with (
+        pytest.raises(
+            ScenarioError, match=r"about the joints panda_joint7, and .* no joint 'x'"
+        ),
+        pytest.warns(TominpmpWarning, match="says nothing about panda_finger_joint1"),
+    ):
+        load_moveit("panda", *paths)
+
+
+def test_a_joint_twice_and_held_joints_that_move(tmp_path: Path) -> None:
+    start = dict(zip(PANDA, READY, strict=True))
+    goal = {k: v + 0.1 for k, v in start.items()}
+    paths = files(tmp_path, "arm", start | {"panda_finger_joint1": 0.02}, goal)
+    request = json.loads(paths[1].read_text())
+    state = request["start_state"]["joint_state"]
+    state["velocity"] = [0.0] * 7 + [0.1]
+    paths[1].write_text(json.dumps(request))
+    with pytest.warns(TominpmpWarning, match="panda_finger_joint1 move at the start"):
+        assert isinstance(load_moveit("panda", *paths), Problem)
+    state["name"][1] = "panda_joint1"
+    paths[1].write_text(json.dumps(request))
+    with pytest.raises(ScenarioError, match="'panda_joint1' is there twice"):
+        load_moveit("panda", *paths)
