@@ -165,9 +165,7 @@ def test_joints_that_do_not_move_may_be_in_the_file(tmp_path: Path) -> None:
     assert robot.limits.velocity[0] == 0.1
     assert robot.motion_limits is not None
     assert robot.motion_limits.by_joint("acceleration", robot.joint_names)[0] == 1.0
-    with pytest.warns(
-        TominpmpWarning, match="follow others are not used: panda_finger"
-    ):
+    with pytest.warns(TominpmpWarning, match="follow others are not used: panda"):
         free = RobotRequest(robot="panda", joint_limits=path).load()
     assert free.limits.velocity[-1] == 0.1
 
