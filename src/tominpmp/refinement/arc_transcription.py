@@ -22,6 +22,8 @@ CUTS = 4
 # Lengths change by this share of the duration and of the trust region at most.
 LENGTH_STEP = 0.3
 BROKEN = 1e3
+# Steps shorter than this share of the duration are none: nothing moves in them.
+VANISHED = 1e-9
 
 
 class ArcTranscription:
@@ -119,7 +121,7 @@ class ArcTranscription:
         of = program.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         held = arcs.held[of] != 0
-        steps = np.flatnonzero(flow.h > 0.0)
+        steps = np.flatnonzero(flow.h > VANISHED * flow.h.sum())
         x, h = flow.x, flow.h
         rows_x, rows_u, rows_h = [x[:1]], [], []
         known = np.concatenate([[0.0], NODES])

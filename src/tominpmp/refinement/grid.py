@@ -241,15 +241,20 @@ def split_intervals(
     x, u, h = transcription.split(z)
     first = np.cumsum(parts) - parts
     t = np.concatenate([[0.0], np.cumsum(h)])
-    short = np.repeat(h / parts, parts)
-    shares = (short / short.sum())[:, None]
-    states = np.empty((short.size + 1, x.shape[1]))
+    shares = _split_shares(transcription, parts)
+    states = np.empty((shares.shape[0] + 1, x.shape[1]))
     states[first], states[-1] = x[:-1], x[-1]
     halved = np.flatnonzero(split)
     inside = transcription.trajectory(z)(0.5 * (t[halved] + t[halved + 1]))
     states[first[halved] + 1] = np.hstack([inside.q, inside.v])
     finer = CollocationTranscription(transcription.system, shares, float(t[-1]))
-    return finer, finer.pack(states, np.repeat(u, parts, axis=0), t[-1:])
+    eta = z[-shares.shape[1] :]
+    return finer, finer.pack(states, np.repeat(u, parts, axis=0), eta)
+
+
+def _split_shares(transcription: Gridded, parts: IntArray) -> Array:
+    """Shares of the halved intervals; whatever could stretch by itself still can."""
+    return np.repeat(transcription.shares / parts[:, None], parts, axis=0)
 
 
 def _split_spline(
@@ -264,12 +269,10 @@ def _split_spline(
     points = spline.points[index]
     points = np.where(halved[:, None], 0.5 * (points + ends), points)
     points[0], points[-1] = spline.q_ends  # as the transcription packs them
-    short = spline.h[index] / parts[index]
-    duration = float(short.sum())
-    finer = InverseTranscription(
-        transcription.system, (short / duration)[:, None], duration
-    )
-    return finer, finer.pack(points, spline.v_ends[1], np.array([duration]))
+    shares = _split_shares(transcription, parts)
+    duration = float(spline.h.sum())
+    finer = InverseTranscription(transcription.system, shares, duration)
+    return finer, finer.pack(points, spline.v_ends[1], z[-shares.shape[1] :])
 
 
 def _solve(
@@ -297,6 +300,8 @@ def _solve(
         stopped = result.status in (Status.TIME_LIMIT, Status.INTERRUPTED)
         if stopped or not isinstance(transcription, InverseTranscription):
             break
+        if round_ == EXCHANGES:
+            break  # the result is one of these rows, and of no others
         extra = transcription.inspect(result.iterate.z, OVERLOAD)
         if not extra.size:
             break
