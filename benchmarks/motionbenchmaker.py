@@ -227,9 +227,9 @@ class Court:
 def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
     """Plan with the library and default options."""
     import tominpmp as tm
+    from tominpmp import linear_programs as lp
     from tominpmp.constraints import ClearanceConstraint
     from tominpmp.scenario.moveit import load_moveit
-    from tominpmp.solvers import lp
 
     files = court.case.scene_path, court.case.request_path
     problem = load_moveit(court.robot, *files)

@@ -128,3 +128,13 @@ def test_declared_dependencies_are_those_imported() -> None:
     assert imported - set(declared) == set()
     always_installed = {name for name, is_extra in declared.items() if not is_extra}
     assert always_installed - imported == set()
+
+
+JUDGE = sorted((PACKAGE / "verification").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", JUDGE, ids=name_of)
+def test_what_judges_a_motion_knows_nothing_of_what_made_it(path: Path) -> None:
+    makers = ("transcription", "solvers", "constraints", "seeding", "refinement")
+    names = {name.split(".")[1] for name in imported_names(parse(path)) if "." in name}
+    assert not names.intersection(makers)

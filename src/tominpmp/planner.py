@@ -27,6 +27,7 @@ from tominpmp.attempts import (
 )
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import FrameGoal, PlaceGoal
+from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.seeding.guess import KINEMATIC_STARTS, Guess, initial_guesses
@@ -36,7 +37,6 @@ from tominpmp.seeding.passing import guesses_among_moving
 from tominpmp.seeding.warm import FormerMotion
 from tominpmp.smoothing import smooth
 from tominpmp.solution import Solution, Status
-from tominpmp.solvers.lp import make_solver
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System
 from tominpmp.verification import LowerBound, explain, lower_bound

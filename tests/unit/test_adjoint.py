@@ -8,8 +8,8 @@ import scipy.sparse as sp
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
+from tominpmp.linear_programs import make_solver
 from tominpmp.solution import Status
-from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.adjoint import BROKEN, AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription

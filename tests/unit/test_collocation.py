@@ -7,8 +7,8 @@ import pytest
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
+from tominpmp.linear_programs import make_solver
 from tominpmp.solution import Status
-from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.integrator import rollout

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from tominpmp.exceptions import SolverNotFound
-from tominpmp.solvers.lp import LinearProgram, available_solvers, make_solver
+from tominpmp.linear_programs import LinearProgram, available_solvers, make_solver
 
 SOLVERS = ["highs", "piqp", "clarabel"]
 

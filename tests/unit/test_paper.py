@@ -7,8 +7,8 @@ import pytest
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
+from tominpmp.linear_programs import make_solver
 from tominpmp.solution import Status
-from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.system import System

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.solution import Status
-from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.solvers.subproblem import build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion

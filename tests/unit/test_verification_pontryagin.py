@@ -26,12 +26,12 @@ from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution, Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.system import System
 from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.certificate import Certificate
 from tominpmp.verification.costates import integrate_costates
 from tominpmp.verification.first_order import first_order
 from tominpmp.verification.pontryagin import certify
+from tominpmp.verification.task import Task
 from tominpmp.verification.variations import MOST, Variations, certificate_grid
 
 MASS, FORCE = 2.0, 10.0
@@ -310,7 +310,7 @@ def test_multipliers_account_for_the_promise() -> None:
     """The promise is the sum of multiplier times room, as duality says."""
     solution = planned(limited=True)
     assert solution.trajectory is not None
-    motion = Motion.of(System.of(solution.problem), solution.trajectory)
+    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
     found = first_order(motion)
     assert found is not None
     given = found.multipliers
@@ -337,7 +337,7 @@ def test_promise_without_far_torques_is_an_upper_bound() -> None:
     """It is taken where it is good enough; else all torques are looked at."""
     solution = industrial()
     assert solution.trajectory is not None
-    motion = Motion.of(System.of(solution.problem), solution.trajectory)
+    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
     whole, quick = first_order(motion), first_order(motion, 1.0)
     exact = first_order(motion, 0.5 * whole.promise if whole else 0.0)
     assert whole is not None
@@ -352,7 +352,7 @@ def test_adjoint_equation_from_end_to_start() -> None:
     """Integrated in one go, the adjoint equation gives the costates back."""
     solution = planned("adjoint")
     assert solution.trajectory is not None
-    motion = Motion.of(System.of(solution.problem), solution.trajectory)
+    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
     found = first_order(motion)
     assert found is not None
     assert solution.verification is not None
@@ -427,7 +427,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         None,
         limits,
     )
-    system, inverse = System.of(problem), RobotDynamics(problem.robot).inverse
+    task, inverse = Task.of(problem), RobotDynamics(problem.robot).inverse
     N, n = 40, 3
     # Accelerations are continuous and piecewise linear.
     a = rng.normal(0.0, 2.0, (N + 1, n))
@@ -455,7 +455,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         }
 
     base = build(a, h)
-    motion = Motion.of(system, base)
+    motion = Motion.of(task, base)
     assert motion.changes.shape == "ramps"
     groups = [*motion.efforts(), *motion.declared(), *motion.clearances()]
     assert {rows.kind for rows in groups} >= {
@@ -477,7 +477,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     gaps = motion.changes.gaps()
     miss = gaps.matrix @ z + gaps.by_length @ dh
     np.testing.assert_allclose(miss, 0.0, atol=1e-6)
-    high, low = rooms(Motion.of(system, after)), rooms(Motion.of(system, before))
+    high, low = rooms(Motion.of(task, after)), rooms(Motion.of(task, before))
     compared = 0
     for number, rows in enumerate(groups):
         slope = rows.change.matrix @ z + rows.change.by_length @ dh

@@ -21,12 +21,12 @@ from tominpmp.attempts.attempt import STOPPED, Attempt
 from tominpmp.attempts.guessed import EXCHANGES, NEARLY, SMOOTHING_SHARE
 from tominpmp.attempts.watch import Watch
 from tominpmp.exceptions import OptionsError
+from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import IterationRecord, Solution, Status
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.exchange import OVERLOAD

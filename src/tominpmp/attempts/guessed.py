@@ -10,12 +10,12 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
 from tominpmp.attempts.watch import Watch
+from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.refinement import refine, unrefined
 from tominpmp.seeding.guess import Guess
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.lp import LpSolver, make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription

@@ -10,10 +10,10 @@ from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
 from tominpmp.attempts.guessed import with_rows_where_needed
 from tominpmp.attempts.watch import Watch
+from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.refinement import refine, unrefined
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.lp import make_solver
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.solvers.penalty import PenaltySolver
 from tominpmp.solvers.slp import SlpSolver

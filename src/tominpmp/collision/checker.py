@@ -182,18 +182,9 @@ class CollisionChecker:
         return out
 
     def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
-        """Lower bounds of all distances, without measuring any.
-
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            Shape (m, pairs) [m].
-        """
-        query = self._query
-        placed = query.place(self.robot.expand(q), times)
-        return query.broad.by_balls(placed)
+        """Lower bounds of all distances, without measuring any; see ``distances``."""
+        placed = self._query.place(self.robot.expand(q), times)
+        return self._query.broad.by_balls(placed)
 
     def measured(
         self,
@@ -215,9 +206,9 @@ class CollisionChecker:
         Returns:
             Shape (k,) [m]; exact where below ``enough``.
         """
-        rows = self.robot.expand(q)
-        placed = self._query.place(rows, times)
-        return self._query.measured(rows, placed, instants, pairs, enough, times)
+        rows, query = self.robot.expand(q), self._query
+        placed = query.place(rows, times)
+        return query.measured(rows, placed, instants, pairs, enough, times)
 
     def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.refinement.exact import refine_switching
 from tominpmp.refinement.grid import refine_grid
 from tominpmp.refinement.monitor import Monitor
 from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.lp import LpSolver
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.system import System
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.refinement.arc_transcription import ArcTranscription
 from tominpmp.refinement.arcs import Arcs
@@ -23,7 +24,6 @@ from tominpmp.refinement.switching import (
 )
 from tominpmp.solution import Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.solvers.lp import LpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.controls import driven_joints

@@ -16,12 +16,12 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.goals import FrameGoal
+from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.refinement.arcs import Arcs
 from tominpmp.refinement.monitor import Budget, Clock
 from tominpmp.refinement.switching import Settled, solve_lengths
 from tominpmp.seeding.inverse_kinematics import goal_configurations
-from tominpmp.solvers.lp import LpSolver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.collocation import CollocationTranscription

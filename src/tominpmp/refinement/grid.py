@@ -17,12 +17,12 @@ from typing import TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
 from tominpmp.refinement.flow import march
 from tominpmp.refinement.monitor import Monitor
 from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.lp import LpSolver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs import LpSolution
 from tominpmp.solution import IterationRecord, Status
-from tominpmp.solvers.lp import LpSolution
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 

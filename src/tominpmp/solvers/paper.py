@@ -18,10 +18,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs import LinearProgram, LpSolver
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Effort, Iterate, SlpResult
-from tominpmp.solvers.lp import LinearProgram, LpSolver
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.transcription.adjoint import AdjointTranscription

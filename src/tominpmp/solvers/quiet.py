@@ -22,9 +22,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.linear_programs import LinearProgram, LpSolution, solve_quadratic
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Trial
-from tominpmp.solvers.lp import LinearProgram, LpSolution, solve_quadratic
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion

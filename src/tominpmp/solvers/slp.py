@@ -18,10 +18,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
-from tominpmp.solvers.lp import LpSolution, LpSolver, make_solver
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import InverseJacobians
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.system import System
+from tominpmp.verification.task import Task
 from tominpmp.verification.variations import (
     HAIR,
     Change,
@@ -77,7 +77,7 @@ class Motion:
     """A motion at the ends of the intervals of a grid, where its limits are rows.
 
     Attributes:
-        system: Dynamics and limits.
+        task: Dynamics and limits.
         trajectory: The motion.
         changes: Its small changes.
         a: Accelerations just after the beginnings and before the ends of the intervals,
@@ -87,7 +87,7 @@ class Motion:
         load: Mean torque of each interval as a share of its limits, shape (N, n).
     """
 
-    system: System
+    task: Task
     trajectory: Trajectory
     changes: Variations
     a: Array
@@ -96,7 +96,7 @@ class Motion:
     load: Array
 
     @classmethod
-    def of(cls, system: System, trajectory: Trajectory) -> Motion:
+    def of(cls, task: Task, trajectory: Trajectory) -> Motion:
         """Look at a motion on a grid that suits it."""
         t, joined = certificate_grid(trajectory)
         n, h = trajectory.n, np.diff(t)
@@ -105,8 +105,8 @@ class Motion:
         a = ends.a
         if trajectory.inverse_dynamics is None:
             x = np.concatenate([ends.q, ends.v], axis=1)
-            a = system.dynamics.forward(x, ends.u)[:, n:]
-        parts = system.dynamics.inverse_jacobians(ends.q, ends.v, a)
+            a = task.dynamics.forward(x, ends.u)[:, n:]
+        parts = task.dynamics.inverse_jacobians(ends.q, ends.v, a)
         a, u = a.reshape(-1, 2, n), ends.u.reshape(-1, 2, n)
         mean = u.mean(axis=1)
         if joined:
@@ -114,20 +114,20 @@ class Motion:
             times = t[:-1, None] + h[:, None] * inside
             mean = trajectory(times.ravel()).u.reshape(-1, SAMPLES, n).mean(axis=1)
         nodes = trajectory(t)
-        shape = _shape(system, trajectory, a, joined)
+        shape = _shape(task, trajectory, a, joined)
         changes = Variations(t, nodes.q, nodes.v, shape)
-        load = (mean - system.effort_middle) / system.effort_half
-        return cls(system, trajectory, changes, a, u, parts, load)
+        load = (mean - task.effort_middle) / task.effort_half
+        return cls(task, trajectory, changes, a, u, parts, load)
 
     @property
     def loads(self) -> Array:
         """Torques at both ends as shares of their limits, shape (N, 2, n)."""
-        return (self.u - self.system.effort_middle) / self.system.effort_half
+        return (self.u - self.task.effort_middle) / self.task.effort_half
 
     @property
     def driven(self) -> IntArray:
         """Joints with a motor."""
-        limits = self.system.problem.robot.limits
+        limits = self.task.problem.robot.limits
         return np.flatnonzero(limits.effort_upper > limits.effort_lower)
 
     # -- torques -----------------------------------------------------------------------
@@ -170,7 +170,7 @@ class Motion:
         )
 
     def _as_loads(self, torque: Change) -> Change:
-        scale = np.tile(1.0 / self.system.effort_half, self.changes.N)
+        scale = np.tile(1.0 / self.task.effort_half, self.changes.N)
         return torque.after(sp.diags(scale).tocsr())
 
     def efforts(self) -> list[LimitRows]:
@@ -209,16 +209,16 @@ class Motion:
 
     def _bulges(self) -> LimitRows | None:
         """Torques in the middle of intervals, where they are largest there."""
-        changes, system = self.changes, self.system
+        changes, task = self.changes, self.task
         times = changes.t[:-1] + 0.5 * changes.h
         state = self.trajectory(times)
-        load = (state.u - system.effort_middle) / system.effort_half
+        load = (state.u - task.effort_middle) / task.effort_half
         over = np.abs(load) > np.max(np.abs(self.loads), axis=1) + BULGE
         over &= np.abs(load) > NEAR
         over[:, np.setdiff1d(np.arange(changes.n), self.driven)] = False
         if not over.any():
             return None
-        parts = system.dynamics.inverse_jacobians(state.q, state.v, state.a)
+        parts = task.dynamics.inverse_jacobians(state.q, state.v, state.a)
         q = changes.position_at(0.5, state.q)
         v = changes.velocity_at(0.5, state.v)
         a = 0.5 * (changes.accelerations(0) + changes.accelerations(1))
@@ -234,10 +234,10 @@ class Motion:
 
     def declared(self) -> list[LimitRows]:
         """What motors and controllers limit beside torques: rates, jerks, power."""
-        limits = self.system.problem.motion_limits
+        limits = self.task.problem.motion_limits
         if limits is None:
             return []
-        names = self.system.problem.robot.joint_names
+        names = self.task.problem.robot.joint_names
         out = self._over_speed()
         rate = limits.by_joint("effort_rate", names)
         if np.any(np.isfinite(rate)):
@@ -279,10 +279,10 @@ class Motion:
         return _shares("jerk", change, found, limit, np.arange(N), n)
 
     def _over_speed(self) -> list[LimitRows]:
-        limits, changes = self.system.problem.motion_limits, self.changes
+        limits, changes = self.task.problem.motion_limits, self.changes
         curves = {} if limits is None else (limits.effort_curves or {})
-        names, N, n = self.system.problem.robot.joint_names, changes.N, changes.n
-        half, out = self.system.effort_half, []
+        names, N, n = self.task.problem.robot.joint_names, changes.N, changes.n
+        half, out = self.task.effort_half, []
         for name, curve in sorted(curves.items()):
             joint = names.index(name)
             own = np.arange(N) * n + joint
@@ -311,19 +311,17 @@ class Motion:
 
     def clearances(self) -> list[LimitRows]:
         """Distances that are near their margins, as shares of the reach."""
-        clearance, changes = self.system.clearance, self.changes
-        if clearance is None:
+        room, changes = self.task.room, self.changes
+        if room is None:
             return []
         out = []
         for share in (0.5, 1.0):
             times = changes.t[:-1] + share * changes.h
             q = self.trajectory(times).q if share < 1.0 else changes.q[1:]
-            # The rows of the planner keep some room beyond the margin.
-            missing = clearance.values(q, ATTENTION, times) - self.system.padding
-            k, pair = np.nonzero(missing > -ATTENTION)
+            k, pair, missing = room.near(q, ATTENTION, times)
             if not k.size:
                 continue
-            slopes, rates = clearance.derivatives_at(q, k, pair, times)
+            slopes, rates = room.derivatives_at(q, k, pair, times)
             columns = k[:, None] * changes.n + np.arange(changes.n)
             starts = np.arange(k.size + 1) * changes.n
             by_q = sp.csr_matrix(
@@ -334,7 +332,7 @@ class Motion:
                 change = changes.position_at(share, q).after(by_q)
             else:
                 change = changes.fixed(by_q @ changes.positions[changes.n :])
-            if clearance.moving:
+            if room.moving:
                 passed = np.where(k[:, None] > np.arange(changes.N), 1.0, 0.0)
                 passed[np.arange(k.size), k] = share
                 late = sp.csr_matrix(rates[:, None] * passed)
@@ -344,20 +342,20 @@ class Motion:
                     kind="clearance",
                     change=change,
                     lower=np.full(k.size, -np.inf),
-                    upper=np.maximum(-missing[k, pair], 0.0),
+                    upper=np.maximum(-missing, 0.0),
                     interval=k,
                     subject=pair,
                     share=share,
                     slopes=slopes,
-                    unit=self.system.reach,
+                    unit=self.task.reach,
                 )
             )
         return out
 
 
-def _shape(system: System, trajectory: Trajectory, a: Array, joined: bool) -> Shape:
+def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:
     """What is constant on the intervals of a motion."""
-    limits = system.problem.motion_limits
+    limits = task.problem.motion_limits
     if limits is not None and limits.continuous:
         return "ramps"
     if trajectory.inverse_dynamics is None or joined:

@@ -26,7 +26,7 @@ LEAST_SHARE = 1e-5
 
 def name_of(motion: Motion, kind: str, subject: int) -> str:
     """Name of the joint, or of the pair, that a limit belongs to."""
-    problem = motion.system.problem
+    problem = motion.task.problem
     if kind == "clearance":
         one, other = problem.checker.pairs[subject]
         return f"{one} and {other}"
@@ -35,8 +35,8 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
 
 def autonomous(motion: Motion) -> bool:
     """Whether nothing but the state decides what is allowed, so that H is constant."""
-    clearance = motion.system.clearance
-    return clearance is None or not clearance.moving
+    room = motion.task.room
+    return room is None or not room.moving
 
 
 def praise(motion: Motion, out: Certificate) -> str:
@@ -127,7 +127,7 @@ class _Failures:
 
     def _flaw(self) -> str:
         """What keeps a motion that was not replayed from being one of the problem."""
-        system, changes = self.motion.system, self.motion.changes
+        system, changes = self.motion.task, self.motion.changes
         problem, tolerances = system.problem, Tolerances()
         apart = np.abs([changes.q[0] - problem.q_start, changes.v[0] - system.v_start])
         if float(apart.max()) > tolerances.goal:
@@ -145,7 +145,7 @@ class _Failures:
         return self._over(load, tolerances.limits)
 
     def _over(self, load: Array, tolerance: float) -> str:
-        changes, limits = self.motion.changes, self.motion.system.problem.robot.limits
+        changes, limits = self.motion.changes, self.motion.task.problem.robot.limits
         speed = np.abs(changes.v) / limits.velocity
         for what, share in (("torque", load), ("velocity", speed[1:])):
             k, joint = np.unravel_index(int(np.argmax(share)), share.shape)

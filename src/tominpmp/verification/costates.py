@@ -52,7 +52,7 @@ def integrate_costates(
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    slope = motion.system.dynamics.forward_jacobians(x, state.u).f_x
+    slope = motion.task.dynamics.forward_jacobians(x, state.u).f_x
     steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)
     out = np.empty((changes.N + 1, 2 * n))

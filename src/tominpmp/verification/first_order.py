@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.goals import AnyGoal
-from tominpmp.solvers.lp import LinearProgram, LpSolution, make_solver
+from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 from tominpmp.verification.active_limits import LimitRows, Motion
 from tominpmp.verification.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.verification.variations import Change
@@ -120,7 +120,7 @@ class _Program:
 
     def __init__(self, motion: Motion, far: float = np.inf) -> None:
         self.motion = motion
-        changes, system = motion.changes, motion.system
+        changes, system = motion.changes, motion.task
         self.n, self.N = changes.n, changes.N
         self.T = float(changes.t[-1])
         place = system.step_scale
@@ -144,7 +144,7 @@ class _Program:
     def bounds(self) -> _Bounds:
         """Limits of states and accelerations, and the trust region."""
         N, n, controls = self.N, self.n, self.motion.changes.controls
-        problem, changes = self.motion.system.problem, self.motion.changes
+        problem, changes = self.motion.task.problem, self.motion.changes
         limits = problem.robot.limits
         states = np.concatenate([changes.q, changes.v], axis=1)[1:]
         low = np.concatenate([limits.position_lower, -limits.velocity])
@@ -170,11 +170,11 @@ class _Program:
 
     def _acceleration_bounds(self) -> tuple[Array, Array, Array]:
         """Room below and above, shape (controls, n), and the limits, shape (n,)."""
-        motion, limits = self.motion, self.motion.system.problem.motion_limits
+        motion, limits = self.motion, self.motion.task.problem.motion_limits
         most = np.full(self.n, np.inf)
         continuous = False
         if limits is not None:
-            names = motion.system.problem.robot.joint_names
+            names = motion.task.problem.robot.joint_names
             most = limits.by_joint("acceleration", names)
             continuous = limits.continuous
         least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
@@ -191,7 +191,7 @@ class _Program:
 
     def _goal(self) -> tuple[sp.csr_matrix, Array, Array]:
         """Rows of the goal with their bounds."""
-        system, changes = self.motion.system, self.motion.changes
+        system, changes = self.motion.task, self.motion.changes
         goal, q, v = system.problem.goal, changes.q[-1], changes.v[-1]
         if isinstance(goal, AnyGoal):
             goal = goal.nearest(system.kinematics, q, v)
@@ -351,7 +351,7 @@ class _Program:
                 later = rows.interval > 0
                 index = (rows.interval[later] - 1, rows.subject[later])
                 np.add.at(at_end, index, 0.5 * y[later])
-        parts, at_end = motion.parts, self.T * at_end / motion.system.effort_half
+        parts, at_end = motion.parts, self.T * at_end / motion.task.effort_half
         by_q = np.einsum("kj,kji->ki", at_end, parts.tau_q[1::2])
         by_v = np.einsum("kj,kji->ki", at_end, parts.tau_v[1::2])
         return np.concatenate([by_q, by_v], axis=1)

@@ -29,12 +29,12 @@ from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.problem import Problem
 from tominpmp.recorded import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
-from tominpmp.transcription.system import System
 from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.certificate import ActiveLimit, Certificate
 from tominpmp.verification.conditions import failing, name_of, praise
 from tominpmp.verification.costates import disagreement, integrate_costates
 from tominpmp.verification.first_order import FirstOrder, first_order
+from tominpmp.verification.task import Task
 from tominpmp.verification.verdict import Verification
 
 # What small changes may promise, as a share of the duration.
@@ -77,7 +77,7 @@ def certify(
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     try:
         with np.errstate(all="ignore"):
-            motion = Motion.of(System.of(problem), trajectory)
+            motion = Motion.of(Task.of(problem), trajectory)
             found = first_order(motion, ENOUGH * tolerance)
             if found is None:
                 out = _nothing(trajectory, tolerance)
@@ -155,7 +155,7 @@ class _Reading:
         costates = integrate_costates(motion, found, replay)
         error = disagreement(found, costates)
         costates[1:] = found.costates
-        limits = motion.system.problem.motion_limits
+        limits = motion.task.problem.motion_limits
         out = Certificate(
             joint_names=self.names,
             ok=False,

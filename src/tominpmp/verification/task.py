@@ -1,0 +1,141 @@
+"""What a problem asks for, in the numbers that a certificate needs.
+
+It is made from the problem alone: the robot, its limits, the scene and the goal.
+Nothing here is shared with the programs that motions are made by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.collision import CollisionChecker, Derivatives
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.problem import Problem
+
+# Reach of an arm without any [m].
+LEAST_REACH = 1e-3
+# Configurations whose distances are asked for at once.
+CHUNK = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """What pairs of bodies lack of their margins, as shares of the reach.
+
+    Attributes:
+        checker: Distances of the pairs.
+        margins: Distances to keep, shape (pairs,) [m].
+        reach: Length that the values are divided by [m].
+    """
+
+    checker: CollisionChecker
+    margins: Array
+    reach: float
+
+    @property
+    def moving(self) -> bool:
+        """Whether values depend on time."""
+        return self.checker.moving
+
+    def near(
+        self, q: Array, attention: float, times: Array
+    ) -> tuple[IntArray, IntArray, Array]:
+        """Pairs that have less room than so much.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            attention: The room, as a share of the reach.
+            times: Times [s], shape (m,).
+
+        Returns:
+            Indices of configurations and pairs, and what is missing, shape (k,) each.
+        """
+        cutoff = self.margins + attention * self.reach
+        parts = []
+        for begin in range(0, len(q), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            found = self.checker.distances(q[part], cutoff, times[part])
+            missing = (self.margins - found) / self.reach
+            row, pair = np.nonzero(missing > -attention)
+            parts.append((row + begin, pair, missing[row, pair]))
+        rows, pairs, values = zip(*parts, strict=True)
+        return np.concatenate(rows), np.concatenate(pairs), np.concatenate(values)
+
+    def derivatives_at(
+        self, q: Array, instants: IntArray, pairs: IntArray, times: Array
+    ) -> Derivatives:
+        """Derivatives of what pairs lack, by configuration and by time [1/s].
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each value, shape (k,).
+            pairs: Index of its pair, shape (k,).
+            times: Times [s], shape (m,).
+        """
+        found = self.checker.derivatives_at(q, instants, pairs, times)
+        return Derivatives(*(-part / self.reach for part in found))
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The functions and scales of a problem.
+
+    Attributes:
+        problem: The problem.
+        dynamics: Equations of motion of its robot.
+        kinematics: Placement of its frames.
+        reach: Length of the arm, which scales lengths [m].
+        room: Distances to obstacles and between links; None without either.
+    """
+
+    problem: Problem
+    dynamics: RobotDynamics
+    kinematics: RobotKinematics
+    reach: float
+    room: Room | None
+
+    @classmethod
+    def of(cls, problem: Problem) -> Task:
+        """Take up a problem."""
+        kinematics = RobotKinematics(problem.robot)
+        reach = max(kinematics.reach(), LEAST_REACH)
+        checker = problem.checker
+        room = Room(checker, checker.margins(problem.margin), reach)
+        return cls(
+            problem,
+            RobotDynamics(problem.robot),
+            kinematics,
+            reach,
+            room if checker.pairs else None,
+        )
+
+    @cached_property
+    def v_start(self) -> Array:
+        """Velocities at the start, shape (n,)."""
+        given = self.problem.v_start
+        return np.zeros(self.problem.robot.n) if given is None else given
+
+    @cached_property
+    def effort_middle(self) -> Array:
+        """Middle of the torque range, shape (n,) [N m or N]."""
+        limits = self.problem.robot.limits
+        return 0.5 * (limits.effort_upper + limits.effort_lower)
+
+    @cached_property
+    def effort_half(self) -> Array:
+        """Half the torque range, shape (n,); 1 where it is empty."""
+        limits = self.problem.robot.limits
+        half = 0.5 * (limits.effort_upper - limits.effort_lower)
+        if self.problem.motion_limits is not None:
+            half = self.problem.motion_limits.effort_scale * half
+        return np.where(half > 0.0, half, 1.0)
+
+    @cached_property
+    def step_scale(self) -> Array:
+        """Joint displacement that counts as 1 rad, shape (n,): 1, or the reach [m]."""
+        return np.where(prismatic_joints(self.problem.robot), self.reach, 1.0)
