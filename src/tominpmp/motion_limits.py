@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, real_array, real_number
-from tominpmp.exceptions import JointNotFound, ProblemError, brief
+from tominpmp.exceptions import JointNotFound, ProblemError, brief, expect
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -134,7 +134,9 @@ class MotionLimits(Record):
                 "effort_scale",
             )
         object.__setattr__(self, "effort_scale", scale)
-        curves = dict(self.effort_curves or {})
+        given = {} if self.effort_curves is None else self.effort_curves
+        expect(given, Mapping, "effort_curves", "EffortCurves by joint name")
+        curves = dict(given)
         for joint, curve in curves.items():
             if not isinstance(curve, EffortCurve):
                 raise ProblemError(

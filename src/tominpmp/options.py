@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, Record, real_array, real_number
-from tominpmp.exceptions import OptionsError, brief
+from tominpmp.exceptions import OptionsError, brief, expect
 
 if TYPE_CHECKING:
     from tominpmp.solution import IterationRecord
@@ -26,6 +26,17 @@ REFINEMENTS = ("grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
 OPTIONAL = ("max_planning_time", "initial_duration", "starts", "control_period")
+# More is taken for a mistake, before it fills the memory or starts too many processes.
+MOST = {
+    "intervals": 10_000,
+    "max_iterations": 1_000_000,
+    "processes": 256,
+    "seed": 2**63 - 1,
+    "starts": 10_000,
+    "slack": 10.0,
+}
+# Likewise for all other numbers: longer than anybody waits, and squares still fit.
+LARGEST = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +56,21 @@ class Tolerances:
     limits: float = 5e-3
     contact: float = 1e-5
 
+    def __post_init__(self) -> None:
+        """Check every tolerance."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            try:
+                number = real_number(value)
+            except ValueError:
+                number = np.nan
+            if not number >= 0.0:
+                raise OptionsError(
+                    f"tolerance {item.name} is {brief(value)}, expected a number >= 0",
+                    item.name,
+                )
+            object.__setattr__(self, item.name, number)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Options(Record):
@@ -55,7 +81,7 @@ class Options(Record):
             "collocation" (states and torques), "adjoint" (the paper's), "penalty" (the
             paper's comparison), or "auto": "inverse" for arms with a motor at every
             joint, else "collocation".
-        intervals: Number N of intervals of the time grid.
+        intervals: Number N of intervals of the time grid, 10 000 at most.
         grid: "cosine" (short intervals at both ends, see
             :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
@@ -106,7 +132,7 @@ class Options(Record):
             all knots and the duration become multiples of it, so that the polynomials
             by which the controller joins the samples are the motion itself, see
             :mod:`~tominpmp.transcription.ticks`. None leaves them where they are.
-        processes: Number of processes that several starts are spread over.
+        processes: Number of processes that several starts are spread over, 256 at most.
         callback: Called with an IterationRecord after every iteration; returning True
             stops the planning.
     """
@@ -211,10 +237,12 @@ class Options(Record):
         value = getattr(self, name)
         if value is None and name in OPTIONAL:
             return
+        most = MOST.get(name)
+        expected = f"an integer >= {least}" + (f", at most {most}" if most else "")
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
-            self._fail(name, f"an integer >= {least}")
-        if value < least:
-            self._fail(name, f"an integer >= {least}")
+            self._fail(name, expected)
+        if value < least or (most is not None and value > most):
+            self._fail(name, expected)
         object.__setattr__(self, name, int(value))
 
     def _positive(self, name: str) -> None:
@@ -229,6 +257,9 @@ class Options(Record):
             self._fail(name, expected)
         if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
             self._fail(name, expected)
+        most = MOST.get(name, LARGEST)
+        if number > most:
+            self._fail(name, f"{expected}, at most {most:g}")
         object.__setattr__(self, name, number)
 
     @property
@@ -240,6 +271,18 @@ class Options(Record):
             limits=self.limit_tolerance,
             contact=self.contact_tolerance,
         )
+
+    @classmethod
+    def of(cls, options: Options | None) -> Options:
+        """The options that a caller gave; None for the defaults.
+
+        Raises:
+            ProblemError: If they are none.
+        """
+        if options is None:
+            return cls()
+        expect(options, Options, "options", "Options or None")
+        return options
 
     def changed(self, changes: Mapping[str, Any]) -> Options:
         """These options, some of them with other values.

@@ -25,7 +25,7 @@ from tominpmp.attempts import (
     solve_from_former,
     solve_with_continuous_accelerations,
 )
-from tominpmp.exceptions import OptionsError, ProblemError
+from tominpmp.exceptions import OptionsError, ProblemError, expect
 from tominpmp.goals import FrameGoal, PlaceGoal
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
@@ -99,7 +99,8 @@ def plan(
             of other joints.
         SolverNotFound: If the solver of linear programs is not installed.
     """
-    options = resolve_options(problem, (options or Options()).changed(changes))
+    expect(problem, Problem, "problem", "a Problem")
+    options = resolve_options(problem, Options.of(options).changed(changes))
     watch = Watch(searching(options))
     former = None if start is None else motion_of(start)
     make = partial(make_attempts, options=options, watch=watch)

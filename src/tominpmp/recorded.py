@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, ScenarioError
+from tominpmp.exceptions import ProblemError, ScenarioError, expect
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.sampling import Interpolation, check_interpolation
@@ -261,6 +261,7 @@ def checked_motion(
         motion = recorded_motion(
             motion, robot, start=start, start_velocity=start_velocity
         )
+    expect(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
         raise ProblemError(
             f"the motion is one of {', '.join(motion.joint_names)}, expected "

@@ -11,7 +11,7 @@ import numpy as np
 from tominpmp.arrays import Array, real_number
 from tominpmp.attempts.attempt import REFINEMENTS
 from tominpmp.attempts.guessed import EXCHANGES
-from tominpmp.exceptions import OptionsError, ProblemError, brief
+from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.options import Options
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import Solution, roughness
@@ -50,6 +50,7 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         ProblemError: If there is no motion that keeps all constraints.
         OptionsError: If the slack is not a share >= 0.
     """
+    expect(solution, Solution, "solution", "a Solution")
     try:
         share = real_number(slack)
     except ValueError:

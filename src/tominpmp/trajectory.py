@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,16 +62,17 @@ class State(NamedTuple):
         return f"State({', '.join(parts)})"
 
 
-def _names(value: object) -> tuple[str, ...]:
+def _names(value: Any) -> tuple[str, ...]:
     """Names of joints as a tuple, if they are names."""
-    names = tuple(value) if isinstance(value, Sequence | np.ndarray) else ()
-    good = all(isinstance(name, str) and name for name in names)
-    if not good or not names or isinstance(value, str) or len(set(names)) < len(names):
+    listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+    good = listed and all(isinstance(name, str) and name for name in value)
+    names = tuple(str(name) for name in value) if good else ()
+    if not names or len(set(names)) < len(names):
         raise ProblemError(
             f"joint_names is {brief(value)}, expected names of joints, each its own",
             "joint_names",
         )
-    return tuple(str(name) for name in names)
+    return names
 
 
 def _called(record: Samples | Trajectory, name: str) -> str:

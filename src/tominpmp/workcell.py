@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record
 from tominpmp.combination import base_placement, combine_robots
+from tominpmp.description.assembly import stack_parts
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -133,7 +134,8 @@ class Workcell(Record):
         Raises:
             ProblemError: If a robot is missing or unknown, or a length is wrong.
         """
-        return self.robot.stack(**values)
+        expect(values, Mapping, "values", "values by the name of the robot")
+        return stack_parts(self.robot.joint_names, self.robot.parts, values)
 
     def problem(
         self,
@@ -161,6 +163,7 @@ class Workcell(Record):
         moving = None
         if v_start is not None:
             rest = {name: np.zeros(r.n) for name, (r, _) in self.robots.items()}
+            expect(v_start, Mapping, "v_start", "velocities by the name of the robot")
             moving = self.stack({**rest, **v_start})
         wanted = goal if isinstance(goal, Goal) else self.goal(goal)
         return Problem(self.robot, self.stack(start), wanted, v_start=moving, **others)

@@ -31,7 +31,8 @@ def cache_folder() -> Path:
     """Folder in which convex pieces are kept."""
     given = os.environ.get(FOLDER_VARIABLE)
     if given:
-        return Path(given).expanduser()
+        # Unlike Path.expanduser, this takes the home of nobody as it is.
+        return Path(os.path.expanduser(given))
     if os.name == "nt" and os.environ.get("LOCALAPPDATA"):
         return Path(os.environ["LOCALAPPDATA"]) / "tominpmp" / "cache"
     base = os.environ.get("XDG_CACHE_HOME")

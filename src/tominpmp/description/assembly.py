@@ -228,7 +228,10 @@ def stack_parts(
     out = np.empty(len(joints))
     for name in names:
         rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
-        given = real_array(values[name])
+        try:
+            given = real_array(values[name])
+        except ValueError:
+            given = np.empty((0, 0))
         if given.shape != (len(rows),):
             raise ProblemError(
                 f"{name} has shape {given.shape}, expected {len(rows)} numbers, one "

@@ -11,6 +11,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import RobotLoadError, brief
 
 # Where the wheel of example-robot-data puts its files, below a prefix.
@@ -112,7 +113,7 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     path = Path(name_or_path)
     if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
         raise RobotLoadError(_unknown_name(name_or_path, known))
-    path = Path(os.path.expanduser(path)).absolute()
+    path = checked_path(name_or_path, "name_or_path", RobotLoadError).absolute()
     return RobotFiles(path, find_srdf(path))
 
 
@@ -206,7 +207,14 @@ def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path,
     """
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = [package_dirs]
-    folders = tuple(Path(folder).expanduser().absolute() for folder in package_dirs)
+    if not isinstance(package_dirs, Iterable) or isinstance(package_dirs, bytes):
+        raise RobotLoadError(
+            f"package_dirs is {brief(package_dirs)}, expected paths of folders"
+        )
+    folders = tuple(
+        checked_path(folder, "package_dirs", RobotLoadError).absolute()
+        for folder in package_dirs
+    )
     for folder in folders:
         if not folder.is_dir():
             raise RobotLoadError(f"package_dirs: there is no folder {folder}", folder)

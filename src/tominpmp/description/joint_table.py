@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.arrays import Record
+from tominpmp.arrays import Record, real_array
 from tominpmp.description.joint_values import (
     JointValues,
     check_order,
@@ -21,7 +21,7 @@ from tominpmp.description.joint_values import (
 )
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.urdf import JointDescription, Mimic
-from tominpmp.exceptions import RobotLoadError, TominpmpWarning
+from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning, brief
 
 Array = NDArray[np.float64]
 
@@ -53,9 +53,22 @@ class JointLimits(Record):
     effort_upper: Array
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
+        """Check the arrays and make them read-only."""
         for f in fields(self):
-            object.__setattr__(self, f.name, read_only(getattr(self, f.name)))
+            value = getattr(self, f.name)
+            try:
+                array = real_array(value)
+            except ValueError:
+                array = np.empty((0, 0))
+            if array.ndim != 1:
+                raise ProblemError(
+                    f"limits: {f.name} is {brief(value)}, expected a row of numbers",
+                    f.name,
+                )
+            object.__setattr__(self, f.name, array)
+        if len({getattr(self, f.name).size for f in fields(self)}) > 1:
+            sizes = {f.name: getattr(self, f.name).size for f in fields(self)}
+            raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle so that the arrays stay read-only."""

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tominpmp.arrays import real_array
 from tominpmp.exceptions import JointNotFound, OptionsError, brief
 
 Array = NDArray[np.float64]
@@ -72,8 +73,8 @@ def override(
 def _numeric(option: str, value: ArrayLike) -> Array:
     """Convert to an array of numbers."""
     try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        return real_array(value)
+    except ValueError as error:
         raise OptionsError(
             f"{option}: got {brief(value)}, expected numbers", option
         ) from error
@@ -132,8 +133,8 @@ def check_order(
 def check_gravity(gravity: ArrayLike) -> Array:
     """Check that gravity is a vector."""
     try:
-        vector = np.asarray(gravity, dtype=np.float64)
-    except (TypeError, ValueError):
+        vector = real_array(gravity)
+    except ValueError:
         vector = np.full(1, np.nan)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise OptionsError(

@@ -6,8 +6,8 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 
+from tominpmp.arrays import real_number
 from tominpmp.description.urdf import JointDescription, Mimic
 from tominpmp.exceptions import (
     JointNotFound,
@@ -112,7 +112,11 @@ def _check_positions(
     for name, position in locked_joints.items():
         if name not in names:
             raise JointNotFound(name, names)
-        if not isinstance(position, Real) or not math.isfinite(position):
+        try:
+            known = math.isfinite(real_number(position))
+        except ValueError:
+            known = False
+        if not known:
             raise OptionsError(
                 f"locked_joints: joint {name} got {brief(position)}, expected a finite "
                 "number",

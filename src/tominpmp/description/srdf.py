@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element
 
 from tominpmp.arrays import record_line
 from tominpmp.description.groups import JointGroups, read_groups
+from tominpmp.description.paths import checked_path
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.xml_reader import XmlContext, read_xml
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
@@ -189,5 +190,5 @@ def read_semantics(
     if path is None:
         return None
     joints = [joint.name for joint in description.joints]
-    file = Path(path).expanduser().absolute()
+    file = checked_path(path, "srdf", RobotLoadError).absolute()
     return read_srdf(file, description.links, joints, description.xml)

@@ -112,7 +112,8 @@ class JointRegionGoal(Record, PlaceGoal):
         return given
 
     def _checked_joints(self, joints: Sequence[str]) -> tuple[str, ...]:
-        names = tuple(joints) if not isinstance(joints, str) else ()
+        listed = isinstance(joints, Sequence) and not isinstance(joints, str)
+        names = tuple(joints) if listed else ()
         if not names or not all(isinstance(name, str) for name in names):
             raise ProblemError(
                 f"goal.joints is {brief(joints)}, expected names of joints",

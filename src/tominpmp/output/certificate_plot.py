@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.exceptions import expect
 from tominpmp.output.figures import (
     BEYOND_COLOR,
     LIMIT_COLOR,
@@ -67,6 +68,7 @@ def plot_certificate(
         MissingDependency: If matplotlib is not installed.
     """
     check_motion(problem, trajectory)
+    expect(certificate, Certificate, "certificate", "a Certificate")
     robot, n = problem.robot, problem.robot.n
     limits = _shown(certificate.active, robot.joint_names)
     bars = max(len(limits), 1) * BAR + 0.15

@@ -21,8 +21,9 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
-from tominpmp.exceptions import ProblemError, ScenarioError, brief
+from tominpmp.exceptions import ProblemError, ScenarioError, brief, expect
 from tominpmp.output.bag import parse_bag, write_bag
 from tominpmp.output.files import write_file
 from tominpmp.output.ros import (
@@ -81,6 +82,7 @@ def export(
         ScenarioError: If the file cannot be written.
         MissingDependency: If a package for bags is not installed.
     """
+    expect(trajectory, Trajectory, "trajectory", "a Trajectory")
     write = _chosen(WRITERS, path)
     _check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
@@ -176,7 +178,7 @@ def load_motion(
     read = _chosen(READERS, path)
     if interpolation is not None:
         check_interpolation(interpolation)
-    path = Path(path)
+    path = checked_path(path)
     try:
         content = read(read_bytes(path, MAX_BYTES), path)
         if is_message(path):
@@ -198,7 +200,8 @@ def load_message(path: str | Path) -> Any:
         ScenarioError: If the file cannot be read.
     """
     parse = _chosen(PARSERS, path)
-    return parse(read_bytes(Path(path), MAX_BYTES), Path(path))
+    path = checked_path(path)
+    return parse(read_bytes(path, MAX_BYTES), path)
 
 
 def message_motion(message: Any, path: Path) -> Samples:
@@ -217,7 +220,7 @@ def message_motion(message: Any, path: Path) -> Samples:
 def _chosen(
     table: Mapping[str, Callable[..., Any]], path: str | Path
 ) -> Callable[..., Any]:
-    ending = Path(path).suffix.lower()
+    ending = checked_path(path).suffix.lower()
     if ending not in table:
         raise ProblemError(
             f"{path}: motions are not kept as {ending or 'files without ending'}; "

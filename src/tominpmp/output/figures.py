@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import MissingDependency, ProblemError
 from tominpmp.output.files import write_file
 
@@ -121,7 +122,7 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
     """
     if path is None:
         return figure
-    ending = Path(path).suffix.lower().removeprefix(".")
+    ending = checked_path(path).suffix.lower().removeprefix(".")
     known = sorted(figure.canvas.get_supported_filetypes())
     if ending not in known:
         raise ProblemError(

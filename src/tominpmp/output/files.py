@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError
 
 
@@ -25,9 +26,10 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
         The path.
 
     Raises:
+        ProblemError: If the path is none.
         ScenarioError: If the file cannot be written, with its path.
     """
-    path = Path(path)
+    path = checked_path(path)
     try:
         # A link stays a link: what it points to is replaced.
         target = path.resolve()

@@ -56,14 +56,15 @@ class RobotSource:
             JointNotFound: If a joint is unknown.
         """
         joints = self.description.joints
+        locked_joints = {} if locked_joints is None else locked_joints
         # First what the caller gave, with its errors.
-        linkage = Linkage.resolve(joints, locked_joints or {})
+        linkage = Linkage.resolve(joints, locked_joints)
         if group is None:
             return linkage
         said = self.semantics
         groups = JointGroups() if said is None else said.groups
         states = {} if said is None else said.group_states
-        locks = group_locks(groups, states, joints, group, locked_joints or {})
+        locks = group_locks(groups, states, joints, group, locked_joints)
         return Linkage.resolve(joints, locks)
 
 

@@ -157,10 +157,12 @@ class Robot(Record):
         Raises:
             FrameNotFound: If there is none of that name, with those there are.
         """
-        if self.model.existBodyName(name):
+        # Pinocchio takes texts that UTF-8 can hold, and raises its own errors else.
+        known = isinstance(name, str) and name in self.frame_names
+        if known and self.model.existBodyName(name):
             return int(self.model.getBodyId(name))
         for index, frame in enumerate(self.model.frames):
-            if frame.name == name:
+            if known and frame.name == name:
                 return index
         raise FrameNotFound(name, self.frame_names)
 
@@ -219,10 +221,10 @@ class Robot(Record):
             ProblemError: If there is no such state, or it lacks a joint.
         """
         states = {} if self.srdf is None else self.srdf.group_states
-        if name not in states:
+        if not isinstance(name, str) or name not in states:
             known = ", ".join(states) or "none"
             raise ProblemError(
-                f"there is no group state {name!r}; the robot has: {known}", "name"
+                f"there is no group state {brief(name)}; the robot has: {known}", "name"
             )
         lacking = [joint for joint in self.joint_names if joint not in states[name]]
         if lacking:

@@ -12,8 +12,9 @@ from typing import Any
 
 from tominpmp.arrays import record_line
 from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import TominpmpWarning, brief
+from tominpmp.exceptions import ScenarioError, TominpmpWarning, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot, load_robot, read_source
 
@@ -198,7 +199,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
     Raises:
         ScenarioError: If the file cannot be read or is wrong, with the key.
     """
-    path = Path(path).expanduser()
+    path = checked_path(path, "path", ScenarioError)
     table = Field(read_yaml(path), path)
     for wrapper in _WRAPPERS:
         if "joint_limits" not in table.table() and table.get(wrapper).given:

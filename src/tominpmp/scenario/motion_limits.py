@@ -28,8 +28,9 @@ from typing import Any
 import numpy as np
 
 from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import JointNotFound, TominpmpError
+from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError
 from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
 from tominpmp.robot import Robot
 
@@ -55,7 +56,7 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
         ScenarioError: If the file cannot be read or is wrong: the message names the
             key, the value and what was expected.
     """
-    path = Path(path).expanduser()
+    path = checked_path(path, "path", ScenarioError)
     document = Field(read_yaml(path), path)
     document.only("effort_scale", "joints", *UNITS)
     if not document.given:

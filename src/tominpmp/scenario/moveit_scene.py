@@ -19,8 +19,15 @@ from tominpmp.arrays import Array
 from tominpmp.description.fields import Field, shown
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.links import LONGEST_PATH
+from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning, brief
+from tominpmp.exceptions import (
+    RobotLoadError,
+    ScenarioError,
+    SceneError,
+    TominpmpWarning,
+    brief,
+)
 from tominpmp.robot import Robot
 from tominpmp.scene import (
     Box,
@@ -113,7 +120,7 @@ def read_message(path: str | Path) -> Field:
     Raises:
         ScenarioError: If it is no YAML file with a table.
     """
-    path = Path(path).expanduser()
+    path = checked_path(path, "path", ScenarioError)
     message = Field(read_yaml(path), path)
     message.table()
     return message

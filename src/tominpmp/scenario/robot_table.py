@@ -14,7 +14,13 @@ from tominpmp.description.fields import Field
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.linkage import Linkage
-from tominpmp.exceptions import RobotLoadError, ScenarioError, TominpmpError
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import (
+    ProblemError,
+    RobotLoadError,
+    ScenarioError,
+    TominpmpError,
+)
 from tominpmp.payload import Payload
 from tominpmp.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
@@ -70,7 +76,7 @@ def read_robot(table: Field) -> Robot:
     folder = table.path.parent
     limits = None
     if table.get("joint_limits").given:
-        file = Path(table.get("joint_limits").text()).expanduser()
+        file = _path(table.get("joint_limits"))
         limits = load_joint_limits(folder / file)
     arguments: dict[str, Any] = {}
     for key in ("gravity", *OVERRIDES):
@@ -79,16 +85,13 @@ def read_robot(table: Field) -> Robot:
     try:
         robot = load_limited_robot(
             limits,
-            name.text() if name.given else folder / Path(path.text()).expanduser(),
+            name.text() if name.given else folder / _path(path),
             arguments,
             package_dirs=[
-                folder / Path(item.text()).expanduser()
-                for item in table.get("package_dirs").items()
+                folder / _path(item) for item in table.get("package_dirs").items()
             ],
             srdf=(
-                folder / Path(table.get("srdf").text()).expanduser()
-                if table.get("srdf").given
-                else None
+                folder / _path(table.get("srdf")) if table.get("srdf").given else None
             ),
             group=table.get("group").text() if table.get("group").given else None,
             locked_joints=table.get("locked_joints").value or {},
@@ -118,6 +121,14 @@ def _limited(robot: Robot, table: Field) -> Robot:
         return robot
     limits = limits.over(robot.motion_limits, robot.joint_names)
     return replace(robot, motion_limits=limits)
+
+
+def _path(item: Field) -> Path:
+    """Path in a table, relative to the folder of its file or not."""
+    try:
+        return checked_path(item.text())
+    except ProblemError as error:
+        item.fail(str(error))
 
 
 def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:

@@ -48,8 +48,9 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record
 from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
-from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError
+from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError, expect
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
@@ -120,7 +121,7 @@ def load_scenario(path: str | Path) -> Scenario:
     Raises:
         ScenarioError: If the file, or what it describes, is wrong, with the key.
     """
-    path = Path(path).expanduser()
+    path = checked_path(path, "path", ScenarioError)
     document = Field(_read_toml(path), path)
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))
@@ -168,7 +169,10 @@ def save_scenario(
         ScenarioError: If the problem holds something that a file cannot, or the file
             cannot be written.
     """
-    path = Path(path).expanduser()
+    path = checked_path(path, "path", ScenarioError)
+    expect(problem, Problem, "problem", "a Problem")
+    if options is not None:
+        expect(options, Options, "options", "Options or None")
     document = _document(path, problem, Options() if options is None else options)
     try:
         content = toml_text(document).encode()

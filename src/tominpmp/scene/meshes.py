@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NoReturn
@@ -10,6 +9,7 @@ from typing import Literal, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, frozen_array, real_array
+from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
 from tominpmp.scene.obstacles import Obstacle
@@ -79,9 +79,10 @@ class Mesh(Obstacle):
         return frozen_array(scale)
 
     def _set_path(self) -> None:
-        if not isinstance(self.path, (str, os.PathLike)):
-            self._fail(f"path is {brief(self.path)}, expected the path of a file")
-        path = Path(str(self.path)).expanduser()
+        try:
+            path = checked_path(self.path, "path", SceneError)
+        except SceneError as error:
+            self._fail(str(error))
         object.__setattr__(self, "path", path)
 
     def _read(self) -> None:

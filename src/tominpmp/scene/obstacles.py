@@ -18,6 +18,9 @@ from tominpmp.scene.motion import Motion, Placement, Twist
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
 
+# Names appear in messages [characters].
+LONGEST_NAME = 255
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle(Record):
@@ -40,8 +43,12 @@ class Obstacle(Record):
 
     def __post_init__(self) -> None:
         """Check name, position, rotation and motion."""
-        if not isinstance(self.name, str) or not self.name:
-            raise SceneError(f"an obstacle needs a name, not {brief(self.name)}")
+        name = self.name
+        if not isinstance(name, str) or not name or len(name) > LONGEST_NAME:
+            raise SceneError(
+                f"an obstacle needs a name of at most {LONGEST_NAME} characters, not "
+                f"{brief(name)}"
+            )
         object.__setattr__(self, "position", self._triple("position", "coordinates"))
         object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
         if self.motion is not None:

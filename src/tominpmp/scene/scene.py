@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from tominpmp.arrays import Record
@@ -22,15 +22,14 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         """Check the obstacles and their names."""
-        try:
-            found = tuple(self.obstacles)
-        except TypeError as error:
+        if not isinstance(self.obstacles, Iterable):
             raise SceneError(
                 f"a scene is made from a list of obstacles, not from a "
                 f"{type(self.obstacles).__name__}"
-            ) from error
-        names = set()
-        for item in found:
+            )
+        names: set[str] = set()
+        found: list[Obstacle] = []
+        for item in self.obstacles:
             if not isinstance(item, Obstacle):
                 raise SceneError(
                     "a scene holds obstacles (Sphere, Box, Cylinder, Capsule, Mesh, "
@@ -40,7 +39,8 @@ class Scene(Record):
             if item.name in names:
                 raise SceneError(f"two obstacles are named {item.name!r}", item.name)
             names.add(item.name)
-        object.__setattr__(self, "obstacles", found)
+            found.append(item)
+        object.__setattr__(self, "obstacles", tuple(found))
 
     def __iter__(self) -> Iterator[Obstacle]:
         """Iterate over the obstacles."""

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray, real_array
 from tominpmp.collision import CollisionChecker
+from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.reach import LinkReach, link_balls
@@ -94,10 +95,36 @@ def prove_clearance(
         The proof, or where it failed. Where an obstacle is moved by a function of which
         no bounds on its speed are known, it rests on estimates of these.
     """
+    expect(checker, CollisionChecker, "checker", "a CollisionChecker: problem.checker")
+    expect(trajectory, Trajectory, "trajectory", "a Trajectory")
+    pairs, n = len(checker.pairs), checker.robot.n
+    if trajectory.n != n:
+        raise ProblemError(
+            f"trajectory moves {trajectory.n} joints, the robot has {n}", "trajectory"
+        )
+    margin = _lengths(margin, "margin", pairs)
+    slack = float(_lengths(slack, "slack", None))
+    if deviation is not None:
+        deviation = _lengths(deviation, "deviation", n)
+    expect(max_stretches, (int, np.integer), "max_stretches", "a number of stretches")
     if not checker.pairs:
         return ClearanceProof(True, np.inf, np.inf, None, 0.0, False, 0)
     least = np.broadcast_to(margin, (len(checker.pairs),)) - slack
     return _Prover(checker, trajectory, deviation).run(least, max_stretches)
+
+
+def _lengths(value: object, name: str, count: int | None) -> Array:
+    """Take finite numbers: one, or one for each of so many."""
+    try:
+        array = real_array(value)
+    except ValueError:
+        array = np.full(1, np.nan)
+    if not np.all(np.isfinite(array)) or array.shape not in ((), (count,)):
+        each = "" if count is None else f", or {count} of them"
+        raise ProblemError(
+            f"{name} is {brief(value)}, expected a finite number{each}", name
+        )
+    return array
 
 
 @dataclass(frozen=True, eq=False)

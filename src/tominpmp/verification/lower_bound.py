@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.exceptions import expect
 from tominpmp.goals import (
     AllGoals,
     AxisGoal,
@@ -71,6 +72,7 @@ def lower_bound(problem: Problem) -> LowerBound:
     Returns:
         The largest bound that was found.
     """
+    expect(problem, Problem, "problem", "a Problem")
     return min(
         (_of_goal(problem, goal) for goal in problem.goal.alternatives),
         key=lambda bound: bound.T,

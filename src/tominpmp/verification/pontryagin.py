@@ -26,6 +26,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.exceptions import expect
 from tominpmp.problem import Problem
 from tominpmp.recorded import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
@@ -73,6 +74,10 @@ def certify(
         ProblemError: If the motion is one of other joints, or has no numbers.
     """
     begin = time.perf_counter()
+    expect(problem, Problem, "problem", "a Problem")
+    if verification is not None:
+        expect(verification, Verification, "verification", "a Verification or None")
+    expect(tolerance, (int, float, np.number), "tolerance", "a share of the duration")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     try:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
-from tominpmp.exceptions import BRIEF, shortened
+from tominpmp.exceptions import BRIEF, ProblemError, brief, expect, shortened
 from tominpmp.goals import (
     AnyGoal,
     FrameGoal,
@@ -147,7 +147,16 @@ def verify(
         ScenarioError: If samples are.
     """
     begin = time.perf_counter()
+    expect(problem, Problem, "problem", "a Problem")
     tolerances = Tolerances() if tolerances is None else tolerances
+    expect(tolerances, Tolerances, "tolerances", "Tolerances or None")
+    if not isinstance(geometry, str) or geometry not in get_args(Geometry):
+        known = " or ".join(map(repr, get_args(Geometry)))
+        raise ProblemError(
+            f"geometry is {brief(geometry)}, expected {known}", "geometry"
+        )
+    if checker is not None:
+        expect(checker, CollisionChecker, "checker", "a CollisionChecker or None")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     torque = torque_pieces(trajectory)

@@ -1,0 +1,48 @@
+"""Paths that a caller or a file gave, checked before anything is done with them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tominpmp.exceptions import ProblemError, TominpmpError, brief
+
+# What file systems take [bytes]; beyond, they fail in ways of their own.
+LONGEST_NAME = 255
+LONGEST_PATH = 4096
+
+
+def checked_path(
+    path: object,
+    name: str = "path",
+    error: type[TominpmpError] = ProblemError,
+) -> Path:
+    """Take a caller's path, with ``~`` for the home folder.
+
+    Args:
+        path: A text or path object.
+        name: What it is called in the message.
+        error: What to raise.
+
+    Returns:
+        The path; where nobody knows the user of ``~user``, it is taken as it is.
+
+    Raises:
+        TominpmpError: If it is none that a file can have, of the kind asked for.
+    """
+    expected = "the path of a file"
+    text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
+    if isinstance(text, str) and text and "\0" not in text:
+        try:
+            text = os.path.expanduser(text)
+            encoded = os.fsencode(text)
+        except (ValueError, OSError):
+            encoded = b""
+        longest = max(map(len, encoded.replace(b"\\", b"/").split(b"/")))
+        if 0 < len(encoded) <= LONGEST_PATH and longest <= LONGEST_NAME:
+            return Path(text)
+        expected += f", each name in it of at most {LONGEST_NAME} bytes"
+    message = f"{name} is {brief(path)}, expected {expected}"
+    if issubclass(error, ProblemError):
+        raise error(message, name)
+    raise error(message)

@@ -1,0 +1,204 @@
+"""Arguments of a wrong type or value: the library's own error, and a short one."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.exceptions import BRIEF, LONGEST, brief
+from tominpmp.output.export import export
+from tools.fuzz.arguments import World, Wrong
+from tools.fuzz.nonsense import NONSENSE
+
+# Things that are neither a problem nor a motion nor anything else asked for.
+STRANGERS = (None, 5, "x", [1.0], {}, np.zeros(3), object(), "x" * 10**6, 10**5000)
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World()
+
+
+@pytest.mark.parametrize("stranger", STRANGERS, ids=lambda x: type(x).__name__)
+def test_what_is_no_problem_and_no_motion(
+    stranger: object, world: World, tmp_path: Path
+) -> None:
+    problem, motion = world.problem, world.trajectory
+    calls: dict[str, Callable[[], Any]] = {
+        "problem": lambda: tm.plan(stranger),
+        "problem ": lambda: tm.verify(stranger, motion),
+        "problem  ": lambda: tm.certify(stranger, motion),
+        "problem   ": lambda: tm.lower_bound(stranger),
+        "problem    ": lambda: tm.save_scenario(tmp_path / "a.toml", stranger),
+        "trajectory": lambda: tm.verify(problem, stranger),
+        "trajectory ": lambda: tm.certify(problem, stranger),
+        "trajectory  ": lambda: tm.prove_clearance(problem.checker, stranger),
+        "trajectory   ": lambda: export(stranger, tmp_path / "a.csv"),
+        "checker": lambda: tm.prove_clearance(stranger, motion),
+        "solution": lambda: tm.smooth(stranger),
+    }
+    if stranger is not None:
+        calls |= {
+            "options": lambda: tm.plan(problem, stranger),
+            "options ": lambda: tm.save_scenario(
+                tmp_path / "a.toml", problem, stranger
+            ),
+            "tolerances": lambda: tm.verify(problem, motion, stranger),
+            "start": lambda: tm.plan(problem, world.options, start=stranger),
+        }
+    for name, call in calls.items():
+        with pytest.raises(tm.ProblemError) as error:
+            call()
+        message = str(error.value)
+        assert message.startswith(f"{name.strip()} is ")
+        assert "expected" in message
+        assert len(message) < 2 * BRIEF + 100
+        assert error.value.field == name.strip()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        5, None, b"a.csv", [], "", "a\0.csv", "n" * 300 + ".csv", "n/" * 3000 + "a.csv",
+        Path("n" * 300 + ".csv"), "\ud800.csv", 10**5000, math.nan,
+    ],
+    ids=range(12),
+)  # fmt: skip
+def test_what_is_no_path(path: object, world: World) -> None:
+    problem, solution = world.problem, world.solution
+    for call in (
+        lambda: tm.load_motion(path),
+        lambda: tm.load_scenario(path),
+        lambda: tm.load_joint_limits(path),
+        lambda: tm.load_motion_limits(path, world.robot),
+        lambda: tm.load_moveit_scene(path),
+        lambda: tm.load_moveit(world.robot, path, "request.yaml"),
+        lambda: tm.load_robot(path),
+        lambda: tm.load_robot("planar3r", srdf=path if path is not None else 5),
+        lambda: tm.load_robot("planar3r", package_dirs=[path]),
+        lambda: tm.Mesh("a", path=path),
+        lambda: tm.save_scenario(path, problem),
+        lambda: solution.export(path),
+        lambda: solution.plot(path if path is not None else 5),
+        lambda: solution.play(path if path is not None else 5),
+    ):
+        with pytest.raises(tm.TominpmpError) as error:
+            call()
+        assert len(str(error.value)) < 3 * BRIEF
+
+
+@pytest.mark.parametrize("name", ["~nouser-at-all/x", "/nowhere/at/all"])
+def test_the_home_of_nobody(
+    name: str, world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for call in (
+        lambda: tm.load_motion(name + ".csv"),
+        lambda: tm.load_scenario(name + ".toml"),
+        lambda: tm.load_robot(name + ".urdf"),
+        lambda: tm.load_robot("planar3r", package_dirs=name),
+        lambda: tm.load_robot("planar3r", srdf=name),
+        lambda: tm.Mesh("a", path=name + ".stl"),
+        lambda: world.solution.export(name + ".csv"),
+        lambda: tm.save_scenario(name + ".toml", world.problem),
+    ):
+        with pytest.raises(tm.TominpmpError):
+            call()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tominpmp.collision.store import cache_folder
+
+    monkeypatch.setenv("TOMINPMP_CACHE", "~nouser-at-all/x")
+    assert cache_folder() == Path("~nouser-at-all/x")
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: tm.MotionLimits(effort_curves="x"), "effort_curves is 'x'"),
+        (lambda: tm.MotionLimits(effort_curves=5), "effort_curves is 5"),
+        (lambda: tm.JointRegionGoal([0.0], joints=5), "goal.joints is 5"),
+        (lambda: tm.Trajectory(5, [0, 1], 0, 0, 0), "joint_names is 5"),
+        (lambda: tm.load_robot("planar3r", armature=10**400), "armature: got 10000"),
+        (lambda: tm.load_robot("planar3r", damping="0.1"), "damping: got '0.1'"),
+        (lambda: tm.load_robot("planar3r", gravity=10**400), "gravity: got 10000"),
+        (
+            lambda: tm.load_robot("planar3r", locked_joints={"joint1": 10**400}),
+            "joint joint1 got 10000",
+        ),
+        (lambda: tm.load_robot("planar3r", locked_joints=[]), "locked_joints"),
+        (lambda: tm.Options(slack=1e300), "slack is 1e.300, expected .* at most 10"),
+        (lambda: tm.Options(intervals=10**6), "intervals is 1000000, .* at most 10000"),
+        (lambda: tm.Options(processes=10**4), "processes is 10000, .* at most 256"),
+        (lambda: tm.Options(max_planning_time=1e300), "at most 1e.09"),
+        (lambda: tm.Options(seed=10**5000), "seed is .*, at most 9223"),
+        (lambda: tm.Tolerances(goal="x"), "tolerance goal is 'x'"),
+        (lambda: tm.Tolerances(goal=math.nan), "tolerance goal is nan"),
+        (lambda: tm.JointLimits(*["x"] * 5), "position_lower is 'x'"),
+        (lambda: tm.JointLimits([1], [1, 2], [1], [1], [1]), "lengths differ"),
+        (lambda: tm.Scene(range(10**12)), "a scene holds obstacles"),
+        (lambda: tm.Sphere("x" * 256, radius=1.0), "name of at most 255"),
+        (lambda: tm.JointGoal(range(10**12)), "goal.q is range"),
+    ],
+)
+def test_values_that_went_astray(make: Callable[[], Any], word: str) -> None:
+    with pytest.raises(tm.TominpmpError, match=word) as error:
+        make()
+    assert len(str(error.value)) < 3 * BRIEF
+
+
+def test_moveit_arguments_that_are_swapped(world: World) -> None:
+    for call in (
+        lambda: tm.load_moveit("scene.yaml", world.robot, "request.yaml"),
+        lambda: tm.load_moveit("scene.yaml", "request.yaml", world.robot),
+        lambda: tm.load_moveit_scene(world.robot, "scene.yaml"),
+    ):
+        with pytest.raises(tm.TominpmpError, match=r"expected|no file"):
+            call()
+
+
+def test_names_of_frames_and_states(world: World) -> None:
+    for name in (5, None, [], {}, b"tip", "\ud800", np.zeros(3), "x" * 10**6):
+        with pytest.raises(tm.FrameNotFound):
+            world.robot.frame_id(name)
+        with pytest.raises(tm.ProblemError):
+            world.robot.group_state(name)
+
+
+def test_brief_shows_anything_on_one_line() -> None:
+    for make in NONSENSE.values():
+        text = brief(make())
+        assert text
+        assert len(text) <= BRIEF
+        assert "\n" not in text
+    assert brief("tip") == "'tip'"
+    assert brief(0.5) == "0.5"
+
+
+def test_messages_are_bounded_whatever_they_say() -> None:
+    assert len(str(tm.ProblemError("x" * 10**7))) == LONGEST
+
+
+def test_random_wrong_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The short version of the campaign: the library's errors, or nothing at all."""
+    monkeypatch.chdir(tmp_path)
+    wrong = Wrong()
+    for number in range(300):
+        name, call = wrong.run(np.random.default_rng([1, number]))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                call()
+        except tm.TominpmpError as error:
+            assert len(str(error)) <= LONGEST
+        except Exception as error:
+            pytest.fail(f"{name} raised {error!r}")

@@ -1,0 +1,1 @@
+"""A campaign of wrong, damaged and hostile inputs against the library."""
