@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options, Tolerances
     from tominpmp.output.export import load_motion
+    from tominpmp.output.export_check import ExportCheck, check_export
+    from tominpmp.output.ros_rules import Refusal, controller_refusals
     from tominpmp.payload import Payload
     from tominpmp.planner import plan
     from tominpmp.problem import Problem
@@ -120,6 +122,8 @@ _HOMES = {
         "Tolerances",
     ),
     "output.export": ("load_motion",),
+    "output.export_check": ("ExportCheck", "check_export"),
+    "output.ros_rules": ("Refusal", "controller_refusals"),
     "payload": ("Payload",),
     "planner": ("plan",),
     "problem": ("Problem",),
@@ -193,6 +197,7 @@ __all__ = [
     "ConstantVelocity",
     "Cylinder",
     "EffortCurve",
+    "ExportCheck",
     "FrameNotFound",
     "Goal",
     "HeightField",
@@ -218,6 +223,7 @@ __all__ = [
     "PositionGoal",
     "Problem",
     "ProblemError",
+    "Refusal",
     "RegionGoal",
     "Robot",
     "RobotLoadError",
@@ -239,7 +245,9 @@ __all__ = [
     "Waypoints",
     "Workcell",
     "certify",
+    "check_export",
     "combine_robots",
+    "controller_refusals",
     "load_joint_limits",
     "load_motion",
     "load_motion_limits",

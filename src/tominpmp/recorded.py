@@ -33,12 +33,18 @@ NANOSECOND = 1e-9
 # Deviation of a change of velocity from the mean of the accelerations before and after,
 # relative to the largest one, up to which accelerations are taken not to jump.
 SMOOTH = 0.02
+# Accelerations between samples beyond the largest ones of samples and cubics, relative
+# to these, from which polynomials of degree 5 are taken to overshoot.
+OVERSHOOT = 0.1
+# Accelerations and torques that differ by this share of the largest ones are others.
+SAME = 1e-6
 # What each way to join samples is called in reports.
 MANNERS = {
     "steps": "accelerations that jump, as recorded",
     "linear": "straight lines between positions, as a controller joins them",
     "cubic": "cubics through positions and velocities",
     "quintic": "polynomials of degree 5 through positions, velocities, accelerations",
+    "held": "cubics through positions and velocities, torques held as recorded",
     "spline": "a smooth spline through positions, at rest at both ends",
 }
 
@@ -230,7 +236,10 @@ def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
         if stepwise[0].size > t.size:
             u = np.full(stepwise[1].shape, np.nan)
         t, q, v, steps = stepwise
-    elif _is_smooth(t, v, a):
+    elif _holds_torques(rows, robot, dynamics):
+        motion = Trajectory(robot.joint_names, t, q, v, u)
+        return Joined(motion, "held")
+    elif _is_smooth(t, v, a) or not _overshoots(rows, robot):
         manner, steps = "quintic", a
     if np.isnan(u).any():
         draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
@@ -345,6 +354,34 @@ def _stepwise(
         np.insert(v, at + 1, v[at] + s * a[at], axis=0),
         np.insert(a, at + 1, a[at + 1], axis=0)[:-1],
     )
+
+
+def _holds_torques(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> bool:
+    """Whether the samples are the nodes of a motion whose torques are held.
+
+    Its accelerations are those of the cubics through the nodes, and its torques are not
+    what these cubics take: they are what it was made from.
+    """
+    t, q, v, a, u = rows
+    if not (rows.known("v") and rows.known("a") and rows.known("u")):
+        return False
+    cubic = Trajectory(robot.joint_names, t, q, v, 0.0 * q)(t).a
+    if np.any(np.abs(cubic - a) > SAME * np.abs(a).max()):
+        return False
+    return bool(np.any(np.abs(dynamics.inverse(q, v, a) - u) > SAME * np.abs(u).max()))
+
+
+def _overshoots(rows: _Rows, robot: Robot) -> bool:
+    """Whether polynomials of degree 5 accelerate far beyond what the samples tell."""
+    t, q, v, a, _ = rows
+    if not (rows.known("v") and rows.known("a")):
+        return True
+    between = (t[:-1, None] + np.diff(t)[:, None] * np.linspace(0, 1, 9)[1:-1]).ravel()
+    names, none = robot.joint_names, 0.0 * q
+    cubic = np.abs(Trajectory(names, t, q, v, none)(between).a).max(axis=0)
+    largest = np.maximum(cubic, np.abs(a).max(axis=0))
+    found = np.abs(Trajectory(names, t, q, v, none, a)(between).a).max(axis=0)
+    return bool(np.any(found > (1.0 + OVERSHOOT) * largest))
 
 
 def _is_smooth(t: Array, v: Array, a: Array) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tominpmp.exceptions import PlanningFailed, ProblemError, brief
+from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
@@ -280,19 +281,45 @@ class Solution:
         assert certificate is not None  # noqa: S101
         return plot_certificate(self.problem, motion, certificate, path=path)
 
-    def export(self, path: str | Path, *, dt: float | None = None) -> Path:
+    def export(
+        self,
+        path: str | Path,
+        *,
+        dt: float | None = None,
+        with_effort: bool = False,
+        message: str | None = None,
+        verify: bool = True,
+    ) -> Path:
         """Write the motion as CSV, NPZ or ROS message, by the ending of the path.
+
+        The file is read back and judged as its reader will follow it, and a warning
+        says so if that does not solve the problem. What was found can be had from
+        :func:`~tominpmp.output.export_check.check_export`.
 
         Args:
             path: File to write.
-            dt: Time between rows [s]; None writes the nodes.
+            dt: Time between rows [s]; None takes the period that the motion was planned
+                for, or the nodes if there is none.
+            with_effort: Whether ROS messages have the torques.
+            message: Which ROS message, see :func:`~tominpmp.output.export.export`.
+            verify: Whether to judge the file.
 
         Returns:
             The path.
 
         Raises:
-            ProblemError: If there is no motion or the ending is unknown.
+            ProblemError: If there is no motion, the ending is unknown or an option is
+                wrong.
+            ScenarioError: If the file cannot be written.
         """
         from tominpmp.output.export import export
+        from tominpmp.output.export_check import check_export
 
-        return export(self._motion(), path, dt=dt)
+        dt = self.options.control_period if dt is None else dt
+        motion = self._motion()
+        path = export(motion, path, dt=dt, with_effort=with_effort, message=message)
+        if verify and self.success:
+            found = check_export(self, path, dt=dt)
+            if not found.ok:
+                warnings.warn(found.message, TominpmpWarning, stacklevel=2)
+        return path

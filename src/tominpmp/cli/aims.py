@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from tominpmp.cli.arguments import OUTPUT, PLANNING, ROBOT, _option
+from tominpmp.cli.arguments import MOTION, OUTPUT, PLANNING, ROBOT, _option
 
 StartFrom = Annotated[
     Path | None,
@@ -97,5 +97,35 @@ CertificatePlot = Annotated[
         "Plot torques, switching functions, active limits and the Hamiltonian, and "
         "report how far the motion is from optimal to first order: .png, .pdf or .svg.",
         "FILE",
+    ),
+]
+WithEffort = Annotated[
+    bool,
+    _option(
+        OUTPUT,
+        "--with-effort",
+        "Put the torques into a ROS message too: for controllers that command efforts; "
+        "others refuse it.",
+    ),
+]
+RosMessage = Annotated[
+    str | None,
+    _option(
+        OUTPUT,
+        "--ros-message",
+        "JointTrajectory, FollowJointTrajectory (the goal of that action) or "
+        "RobotTrajectory. Default: JointTrajectory.",
+        "NAME",
+    ),
+]
+InterpolationRule = Annotated[
+    str | None,
+    _option(
+        MOTION,
+        "--interpolation",
+        "How the points are joined: controller (as ROS's joint trajectory controller), "
+        "linear, cubic, quintic, or auto (the motion that they were taken from). "
+        "Default: controller for ROS messages, else auto.",
+        "NAME",
     ),
 ]

@@ -23,14 +23,16 @@ Examples:
   tominpmp plan panda --lock panda_finger_joint1=0.04 --start default \\
       --goal panda_joint1=90,panda_joint4=-60 --degrees -o motion.npz --dt 0.001
   tominpmp plan scenario.toml -o motion.yaml --dt 0.01
+  tominpmp plan scenario.toml -o goal.yaml --control-period 0.004 \\
+      --ros-message FollowJointTrajectory
   tominpmp verify scenario.toml motion.yaml
   tominpmp plan panda --scene scene.yaml --request request.yaml
 """
 
 EXIT_CODES = """\b
 Exit codes:
-  0    a motion was planned
-  1    no motion was found
+  0    a motion was planned, and its file holds it
+  1    no motion was found, or the file, as it is read, does not solve the problem
   2    bad input
   130  interrupted before there was a motion
 """
@@ -136,6 +138,8 @@ def plan(
     output: a.MotionFile = None,
     no_output: a.NoOutput = False,
     dt: a.Dt = None,
+    with_effort: aims.WithEffort = False,
+    ros_message: aims.RosMessage = None,
     plot: a.Plot = None,
     html: a.Html = None,
     certificate: aims.CertificatePlot = None,
@@ -194,6 +198,8 @@ def plan(
         motion=output,
         write=not no_output,
         dt=dt,
+        with_effort=with_effort,
+        message=ros_message,
         plot=plot,
         page=html,
         certificate=certificate,
@@ -225,6 +231,7 @@ def verify(
     group: aims.Group = None,
     lock: a.Locks = None,
     joint_limits: a.JointLimitsFile = None,
+    interpolation: aims.InterpolationRule = None,
     json: a.Json = False,
     debug: a.Debug = False,
 ) -> None:
@@ -246,7 +253,7 @@ def verify(
     with guarded(debug):
         from tominpmp.cli.verifying import run_verify
 
-        code = run_verify(robot_request, motion_request, motion, json)
+        code = run_verify(robot_request, motion_request, motion, json, interpolation)
     raise typer.Exit(code)
 
 

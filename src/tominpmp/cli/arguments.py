@@ -88,7 +88,7 @@ RecordedMotion = Annotated[
     typer.Argument(
         metavar="MOTION",
         help="File with a motion: .csv or .npz, as tominpmp plan writes it, or a ROS 2 "
-        "JointTrajectory (.yaml, .json).",
+        "message or bag with a JointTrajectory (.yaml, .json, .mcap).",
         show_default=False,
     ),
 ]
@@ -326,9 +326,9 @@ MotionFile = Annotated[
     _option(
         OUTPUT,
         "--output -o",
-        "Write the motion there: .csv, .npz, or a ROS 2 JointTrajectory (.yaml, "
-        ".json); replaced if it exists; or - for standard output. Default: motion.csv, "
-        "or motion-2.csv, ... if that exists.",
+        "Write the motion there: .csv, .npz, or a ROS 2 message (.yaml, .json, or "
+        ".mcap for a bag); replaced if it exists; or - for standard output. Default: "
+        "motion.csv, or motion-2.csv, ... if that exists.",
         "FILE",
     ),
 ]
@@ -338,7 +338,8 @@ Dt = Annotated[
     _option(
         OUTPUT,
         "--dt",
-        "Time between the rows of the motion. Default: the nodes of the grid.",
+        "Time between the rows of the motion. Default: that of --control-period, or "
+        "the nodes of the grid.",
         "SECONDS",
     ),
 ]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -16,9 +17,12 @@ from tominpmp.cli.request import OutputRequest
 from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
 from tominpmp.solution import Solution
 
+if TYPE_CHECKING:
+    from tominpmp.output.export_check import ExportCheck
+
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
-MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json")
+MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
 SCENARIO_ENDINGS = (".toml",)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
@@ -31,10 +35,12 @@ class Targets:
     Attributes:
         motion: File for the motion; None for none or standard output.
         to_stdout: Whether the motion goes to standard output.
-        dt: Time between its rows [s]; None for the nodes.
+        dt: Time between its rows [s]; None for the period of the plan, or the nodes.
         plot: File for the plot.
         page: File for the page.
         certificate: File for the plot of the certificate.
+        with_effort: Whether a ROS message has the torques.
+        message: Which ROS message the motion is written as.
     """
 
     motion: Path | None
@@ -43,6 +49,8 @@ class Targets:
     plot: Path | None
     page: Path | None
     certificate: Path | None = None
+    with_effort: bool = False
+    message: str | None = None
 
     @classmethod
     def of(cls, request: OutputRequest) -> Targets:
@@ -68,6 +76,9 @@ class Targets:
         if request.write and not to_stdout:
             motion = _free_name() if request.motion is None else Path(request.motion)
             check_target(motion, "--output", MOTION_ENDINGS)
+            if motion.suffix.lower() == ".mcap":
+                need_package("rosbags", "ros", "--output with .mcap")
+        _check_message(request, motion)
         if request.scenario is not None:
             check_target(request.scenario, "--save-scenario", SCENARIO_ENDINGS)
         if request.plot is not None:
@@ -86,19 +97,24 @@ class Targets:
             request.plot,
             request.page,
             request.certificate,
+            request.with_effort,
+            request.message,
         )
 
-    def write(self, solution: Solution) -> dict[str, str]:
-        """Write the files.
+    def write(self, solution: Solution) -> tuple[dict[str, str], ExportCheck | None]:
+        """Write the files, and judge the motion as written.
 
         Returns:
-            What was written, by what it holds.
+            What was written, by what it holds; and what the file of the motion was
+            found to do, None if there is none.
         """
         files: dict[str, str] = {}
+        found = None
         if self.motion is not None:
-            files["motion"] = str(solution.export(self.motion, dt=self.dt))
+            found = self._export(solution, self.motion)
+            files["motion"] = str(self.motion)
         if self.to_stdout:
-            _stream(solution, self.dt)
+            found = self._stream(solution)
         if self.plot is not None:
             solution.plot(self.plot)
             files["plot"] = str(self.plot)
@@ -108,7 +124,30 @@ class Targets:
         if self.certificate is not None:
             solution.plot_certificate(self.certificate)
             files["certificate plot"] = str(self.certificate)
-        return files
+        return files, found
+
+    def _export(self, solution: Solution, path: Path) -> ExportCheck:
+        """Write the motion and judge the file."""
+        from tominpmp.output.export_check import check_export
+
+        solution.export(
+            path,
+            dt=self.dt,
+            with_effort=self.with_effort,
+            message=self.message,
+            verify=False,
+        )
+        dt = solution.options.control_period if self.dt is None else self.dt
+        return check_export(solution, path, dt=dt)
+
+    def _stream(self, solution: Solution) -> ExportCheck:
+        """Write the motion to standard output, as CSV."""
+        with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+            path = Path(folder) / DEFAULT_MOTION
+            found = self._export(solution, path)
+            with path.open(encoding="utf-8", newline="") as file:
+                typer.echo(file.read(), nl=False)
+        return replace(found, path=Path("standard output"))
 
 
 def _free_name() -> Path:
@@ -150,9 +189,24 @@ def need_package(package: str, extra: str, purpose: str) -> None:
         raise MissingDependency(package, extra, purpose)
 
 
-def _stream(solution: Solution, dt: float | None) -> None:
-    """Write the motion to standard output, as CSV."""
-    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
-        path = solution.export(Path(folder) / DEFAULT_MOTION, dt=dt)
-        with path.open(encoding="utf-8", newline="") as file:
-            typer.echo(file.read(), nl=False)
+def _check_message(request: OutputRequest, motion: Path | None) -> None:
+    """Check the options of ROS messages before anything takes long.
+
+    Raises:
+        ProblemError: If there is no such message.
+        OptionsError: If nothing is written that they are about.
+    """
+    from tominpmp.output.export import check_options
+    from tominpmp.output.ros import check_message
+
+    if request.message is not None:
+        check_message(request.message)
+    if not request.with_effort and request.message is None:
+        return
+    if motion is None:
+        raise OptionsError(
+            "--with-effort and --ros-message are for files of ROS messages "
+            "(--output FILE.yaml)",
+            "output",
+        )
+    check_options(motion, request.with_effort, request.message)

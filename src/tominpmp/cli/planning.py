@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
@@ -23,10 +23,14 @@ from tominpmp.cli.terminal import (
     INTERRUPTED,
     NO_PLAN,
     PLANNED,
+    complain,
     error_console,
     logged,
 )
 from tominpmp.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from tominpmp.output.export_check import ExportCheck
 
 
 def run_plan(
@@ -54,12 +58,16 @@ def run_plan(
     with logged(output.verbose, errors):
         solution = _solve(robot, motion, options, output, errors)
     files: dict[str, str] = {}
+    found = None
     try:
         if solution.success:
-            files = targets.write(solution)
+            files, found = targets.write(solution)
     finally:
         # The figures are worth having even if the disk is full.
-        _report(solution, files, output, to_stderr=targets.to_stdout)
+        _report(solution, files, found, output, to_stderr=targets.to_stdout)
+    if found is not None and not found.ok:
+        complain("error", found.message)
+        return NO_PLAN
     if solution.success:
         return PLANNED
     return INTERRUPTED if solution.status is Status.INTERRUPTED else NO_PLAN
@@ -94,11 +102,12 @@ def _solve(
 def _report(
     solution: Solution,
     files: Mapping[str, str],
+    found: ExportCheck | None,
     output: OutputRequest,
     to_stderr: bool,
 ) -> None:
     """Write the report."""
-    data = report_data(solution, files)
+    data = report_data(solution, files, found)
     if output.json:
         text = json.dumps(data, indent=2, allow_nan=False)
     elif not output.quiet:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from tominpmp.arrays import Array
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tominpmp.output.export_check import ExportCheck
 
 # A torque or speed this close to its limit, as a share of it, is at the limit.
 CLOSE = 0.01
@@ -38,12 +41,15 @@ def limit_shares(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     return float(weights @ torque), float(weights @ (torque | speed))
 
 
-def report_data(solution: Solution, files: Mapping[str, str]) -> dict[str, Any]:
+def report_data(
+    solution: Solution, files: Mapping[str, str], file: ExportCheck | None = None
+) -> dict[str, Any]:
     """What there is to report, in types that JSON knows; infinite numbers are None.
 
     Args:
         solution: The solution.
         files: Files written, by what they hold.
+        file: What the file of the motion was found to do, if there is one.
     """
     problem, options = solution.problem, solution.options
     data: dict[str, Any] = {
@@ -85,6 +91,11 @@ def report_data(solution: Solution, files: Mapping[str, str]) -> dict[str, Any]:
         data["certified"] = solution.certificate.ok
         data["certificate"] = solution.certificate.message
     data["files"] = dict(files)
+    if file is not None:
+        data["file_holds"] = file.ok
+        data["file_joined"] = file.joined
+        data["file_message"] = file.message
+        data["file_notes"] = list(file.notes)
     return data
 
 
@@ -130,6 +141,10 @@ def report_text(data: Mapping[str, Any]) -> str:
         )
         lines.append(("violations", worst))
     lines += [(kind, file) for kind, file in data["files"].items()]
+    if "file_holds" in data:
+        verdict = "holds" if data["file_holds"] else "does not hold"
+        lines.append(("as read", f"{verdict}, joined by {data['file_joined']}"))
+        lines += [("note", note) for note in data["file_notes"]]
     width = max(len(label) for label, _ in lines) + 2
     body = [f"  {label:<{width}}{text}" for label, text in lines]
     return "\n".join([data["message"], "", *body])

@@ -246,7 +246,9 @@ class OutputRequest:
         motion: File for the motion, or "-" for standard output; None takes
             a free name.
         write: Whether to write the motion at all.
-        dt: Time between its rows [s]; None for the nodes.
+        dt: Time between its rows [s]; None for the period of the plan, or the nodes.
+        with_effort: Whether ROS messages have the torques.
+        message: Which ROS message to write.
         plot: File for the plot.
         page: File for the page with the playback.
         certificate: File for the plot of the certificate.
@@ -259,6 +261,8 @@ class OutputRequest:
     motion: str | None = None
     write: bool = True
     dt: float | None = None
+    with_effort: bool = False
+    message: str | None = None
     plot: Path | None = None
     page: Path | None = None
     certificate: Path | None = None

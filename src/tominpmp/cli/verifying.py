@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import typer
@@ -16,12 +16,33 @@ from tominpmp.cli.request import MotionRequest, RobotRequest
 from tominpmp.cli.sources import load_problem
 from tominpmp.cli.terminal import NO_PLAN, PLANNED
 from tominpmp.exceptions import ProblemError
-from tominpmp.output.export import load_motion
-from tominpmp.recorded import recorded_motion
+from tominpmp.output.export import (
+    is_message,
+    load_message,
+    load_motion,
+    message_motion,
+)
+from tominpmp.output.ros_rules import (
+    Refusal,
+    controller_needs,
+    controller_refusals,
+    ends_moving,
+)
+from tominpmp.problem import Problem
+from tominpmp.recorded import join
+from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.trajectory import Samples
+
+# Rules that are shown where a message breaks more.
+SHOWN = 5
 
 
 def run_verify(
-    robot: RobotRequest, motion: MotionRequest, path: Path, as_json: bool
+    robot: RobotRequest,
+    motion: MotionRequest,
+    path: Path,
+    as_json: bool,
+    interpolation: str | None = None,
 ) -> int:
     """Judge a motion and report.
 
@@ -30,6 +51,7 @@ def run_verify(
         motion: Scene, request and margin.
         path: File that holds the motion.
         as_json: Whether the report is JSON.
+        interpolation: How the points are joined; None for what the kind of file says.
 
     Returns:
         The exit code.
@@ -44,17 +66,46 @@ def run_verify(
             "scenario",
         )
     problem, options = load_problem(robot, motion, {})
-    samples = load_motion(path)
-    trajectory = recorded_motion(samples, problem.robot, path, start=problem.q_start)
+    if interpolation is not None:
+        check_interpolation(interpolation)
+    samples, broken, notes = _read(path, problem)
+    joined = join(
+        samples,
+        problem.robot,
+        path,
+        start=problem.q_start,
+        start_velocity=problem.v_start,
+        interpolation=cast("Interpolation | None", interpolation),
+    )
     from tominpmp.verification import verify
 
+    trajectory = joined.trajectory
     found = verify(problem, trajectory, options.tolerances)
-    data = {"motion": str(path), "T": trajectory.duration} | _plain(found)
+    ok = found.ok and not broken
     if as_json:
+        data = {"motion": str(path), "T": trajectory.duration} | _plain(found)
+        data |= {"ok": ok, "joined": str(joined), "notes": notes}
+        data["refusals"] = [str(item) for item in broken]
         typer.echo(json.dumps(data, indent=2, allow_nan=False))
     else:
-        typer.echo(_text(path, trajectory.duration, found))
-    return PLANNED if found.ok else NO_PLAN
+        rows = [("joined", f"by {joined}"), *(("note", note) for note in notes)]
+        rows += [("refused", str(item)) for item in broken[:SHOWN]]
+        typer.echo(_text(path, trajectory.duration, found, ok, rows))
+    return PLANNED if ok else NO_PLAN
+
+
+def _read(
+    path: Path, problem: Problem
+) -> tuple[Samples, tuple[Refusal, ...], list[str]]:
+    """Samples of a file, what a controller refuses of it, and what it needs for it."""
+    if not is_message(path):
+        return load_motion(path), (), []
+    message = load_message(path)
+    samples = message_motion(message, path)
+    moving = ends_moving(problem.goal)
+    effort = bool(np.any(np.isfinite(samples.u)))
+    broken = controller_refusals(message, effort_interface=effort, moving_end=moving)
+    return samples, broken, controller_needs(samples, moving)
 
 
 def _plain(value: Any) -> Any:
@@ -78,9 +129,13 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | int | None) else str(value)
 
 
-def _text(path: Path, duration: float, found: Any) -> str:
+def _text(
+    path: Path, duration: float, found: Any, ok: bool, more: list[tuple[str, str]]
+) -> str:
     """Write the judgement for people."""
     verdict = "solves the problem" if found.ok else "does not solve the problem"
+    if found.ok and not ok:
+        verdict = "solves the problem, but a controller would refuse it"
     rows = [
         ("duration", f"{duration:.4f} s"),
         (
@@ -92,6 +147,7 @@ def _text(path: Path, duration: float, found: Any) -> str:
     ]
     if np.isinf(found.min_clearance):
         del rows[2]
+    rows[1:1] = more
     rows += [("violation", str(violation)) for violation in found.violations]
     body = [f"  {label:<12}{text}" for label, text in rows]
     return "\n".join([f"The motion in {path} {verdict}.", "", *body])

@@ -84,7 +84,7 @@ def export(
     """
     expect(trajectory, Trajectory, "trajectory", "a Trajectory")
     write = _chosen(WRITERS, path)
-    _check_options(path, with_effort, message)
+    check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
     _check_finite(samples)
     if not is_message(path):
@@ -123,8 +123,12 @@ def file_samples(
     return _node_samples(trajectory) if dt is None else trajectory.sample(dt)
 
 
-def _check_options(path: str | Path, with_effort: bool, message: str | None) -> None:
-    """Check that options are known, and of use for the ending."""
+def check_options(path: str | Path, with_effort: bool, message: str | None) -> None:
+    """Check that options of :func:`export` are known, and of use for the ending.
+
+    Raises:
+        ProblemError: If they are not.
+    """
     if not isinstance(with_effort, bool):
         raise ProblemError(
             f"with_effort is {brief(with_effort)}, expected True or False",

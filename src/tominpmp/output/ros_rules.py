@@ -16,9 +16,11 @@ import numpy as np
 
 from tominpmp.description.fields import Field, shown
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.goals import AnyGoal, Goal
 from tominpmp.output.ros import POINT_FIELDS
 from tominpmp.output.ros_reader import find_trajectory
 from tominpmp.sampling import BILLION
+from tominpmp.trajectory import Samples
 
 # A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.
 REST = float(np.finfo(np.float32).eps)
@@ -58,7 +60,7 @@ class Refusal:
         return f"{where}: {self.reason}"
 
 
-def refusals(
+def controller_refusals(
     message: object,
     joint_names: Sequence[str] | None = None,
     *,
@@ -110,6 +112,29 @@ def refusals(
         *([] if moving_end else rules.end()),
     ]
     return tuple(broken)
+
+
+def ends_moving(goal: Goal) -> bool:
+    """Whether a goal has a velocity other than zero."""
+    if isinstance(goal, AnyGoal):
+        return any(map(ends_moving, goal.goals))
+    velocity = getattr(goal, "v", None)
+    return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
+
+
+def controller_needs(samples: Samples, moving: bool) -> list[str]:
+    """What a controller must be set to for a message, in sentences."""
+    notes = []
+    if np.any(np.isfinite(samples.u)):
+        notes.append(
+            "The points have efforts: only controllers that command efforts take them."
+        )
+    if moving:
+        notes.append(
+            "The motion ends in motion: the controller needs "
+            "allow_nonzero_velocity_at_trajectory_end."
+        )
+    return notes
 
 
 @dataclass(frozen=True)
