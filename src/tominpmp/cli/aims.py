@@ -55,6 +55,15 @@ Group = Annotated[
         "NAME",
     ),
 ]
+Limits = Annotated[
+    str | None,
+    _option(
+        ROBOT,
+        "--limits",
+        "datasheet: the limits that the maker publishes, accelerations among them.",
+        "NAME",
+    ),
+]
 Control = Annotated[
     str | None,
     _option(

@@ -27,6 +27,7 @@ class RobotRequest:
         package_dirs: Folders in which to look for ``package://``.
         srdf: Semantic description.
         group: Group of the semantic description whose joints move.
+        limits: "datasheet" for those of the maker.
         locks: ``JOINT=VALUE`` of joints that are not to move.
         gravity: Three numbers [m/s^2].
         effort: Torque limits [N m or N], as text.
@@ -40,6 +41,7 @@ class RobotRequest:
     package_dirs: Sequence[Path] = ()
     srdf: Path | None = None
     group: str | None = None
+    limits: str | None = None
     locks: Sequence[str] = ()
     gravity: str | None = None
     effort: str | None = None
@@ -89,6 +91,7 @@ class RobotRequest:
             package_dirs=self.package_dirs,
             srdf=self.srdf,
             group=self.group,
+            limits=self.limits,
             locked_joints={**(resting or {}), **locked},
         )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
+from tominpmp.datasheets import OVERRIDES, published_limits, published_values
 from tominpmp.description.files import RobotFiles, check_folders, find_robot
 from tominpmp.description.groups import JointGroups, group_locks, warn_of_passive
 from tominpmp.description.joint_table import JointTable
@@ -21,11 +22,13 @@ from tominpmp.description.model import (
 )
 from tominpmp.description.srdf import SemanticDescription, read_semantics
 from tominpmp.description.urdf import UrdfDescription, read_urdf
-from tominpmp.exceptions import RobotLoadError
+from tominpmp.exceptions import OptionsError, RobotLoadError, brief
 from tominpmp.robot.robot import Robot
 
 # Standard gravity in two decimals, as Pinocchio has it [m/s^2].
 DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
+# What the argument ``limits`` may be.
+DATASHEET = "datasheet"
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,29 @@ class RobotSource:
     files: RobotFiles
     description: UrdfDescription
     semantics: SemanticDescription | None
+
+    @property
+    def names(self) -> tuple[str | None, ...]:
+        """Names of the robot: asked for, in its description, of the file."""
+        return self.files.name, self.description.name, self.files.urdf.stem
+
+    def published(self, limits: str | None) -> dict[str, dict[str, float]]:
+        """Values of the maker's data sheet by quantity and joint name.
+
+        Args:
+            limits: "datasheet", or None for none.
+
+        Raises:
+            OptionsError: If it is neither, or there is no data sheet.
+        """
+        if limits is None:
+            return {}
+        if limits != DATASHEET:
+            raise OptionsError(
+                f"limits is {brief(limits)}, expected {DATASHEET!r} or None", "limits"
+            )
+        joints = [joint.name for joint in self.description.joints]
+        return published_values(self.names, joints)
 
     def linkage(
         self, group: str | None, locked_joints: Mapping[str, float] | None
@@ -89,6 +115,7 @@ def load_robot(
     *,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     srdf: str | os.PathLike[str] | None = None,
+    limits: str | None = None,
     group: str | None = None,
     locked_joints: Mapping[str, float] | None = None,
     gravity: ArrayLike | None = None,
@@ -112,6 +139,9 @@ def load_robot(
             and of ROS are looked through anyway.
         srdf: Semantic description; by default the one that lies beside the file or in
             the folder ``../srdf`` and has its name.
+        limits: ``"datasheet"`` for those that the maker publishes (accelerations,
+            jerks, torque rates, and speeds and torques instead of the file's); the
+            arguments below go before them. See :mod:`tominpmp.datasheets`.
         group: Group of the SRDF file, as ``"panda_arm"``, whose joints move. The others
             are locked: where ``locked_joints`` has them, else where a group state of
             the file has them, else at zero. The base stands still.
@@ -145,18 +175,21 @@ def load_robot(
     if not joint_names:
         raise RobotLoadError(f"{urdf}: no joint is left that moves", urdf)
     table = JointTable.from_description(joint_names, source.description.joints, linkage)
+    published = source.published(limits)
     rotors = {} if source.semantics is None else source.semantics.rotor_inertias
-    table = table.overridden(
-        {}, armature={name: rotors[name] for name in joint_names if name in rotors}
-    ).overridden(
-        linkage.reasons(),
-        damping=damping,
-        armature=armature,
-        effort=effort,
-        velocity=velocity,
-        position_lower=position_lower,
-        position_upper=position_upper,
-    )
+    known = {"armature": rotors, **published}
+    for values in (
+        {k: _of_joints(known[k], joint_names) for k in OVERRIDES if k in known},
+        {
+            "damping": damping,
+            "armature": armature,
+            "effort": effort,
+            "velocity": velocity,
+            "position_lower": position_lower,
+            "position_upper": position_upper,
+        },
+    ):
+        table = table.overridden(linkage.reasons(), **values)
     table.check_complete(urdf)
     own = source.description.gravity or DEFAULT_GRAVITY
     checked = check_gravity(own if gravity is None else gravity)
@@ -173,6 +206,7 @@ def load_robot(
         locked_joints=linkage.locked,
         srdf=source.semantics,
         description=source.description,
+        motion_limits=published_limits(published, joint_names),
     )
     check_inertia(robot.model, table, matrix, offset, urdf)
     if source.semantics is not None:
@@ -180,3 +214,9 @@ def load_robot(
         warn_of_passive(source.semantics.groups.passive, motors)
     _ = robot.collision_model  # a mesh that cannot be read is to be told of now
     return robot
+
+
+def _of_joints(
+    values: Mapping[str, float], joint_names: Sequence[str]
+) -> dict[str, float]:
+    return {name: values[name] for name in joint_names if name in values}

@@ -43,6 +43,7 @@ KEYS = (
     "srdf",
     "package_dirs",
     "group",
+    "limits",
     "joint_limits",
     "motion_limits",
     "gravity",
@@ -56,8 +57,8 @@ def read_robot(table: Field) -> Robot:
     """Load the robot of a scenario.
 
     Args:
-        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
-            ``locked_joints``, ``gravity`` and the overrides of :func:`load_robot`;
+        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``, ``limits``,
+            ``locked_joints``, ``gravity`` and the overrides as in :func:`load_robot`;
             ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
             (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
             fields of :class:`~tominpmp.payload.Payload`. Paths are relative to the
@@ -93,7 +94,8 @@ def read_robot(table: Field) -> Robot:
             srdf=(
                 folder / _path(table.get("srdf")) if table.get("srdf").given else None
             ),
-            group=table.get("group").text() if table.get("group").given else None,
+            group=table.get("group").value,
+            limits=table.get("limits").value,
             locked_joints=table.get("locked_joints").value or {},
         )
         robot = _limited(robot, table.get("motion_limits"))
