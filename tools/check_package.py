@@ -22,6 +22,8 @@ import tominpmp
 robot = tominpmp.load_robot("planar3r")
 assert robot.n == 3, robot
 assert files("tominpmp").joinpath("py.typed").is_file(), "py.typed is missing"
+from tominpmp.datasheets import datasheets
+assert len(datasheets()) > 10, "the data sheets are missing"
 """
 
 

@@ -120,9 +120,9 @@ def plan(
         status = Status.INTERRUPTED
     solution = conclude(problem, options, watch, attempts, status)
     solution = on_clock(solution, attempts, watch)
-    if options.slack is None or not solution.success or status in STOPPED:
-        return solution
-    return smooth(solution, options.slack)
+    if options.slack is not None and solution.success and status not in STOPPED:
+        solution = smooth(solution, options.slack)
+    return solution.with_acceleration_remark()
 
 
 def continued(

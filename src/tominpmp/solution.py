@@ -12,8 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tominpmp.accelerations import (
+    PeakAcceleration,
+    acceleration_remark,
+    peak_acceleration,
+)
 from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
-from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
@@ -87,54 +91,6 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
     span = limits.effort_upper - limits.effort_lower
     driven = span > 0.0
     return float(np.sum((np.diff(u[:, driven], axis=0) / span[driven]) ** 2))
-
-
-@dataclass(frozen=True)
-class PeakAcceleration:
-    """Largest acceleration of a motion.
-
-    Attributes:
-        joint: The joint.
-        value: Its size [rad/s^2, or m/s^2 of a joint that slides].
-        time: When it is reached [s].
-        unit: "rad/s^2" or "m/s^2".
-        limited: Whether the joint has a limit of accelerations in the problem.
-    """
-
-    joint: str
-    value: float
-    time: float
-    unit: str
-    limited: bool
-
-
-def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAcceleration:
-    """Find the largest acceleration of a motion; of joints without a limit, if any.
-
-    Args:
-        problem: The problem.
-        trajectory: A motion of its robot.
-    """
-    nodes = trajectory.t
-    steps = np.diff(nodes)
-    # Accelerations may jump at the nodes: just after and just before, and in between.
-    shares = np.array([1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9])
-    times = (nodes[:-1, None] + steps[:, None] * shares).ravel()
-    sizes = np.abs(trajectory(times).a)
-    limits, names = problem.motion_limits, problem.robot.joint_names
-    bounded = np.zeros(len(names), dtype=bool)
-    if limits is not None:
-        bounded = np.isfinite(limits.by_joint("acceleration", names))
-    looked_at = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)
-    row, joint = np.unravel_index(int(np.argmax(looked_at)), sizes.shape)
-    slides = bool(prismatic_joints(problem.robot)[joint])
-    return PeakAcceleration(
-        joint=names[joint],
-        value=float(sizes[row, joint]),
-        time=float(times[row]),
-        unit="m/s^2" if slides else "rad/s^2",
-        limited=bool(bounded[joint]),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +189,15 @@ class Solution:
         if self.trajectory is None:
             return None
         return peak_acceleration(self.problem, self.trajectory)
+
+    def with_acceleration_remark(self) -> Solution:
+        """The same, saying so if the motion was planned without such limits."""
+        if not self.success or self.trajectory is None:
+            return self
+        remark = acceleration_remark(self.problem, self.trajectory)
+        if not remark or remark in self.message:
+            return self
+        return replace(self, message=f"{self.message} {remark}")
 
     @property
     def iterations(self) -> int:

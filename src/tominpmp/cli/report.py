@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +77,9 @@ def report_data(
         data["limited_share"] = either
         data["q_start"] = _list(trajectory.q[0])
         data["q_end"] = _list(trajectory.q[-1])
+        peak = solution.peak_acceleration
+        if peak is not None:
+            data["peak_acceleration"] = asdict(peak)
         if not solution.success:
             data["best_attempt"] = trajectory.duration
     found, bound = solution.verification, solution.lower_bound

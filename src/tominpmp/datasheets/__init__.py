@@ -1,4 +1,4 @@
-"""What the makers of arms publish of them: limits that their URDF files lack or have wrong.
+"""What makers publish about their arms: limits that URDF files lack or have wrong.
 
 One TOML file an arm, each number with the document that it comes from. What is not
 published is not in it. Sheets are found by the name of a robot and by its joints, whose
@@ -155,9 +155,7 @@ def published_values(
     names = [name for name in names if name]
     sheet = find_datasheet(names, joint_names)
     if sheet is None:
-        known = ", ".join(
-            f"{sheet.title} ({sheet.names[0]})" for sheet in datasheets()
-        )
+        known = ", ".join(f"{sheet.title} ({sheet.names[0]})" for sheet in datasheets())
         raise OptionsError(
             f"limits: no data sheet for {brief(names[0])} with joints "
             f"{', '.join(joint_names[:7])}{', ...' if len(joint_names) > 7 else ''}; "

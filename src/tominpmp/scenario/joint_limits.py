@@ -117,7 +117,7 @@ class MoveItLimits:
 
 
 def load_limited_robot(
-    limits: MoveItLimits | None,
+    moveit: MoveItLimits | None,
     name_or_path: str | os.PathLike[str],
     changes: Mapping[str, Any],
     **arguments: Any,
@@ -128,7 +128,7 @@ def load_limited_robot(
     lacks, or that follow others, with a warning.
 
     Args:
-        limits: The limits; None for those of the robot alone.
+        moveit: The limits; None for those of the robot alone.
         name_or_path: As for :func:`~tominpmp.robot.load_robot`.
         changes: Values per joint and gravity, which go before the file.
         **arguments: Its further arguments.
@@ -136,22 +136,22 @@ def load_limited_robot(
     Raises:
         TominpmpError: As by :func:`~tominpmp.robot.load_robot`.
     """
-    if limits is None:
+    if moveit is None:
         return load_robot(name_or_path, **arguments, **changes)
     files = {k: arguments[k] for k in ("package_dirs", "srdf") if k in arguments}
     source = read_source(name_or_path, **files)
     linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
     joints = [joint.name for joint in source.description.joints]
-    _warn_of_joints(limits, joints, linkage.followers)
+    _warn_of_joints(moveit, joints, linkage.followers)
     free = set(joints) - set(linkage.reasons())
     values = dict(changes)
-    for key, numbers in limits.overrides().items():
+    for key, numbers in moveit.overrides().items():
         own = values.get(key, {})
         if isinstance(own, Mapping):
             present = {k: v for k, v in numbers.items() if k in free}
             values[key] = {**present, **own}
     robot = load_robot(name_or_path, **arguments, **values)
-    further = limits.motion_limits(robot.joint_names)
+    further = moveit.motion_limits(robot.joint_names)
     if further is None:
         return robot
     further = further.over(robot.motion_limits, robot.joint_names)

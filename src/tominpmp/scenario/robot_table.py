@@ -57,8 +57,9 @@ def read_robot(table: Field) -> Robot:
     """Load the robot of a scenario.
 
     Args:
-        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``, ``limits``,
-            ``locked_joints``, ``gravity`` and the overrides as in :func:`load_robot`;
+        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
+            ``limits``, ``locked_joints``, ``gravity`` and the overrides as for
+            :func:`load_robot`;
             ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
             (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
             fields of :class:`~tominpmp.payload.Payload`. Paths are relative to the

@@ -1,0 +1,218 @@
+"""Tests of data sheets: what makers publish reaches the problem, and its lack is told.
+
+Motions of a stock Panda once began with 1348 rad/s^2 at a wrist, without a word.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.cli.request import MotionRequest, RobotRequest
+from tominpmp.cli.sources import load_problem
+from tominpmp.datasheets import (
+    FOLDER,
+    QUANTITIES,
+    datasheets,
+    find_datasheet,
+    read_datasheet,
+)
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import OptionsError, ScenarioError
+from tominpmp.robot import Robot, load_robot
+from tominpmp.scenario.robot_table import read_robot, robot_table
+
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return load_robot("panda", limits="datasheet", group="arm")
+
+
+@pytest.mark.parametrize(
+    "path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem
+)
+def test_sheets_are_whole_and_cite_their_sources(path: Path) -> None:
+    sheet = read_datasheet(path)
+    assert set(sheet.values) == set(sheet.sources) <= set(QUANTITIES)
+    assert sheet.values
+    for quantity, values in sheet.values.items():
+        assert len(values) == len(sheet.joints)
+        if not quantity.startswith("position"):
+            assert min(values) > 0.0
+        source = sheet.sources[quantity]
+        assert source.document
+        assert source.address.startswith("https://")
+    assert sheet in datasheets()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('acceleratoin = {values = [1.0], source = "a"}', "acceleratoin: there is no"),
+        ('jerk = {values = [1.0, 2.0], source = "a"}', "expected 1 numbers"),
+        ("jerk = {values = [1.0]}", "jerk.source: is missing"),
+        ('jerk = {values = [1.0], source = "b"}', "is no source; there are: a"),
+    ],
+)
+def test_wrong_sheets(text: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "sheet.toml"
+    path.write_text(
+        f'title = "T"\nnames = ["t"]\njoints = ["j"]\n{text}\n'
+        '[sources.a]\ndocument = "d"\naddress = "https://x"\n'
+    )
+    with pytest.raises(ScenarioError, match=words):
+        read_datasheet(path)
+
+
+def test_limits_reach_robot_and_problem(panda: Robot) -> None:
+    problem = tm.Problem(panda, READY, tm.JointGoal([0.1, *READY[1:]]))
+    limits = problem.motion_limits
+    assert limits == panda.motion_limits
+    names = panda.joint_names
+    expected = [15, 7.5, 10, 12.5, 15, 20, 20]
+    assert limits.by_joint("acceleration", names).tolist() == expected
+    assert limits.by_joint("jerk", names)[1] == 3750.0
+    assert limits.by_joint("effort_rate", names).tolist() == [1000.0] * 7
+    own = tm.MotionLimits(acceleration=3.0)
+    slow = replace(problem, motion_limits=own).motion_limits
+    assert slow.by_joint("acceleration", names).tolist() == [3.0] * 7
+    assert slow.by_joint("jerk", names)[1] == 3750.0
+
+
+def test_speeds_and_torques_go_before_those_of_the_urdf() -> None:
+    """The UR3 of example-robot-data has the torques of a UR10."""
+    assert load_robot("ur3").limits.effort_upper.tolist()[:2] == [330.0, 330.0]
+    robot = load_robot("ur3", limits="datasheet")
+    assert robot.limits.effort_upper.tolist() == [56, 56, 28, 12, 12, 12]
+    np.testing.assert_allclose(robot.limits.velocity[3:], 2 * np.pi, rtol=1e-6)
+    own = load_robot("ur3", limits="datasheet", effort={"elbow_joint": 20.0})
+    assert own.limits.effort_upper.tolist() == [56, 56, 20, 12, 12, 12]
+
+
+def test_locked_joints_groups_and_workcells_keep_them(panda: Robot) -> None:
+    part = load_robot(
+        "panda", limits="datasheet", group="arm", locked_joints={"panda_joint2": -0.5}
+    )
+    expected = [15, 10, 12.5, 15, 20, 20]
+    limits = part.motion_limits
+    assert limits.by_joint("acceleration", part.joint_names).tolist() == expected
+    further = panda.with_locked({"panda_joint2": -0.5})
+    assert further.motion_limits.by_joint("jerk", further.joint_names)[1] == 5000.0
+    loaded = panda.with_payload(tm.Payload(1.0, "panda_hand"))
+    assert loaded.motion_limits == panda.motion_limits
+    arm = load_robot("ur5", limits="datasheet")
+    cell = tm.Workcell({"a": (panda, (0, 0, 0)), "b": (arm, (2, 0, 0))})
+    both = cell.robot.motion_limits
+    rows = both.by_joint("acceleration", cell.robot.joint_names)
+    assert sorted(rows.tolist()) == sorted([15, 7.5, 10, 12.5, 15, 20, 20, *[5.0] * 6])
+    fingers = load_robot("panda", limits="datasheet")
+    free = fingers.motion_limits.by_joint("acceleration", fingers.joint_names)
+    assert np.isinf(free[-1])  # nothing is published about the hand
+
+
+def test_prefixes_and_names() -> None:
+    joints = [f"left_panda_joint{i}" for i in range(1, 8)]
+    joints += [f"right_panda_joint{i}" for i in range(1, 8)]
+    sheet = find_datasheet([None, "dual_panda"], joints)
+    assert sheet is not None and sheet.title == "Franka Emika Panda"
+    assert set(sheet.by_joint(joints)["jerk"]) == set(joints)
+    assert find_datasheet(["panda"], joints[:5]) is None
+    assert find_datasheet(["pandas"], joints) is None
+    six = [f"joint_{i}" for i in range(1, 7)]
+    found = find_datasheet(["GEN3-7DOF-VISION"], [*six, "joint_7"])
+    assert found is not None and len(found.joints) == 7
+    found = find_datasheet(["gen3"], six)
+    assert found is not None and len(found.joints) == 6
+    urs = load_robot("ur5").joint_names
+    for name in ("ur5e_robot", "ur10e", "UR3e", "ur5_joint_limited_robot"):
+        found = find_datasheet([name], urs)
+        assert found is not None and found.names[0] in name.lower()
+    iiwa = [f"lbr_iiwa_joint_{i}" for i in range(1, 8)]
+    found = find_datasheet(["lbr_iiwa_14_r820"], iiwa)
+    assert found is not None and "acceleration" not in found.values
+
+
+def test_no_sheet_and_wrong_words() -> None:
+    with pytest.raises(
+        OptionsError, match=r"no data sheet for 'planar3r'.*known: .*Panda \(panda\)"
+    ) as caught:
+        load_robot("planar3r", limits="datasheet")
+    assert caught.value.option == "limits"
+    for wrong in ("data sheet", 3, True):
+        with pytest.raises(OptionsError, match="expected 'datasheet' or None"):
+            load_robot("ur5", limits=wrong)
+
+
+def test_command_line_and_scenarios(tmp_path: Path) -> None:
+    asked = RobotRequest(robot="ur5", limits="datasheet", velocity="2")
+    robot = asked.load()
+    expected = load_robot("ur5", limits="datasheet", velocity=2.0)
+    assert robot == expected
+    table = {"name": "ur5", "limits": "datasheet", "velocity": 2.0}
+    found = read_robot(Field(table, tmp_path / "s.toml", "robot"))
+    assert found == expected
+    written = robot_table(found, tmp_path)
+    assert read_robot(Field(written, tmp_path / "s.toml", "robot")) == expected
+    assert written["motion_limits"]["acceleration"]["elbow_joint"] == 5.0
+    with pytest.raises(ScenarioError, match=r"robot\.limits: .*no data sheet"):
+        wrong = {"name": "planar3r", "limits": "datasheet"}
+        read_robot(Field(wrong, tmp_path / "s.toml", "robot"))
+    file = tmp_path / "limits.yaml"
+    file.write_text("joint_limits: {elbow_joint: {max_acceleration: 2, max_jerk: 9}}")
+    both = RobotRequest(robot="ur5", limits="datasheet", joint_limits=file)
+    start = "0 -1.5 1.5 -1.5 -1.5 0"
+    motion = MotionRequest(start=start, goal=start.replace("0 ", "0.5 "))
+    limits = load_problem(both, motion, {})[0].motion_limits
+    assert limits.by_joint("acceleration", robot.joint_names)[2] == 2.0
+    assert limits.by_joint("acceleration", robot.joint_names)[1] == 5.0
+    assert np.isfinite(limits.by_joint("jerk", robot.joint_names)).sum() == 1
+
+
+def test_motions_keep_them_and_the_lack_of_them_is_told(panda: Robot) -> None:
+    goal = tm.JointGoal([0.4, -0.5, 0.2, -2.0, 0.1, 1.8, 0.5])
+    kept = tm.plan(panda_problem(panda, goal))
+    assert kept.success and kept.verification.ok, kept.message
+    assert kept.peak_acceleration.limited
+    assert "acceleration" not in kept.message
+    motion, names = kept.trajectory, panda.joint_names
+    t = np.linspace(0.0, motion.duration, 2000)
+    limit = panda.motion_limits.by_joint("acceleration", names)
+    assert np.all(np.abs(motion(t).a) <= 1.005 * limit)
+    free = tm.plan(panda_problem(load_robot("panda", group="arm"), goal))
+    peak = free.peak_acceleration
+    assert not peak.limited and peak.unit == "rad/s^2" and peak.value > 50.0
+    samples = np.abs(free.trajectory(np.linspace(0.0, free.T, 5000)).a)
+    assert peak.value >= np.max(samples) * (1.0 - 1e-6)
+    told = (
+        f"No acceleration limits: the peak is {peak.value:.0f} rad/s^2 at {peak.joint}"
+    )
+    assert free.message.endswith(f"{told}; limits='datasheet' has them.")
+    assert free.message.startswith(free.status.value)
+
+
+def panda_problem(robot: Robot, goal: tm.JointGoal) -> tm.Problem:
+    return tm.Problem(robot, READY, goal)
+
+
+def test_no_hint_where_there_is_no_sheet(planar3r: Robot) -> None:
+    problem = tm.Problem(planar3r, [0.5, 1.7, -1.7], tm.JointGoal([1.0, 1.0, -1.0]))
+    told = tm.plan(problem, intervals=20).message
+    assert "No acceleration limits: the peak is" in told
+    assert "datasheet" not in told
+    some = tm.MotionLimits(acceleration={"joint1": 500.0, "joint2": 500.0})
+    told = tm.plan(replace(problem, motion_limits=some), intervals=20).message
+    assert "No acceleration limit for joint3: the peak is" in told
+
+
+def test_loading_with_a_sheet_warns_of_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in ("panda", "ur3", "ur5", "ur10", "ur5_limited", "xarm7"):
+            load_robot(name, limits="datasheet")
