@@ -60,11 +60,7 @@ MOVING_RESCUE_STARTS = 16
 HOPELESS = 1.6
 # Torques are the last guess for arms with so many joints, and how they are improved.
 SWINGERS, SWINGERS_RESCUE_STARTS = 3, 2
-SHOOTING: dict[str, Any] = {
-    "method": "adjoint",
-    "control": "constant",
-    "lp_solver": "highs",
-}
+SHOOTING: dict[str, Any] = dict(method="adjoint", control="constant", lp_solver="highs")
 # A lower bound is mentioned if T is within this factor of it.
 TELLING = 2.0
 # More guesses are made, up to this number, while none has led to a motion.

@@ -55,7 +55,7 @@ def test_sheets_are_whole_and_cite_their_sources(path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('acceleratoin = {values = [1.0], source = "a"}', "acceleratoin: there is no"),
+        ('speedup = {values = [1.0], source = "a"}', "speedup: there is no"),
         ('jerk = {values = [1.0, 2.0], source = "a"}', "expected 1 numbers"),
         ("jerk = {values = [1.0]}", "jerk.source: is missing"),
         ('jerk = {values = [1.0], source = "b"}', "is no source; there are: a"),
