@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.transcription.adjoint import AdjointTranscription, sweep_adjoint
+from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.integrator import differentiate_rollout, rollout
+from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
 
 # Largest difference, as a share of the largest entry of a column or of 1.

@@ -76,6 +76,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         limits=table.limits(),
         damping=table.damping,
         armature=table.armature,
+        friction=table.friction,
         gravity=world,
         expansion_matrix=ties[0],
         expansion_offset=ties[1],
@@ -181,6 +182,7 @@ def _joined_table(
         np.column_stack([stacked("effort_lower"), stacked("effort_upper")]),
         stacked("damping"),
         stacked("armature"),
+        stacked("friction"),
     )
 
 

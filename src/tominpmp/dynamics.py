@@ -1,11 +1,12 @@
-r"""Equations of motion of a robot with viscous friction.
+r"""Equations of motion of a robot with viscous and dry friction.
 
-.. math:: M(q) \dot v + C(q, v) v + g(q) + D v = u
+.. math:: M(q) \dot v + C(q, v) v + g(q) + D v + F \mathrm{sgn}(v) \ni u
 
 Pinocchio evaluates both directions and their derivatives (Featherstone, 2008;
-Carpentier and Mansard, 2018); the friction D v, which its algorithms leave out, is
-added here. Joints that follow others (mimic) enter through the expansion matrix S of
-the robot: the torque of the free joints is S^T times the torque of all.
+Carpentier and Mansard, 2018); friction, which its algorithms leave out, is added here.
+The sign is Coulomb's: a joint at rest stays there while its friction, up to F in either
+direction, can hold it. Joints that follow others (mimic) enter through the expansion
+matrix S of the robot: the torque of the free joints is S^T times the torque of all.
 """
 
 from __future__ import annotations
@@ -17,6 +18,28 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
+
+# Slower joints are at rest [rad/s or m/s] if they accelerate by less than this
+# [rad/s^2 or m/s^2]; with more they are starting or stopping, unless they are slower
+# than rounding makes them.
+STANDSTILL = 1e-6
+STEADY = 1e-6
+ROUNDING = 1e-10
+
+
+def directions(v: Array, a: Array) -> Array:
+    """Which way joints move, or are about to if they are at rest.
+
+    Args:
+        v: Velocities, shape (m, n) [rad/s or m/s].
+        a: Accelerations just afterwards, shape (m, n).
+
+    Returns:
+        1, -1, or 0 for joints that remain at rest, shape (m, n).
+    """
+    way = np.where(np.abs(v) > ROUNDING, np.sign(v), np.sign(a))
+    resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
+    return np.where(resting, 0.0, way)
 
 
 class ForwardJacobians(NamedTuple):
@@ -74,15 +97,18 @@ class RobotDynamics:
 
     Attributes:
         robot: The robot.
+        friction: Dry friction of its joints, shape (n,) [N m or N]; None if there is
+            none, or if torques are meant that are left when it is overcome.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, dry: bool = True) -> None:
         self.robot = robot
+        self.friction = robot.friction if dry and np.any(robot.friction) else None
         self._data = robot.model.createData()  # scratch of the algorithms
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the scratch data."""
-        return type(self), (self.robot,)
+        return _restored, (self.robot, self.friction is not None)
 
     @property
     def n(self) -> int:
@@ -92,6 +118,9 @@ class RobotDynamics:
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Torque for a motion.
 
+        Dry friction acts against the motion; where a joint is at rest, against that
+        which is about to begin.
+
         Args:
             q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
@@ -100,6 +129,12 @@ class RobotDynamics:
         Returns:
             Torques, shape (m, n) [N m or N].
         """
+        tau = self._smooth(q, v, a)
+        if self.friction is None:
+            return tau
+        return tau + self.friction * directions(v, a)
+
+    def _smooth(self, q: Array, v: Array, a: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data
         rnea = pin.rnea
         rows = zip(
@@ -113,6 +148,8 @@ class RobotDynamics:
 
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
         """Torque for a motion, with its derivatives.
+
+        Those of dry friction are zero, away from rest.
 
         Args:
             q: Positions, shape (m, n).
@@ -144,9 +181,10 @@ class RobotDynamics:
             S = robot.expansion_matrix
             parts = S.T @ parts @ S
         parts[1] += np.diag(robot.damping)
-        return InverseJacobians(
-            robot.reduce_tangent(tau) + robot.damping * v, parts[0], parts[1], parts[2]
-        )
+        tau = robot.reduce_tangent(tau) + robot.damping * v
+        if self.friction is not None:
+            tau = tau + self.friction * directions(v, a)
+        return InverseJacobians(tau, parts[0], parts[1], parts[2])
 
     def forward(self, x: Array, u: Array) -> Array:
         """State derivative.
@@ -160,14 +198,33 @@ class RobotDynamics:
         """
         n = self.n
         q, v = x[:, :n], x[:, n:]
-        return np.concatenate([v, self._acceleration(q, v, u)], axis=1)
+        return np.concatenate([v, self._acceleration(q, v, self._net(q, v, u))], axis=1)
+
+    def _net(self, q: Array, v: Array, u: Array) -> Array:
+        """What dry friction leaves of torques.
+
+        Joints at rest stay there if their friction can hold them all; those that it
+        cannot hold are let go, until it can hold the rest.
+        """
+        if self.friction is None:
+            return u
+        F, moving = self.friction, np.abs(v) > STANDSTILL
+        net = u - F * np.where(moving, np.sign(v), 0.0)
+        for i in np.flatnonzero(np.any(~moving & (F > 0.0), axis=1)).tolist():
+            row = slice(i, i + 1)
+            mass = self.inverse_jacobians(q[row], v[row], np.zeros_like(v[row])).tau_a[
+                0
+            ]
+            free = self._acceleration(q[row], v[row], net[row])[0]
+            net[i] -= _holding(mass, free, F, ~moving[i] & (F > 0.0))
+        return net
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data
         force = u - robot.damping * v
         if robot.expansion_matrix is not None:
             zero = np.zeros_like(v)
-            bias = self.inverse(q, v, zero) - robot.damping * v
+            bias = self._smooth(q, v, zero) - robot.damping * v
             mass = self.inverse_jacobians(q, v, zero).tau_a
             return np.asarray(np.linalg.solve(mass, (force - bias)[..., None])[..., 0])
         aba = pin.aba
@@ -180,7 +237,8 @@ class RobotDynamics:
         By the implicit function theorem on the inverse dynamics,
         :math:`\dot v_q = -M^{-1} \tau_q`, :math:`\dot v_v = -M^{-1} \tau_v` and
         :math:`\dot v_u = M^{-1}`; for robots without mimic joints Pinocchio's
-        derivatives of ABA, which need no solve, are used.
+        derivatives of ABA, which need no solve, are used. Dry friction has no
+        derivatives, away from rest.
 
         Args:
             x: States (q, v), shape (m, 2n).
@@ -191,6 +249,7 @@ class RobotDynamics:
         """
         n, m = self.n, x.shape[0]
         q, v = x[:, :n], x[:, n:]
+        u = self._net(q, v, u)
         f_x = np.zeros((m, 2 * n, 2 * n))
         f_u = np.zeros((m, 2 * n, n))
         f_x[:, :n, n:] = np.eye(n)
@@ -222,3 +281,34 @@ class RobotDynamics:
         # The friction is a torque -D v: its derivative passes through the inverse mass.
         f_x[:, n:, n:] -= f_u[:, n:] * self.robot.damping
         return acceleration
+
+
+def _restored(robot: Robot, dry: bool) -> RobotDynamics:
+    return RobotDynamics(robot, dry=dry)
+
+
+def _holding(mass: Array, free: Array, F: Array, resting: Array) -> Array:
+    """Dry friction of joints at rest.
+
+    Args:
+        mass: Mass matrix, shape (n, n).
+        free: Accelerations without it, shape (n,).
+        F: Its largest values, shape (n,) [N m or N].
+        resting: Which joints are at rest and have some, shape (n,).
+
+    Returns:
+        What it takes off the torques, shape (n,).
+    """
+    inverse = np.linalg.inv(mass)
+    taken, held = np.zeros_like(free), np.flatnonzero(resting)
+    while held.size:
+        # What lets the held ones stay, given those that were let go.
+        left = free - inverse @ taken
+        hold = np.linalg.solve(inverse[np.ix_(held, held)], left[held])
+        loose = np.abs(hold) > F[held]
+        if not loose.any():
+            taken[held] = hold
+            break
+        taken[held[loose]] = np.sign(hold[loose]) * F[held[loose]]
+        held = held[~loose]
+    return taken

@@ -342,9 +342,11 @@ class Problem(Record):
             slack = 1e-9 * max(1.0, abs(low), abs(high))
             if not low - slack <= tau[i] <= high + slack:
                 unit = self._unit("effort", i)
+                dry = self.robot.friction[i] > 0.0
                 raise ProblemError(
                     f"goal: joint {joint!r} cannot hold the arm against gravity there: "
-                    f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed",
+                    f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed"
+                    + (" (its dry friction is not counted on)" if dry else ""),
                     "goal",
                 )
 

@@ -154,7 +154,7 @@ def _quieter(
             transcription = transcription.with_rows(extra)
         elif isinstance(transcription, BSplineTranscription):
             more = transcription.inspect(z, OVERLOAD)
-            if not (more[0].size or more[1].size):
+            if not more.found:
                 break
             transcription = transcription.with_rows(more)
         else:

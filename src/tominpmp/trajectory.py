@@ -311,7 +311,8 @@ class Trajectory(Record):
             a = 2.0 * c2 + 6.0 * s * c3
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
-        return State(q, v, a, self.inverse_dynamics(q, v, a))
+        u = self.inverse_dynamics(q, v, a)
+        return State(q, v, a, np.where(node[:, None] < self.t.size - 1, u, self.u[-1]))
 
     def _quintic(self, k: IntArray, s: Array, h: Array) -> tuple[Array, Array, Array]:
         """Polynomials of degree 5 through position, velocity, acceleration at nodes."""

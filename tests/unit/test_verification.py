@@ -22,7 +22,7 @@ from tominpmp.scene import Scene, Sphere
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay, verify
 from tominpmp.verification.pieces import Pieces
-from tominpmp.verification.replay import Plant
+from tominpmp.verification.plant import Plant
 
 RAIL_TIME = 2.0 / np.sqrt(PUSH)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
+from tominpmp.attempts.turning import solve_turning
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
@@ -128,9 +129,17 @@ def solve_from_guess(
             start = lifted.start(
                 guess.position(nodes * guess.duration), np.array([duration])
             )
-        outcome = SlpSolver(lifted, options, smoothing, lp, watch).run(start)
-        refined = refine(system, options, lifted, outcome, lp, watch)
-        return Attempt.of(guess.name, refined[0], lifted.trajectory(start), refined[1])
+        initial = lifted.trajectory(start)
+
+        def solve(
+            program: CollocationTranscription, z: Array, after: SlpResult | None
+        ) -> SlpResult:
+            solver = SlpSolver(program, options, smoothing, lp, watch)
+            return solver.run(z, after=after)
+
+        solved = solve_turning(lifted, start, solve)
+        refined = refine(system, options, *solved, lp, watch)
+        return Attempt.of(guess.name, refined[0], initial, refined[1])
     if options.control in DEGREES:
         return solve_smooth(system, options, guess, smoothing, watch)
     if former is not None:
@@ -175,7 +184,7 @@ def solve_smooth(
         if result.best is None and result.iterate.violation > FAR:
             break
         extra = transcription.inspect(result.iterate.z, OVERLOAD)
-        if not (extra[0].size or extra[1].size) or result.status in STOPPED:
+        if not extra.found or result.status in STOPPED:
             break
         transcription = transcription.with_rows(extra)
         solver = SlpSolver(transcription, options, smoothing, lp, watch)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
 from tominpmp.attempts.guessed import with_rows_where_needed
+from tominpmp.attempts.turning import solve_turning
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
@@ -119,22 +121,27 @@ def shoot(
         instants=INSTANTS["paper" if paper else options.method],
     )
     lp = make_solver(options.lp_solver)
-    solver: PaperSolver | PenaltySolver | SlpSolver
-    if options.method == "penalty":
-        solver = PenaltySolver(transcription, options, watch)
-    elif paper:
-        solver = PaperSolver(transcription, options, lp, watch)
-    else:
-        smoothing = options.smoothing or 0.0
-        solver = SlpSolver(transcription, options, smoothing, lp, watch)
-    result = solver.run(z)
+    first = transcription.trajectory(z)
+
+    def solve(
+        program: AdjointTranscription, z: Array, after: SlpResult | None
+    ) -> SlpResult:
+        if options.method == "penalty":
+            result = PenaltySolver(program, options, watch).run(z)
+        elif paper:
+            result = PaperSolver(program, options, lp, watch).run(z)
+        else:
+            solver = SlpSolver(program, options, options.smoothing or 0.0, lp, watch)
+            return solver.run(z, after=after)
+        former = () if after is None else after.history
+        return replace(result, history=(*former, *result.history))
+
+    transcription, result = solve_turning(transcription, z, solve)
     found = result.iterate if result.best is None else result.best
     if paper or options.method == "penalty":
         refined: tuple[Transcription, SlpResult]
         refined = transcription, unrefined(options, result)
     else:
         refined = refine(system, options, transcription, result, lp, watch)
-    attempt = Attempt.of(
-        "shooting", refined[0], transcription.trajectory(z), refined[1]
-    )
+    attempt = Attempt.of("shooting", refined[0], first, refined[1])
     return attempt.verified(system.problem, options), found.z

@@ -119,6 +119,7 @@ def plan(
     velocity: a.Velocity = None,
     damping: a.Damping = None,
     armature: a.Armature = None,
+    friction: a.Friction = None,
     joint_limits: a.JointLimitsFile = None,
     motion_limits: aims.MotionLimitsFile = None,
     method: a.Method = None,
@@ -163,6 +164,7 @@ def plan(
         velocity=velocity,
         damping=damping,
         armature=armature,
+        friction=friction,
         joint_limits=joint_limits,
     )
     motion_request = MotionRequest(
@@ -305,6 +307,7 @@ def info(
     velocity: a.Velocity = None,
     damping: a.Damping = None,
     armature: a.Armature = None,
+    friction: a.Friction = None,
     joint_limits: a.JointLimitsFile = None,
     json: a.Json = False,
     debug: a.Debug = False,
@@ -322,6 +325,7 @@ def info(
         velocity=velocity,
         damping=damping,
         armature=armature,
+        friction=friction,
         joint_limits=joint_limits,
     )
     with guarded(debug):

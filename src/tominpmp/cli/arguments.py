@@ -29,6 +29,7 @@ LIST_OPTIONS = frozenset(
         "velocity",
         "damping",
         "armature",
+        "friction",
     )
 )
 
@@ -261,6 +262,10 @@ Armature = Annotated[
     _option(
         ROBOT, "--armature", "Rotor inertia at the joint (kg m^2), likewise.", "VALUES"
     ),
+]
+Friction = Annotated[
+    str | None,
+    _option(ROBOT, "--friction", "Dry friction (N m or N), likewise.", "VALUES"),
 ]
 
 Method = Annotated[

@@ -35,6 +35,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         "effort_upper": limits.effort_upper,
         "damping": robot.damping,
         "armature": robot.armature,
+        "friction": robot.friction,
     }
     joints = [
         {"name": name, "kind": kinds[name]}
@@ -127,7 +128,8 @@ def _joint_table(joints: list[dict[str, Any]]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column("joint")
     table.add_column("kind")
-    for heading in ("lower", "upper", "velocity", "effort", "damping", "armature"):
+    headings = ("lower", "upper", "velocity", "effort", "damping", "armature")
+    for heading in (*headings, "friction"):
         table.add_column(heading, justify="right")
     for joint in joints:
         low, high = joint["effort_lower"], joint["effort_upper"]
@@ -141,6 +143,7 @@ def _joint_table(joints: list[dict[str, Any]]) -> Table:
             effort,
             _number(joint["damping"]),
             _number(joint["armature"]),
+            _number(joint["friction"]),
         )
     return table
 

@@ -34,6 +34,7 @@ class RobotRequest:
         velocity: Velocity limits [rad/s or m/s], as text.
         damping: Viscous friction [N m s/rad or N s/m], as text.
         armature: Rotor inertia [kg m^2 or kg], as text.
+        friction: Dry friction [N m or N], as text.
         joint_limits: MoveIt's file of limits, which those above go before.
     """
 
@@ -48,6 +49,7 @@ class RobotRequest:
     velocity: str | None = None
     damping: str | None = None
     armature: str | None = None
+    friction: str | None = None
     joint_limits: Path | None = None
 
     @property
@@ -75,7 +77,7 @@ class RobotRequest:
                 raise OptionsError(f"--lock: joint {joint!r} is named twice", "--lock")
             locked[joint] = value
         changes: dict[str, Any] = {}
-        for name in ("effort", "velocity", "damping", "armature"):
+        for name in ("effort", "velocity", "damping", "armature", "friction"):
             text = getattr(self, name)
             if text is not None:
                 changes[name] = joint_values(text, f"--{name}")

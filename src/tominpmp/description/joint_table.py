@@ -87,6 +87,7 @@ class JointTable:
         effort: Lower and upper effort limits, shape (n, 2) [N m or N].
         damping: Viscous friction, shape (n,) [N m s/rad or N s/m].
         armature: Rotor inertia seen at the joint, shape (n,) [kg m^2 or kg].
+        friction: Dry friction, shape (n,) [N m or N].
     """
 
     joint_names: tuple[str, ...]
@@ -96,6 +97,7 @@ class JointTable:
     effort: Array
     damping: Array
     armature: Array
+    friction: Array
 
     @classmethod
     def from_description(
@@ -107,8 +109,9 @@ class JointTable:
         r"""Collect what a URDF file says about the joints that are free.
 
         A joint that follows, :math:`q_f = m q + o`, passes its position and velocity
-        limits and its friction :math:`m^2 d_f` on to the joint that it follows. Its
-        effort limit has no meaning: the motor is at the leader.
+        limits and its friction, viscous :math:`m^2 d_f` and dry :math:`|m| f_f`, on
+        to the joint that it follows. Its effort limit has no meaning: the motor is at
+        the leader.
 
         Args:
             joint_names: Free joints, in the order of the model.
@@ -126,8 +129,8 @@ class JointTable:
             velocity = joint.velocity if joint.velocity > 0 else math.nan
             effort = joint.effort if 0 < joint.effort < math.inf else math.nan
             limits = (joint.lower, joint.upper, velocity, -effort, effort)
-            rows.append((*limits, joint.damping, 0.0))
-        table = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
+            rows.append((*limits, joint.damping, 0.0, joint.friction))
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), 8)
         return cls(
             joint_names=tuple(joint_names),
             position_lower=table[:, 0],
@@ -136,6 +139,7 @@ class JointTable:
             effort=table[:, 3:5],
             damping=table[:, 5],
             armature=table[:, 6],
+            friction=table[:, 7],
         )
 
     @classmethod
@@ -145,6 +149,7 @@ class JointTable:
         limits: JointLimits,
         damping: Array,
         armature: Array,
+        friction: Array,
     ) -> JointTable:
         """Table of a robot as it is."""
         return cls(
@@ -155,6 +160,7 @@ class JointTable:
             np.column_stack([limits.effort_lower, limits.effort_upper]),
             damping,
             armature,
+            friction,
         )
 
     def overridden(
@@ -177,7 +183,7 @@ class JointTable:
             if value is not None
         }
         table = replace(self, **new)
-        for option in ("damping", "armature", "velocity"):
+        for option in ("damping", "armature", "friction", "velocity"):
             if option in new:
                 speed = option == "velocity"
                 check_sign(option, new[option], names, positive=speed, infinite=speed)
@@ -250,7 +256,11 @@ def _led(
 ) -> JointDescription:
     """Describe a joint so that its limits and friction include a follower's."""
     m = mimic.multiplier
-    joint = replace(joint, damping=joint.damping + m**2 * follower.damping)
+    joint = replace(
+        joint,
+        damping=joint.damping + m**2 * follower.damping,
+        friction=joint.friction + abs(m) * follower.friction,
+    )
     if m == 0.0:
         return joint
     if follower.velocity > 0:

@@ -152,6 +152,7 @@ def configured_model(
     model.effortLimit = alone(np.abs(table.effort).max(axis=1))
     model.damping = alone(table.damping)
     model.armature = alone(table.armature)
+    model.friction = alone(table.friction)
     model.gravity = pin.Motion(gravity, np.zeros(3))
     return model
 

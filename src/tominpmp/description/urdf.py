@@ -67,6 +67,7 @@ class JointDescription:
         velocity: Velocity limit [rad/s or m/s].
         effort: Effort limit [N m or N].
         damping: Viscous friction [N m s/rad or N s/m].
+        friction: Dry friction [N m or N].
         mimic: The joint that it follows, if it does.
     """
 
@@ -77,6 +78,7 @@ class JointDescription:
     velocity: float
     effort: float
     damping: float
+    friction: float
     mimic: Mimic | None
 
 
@@ -269,7 +271,7 @@ def _copy_joint(name: str, joint: Element, clean: Element, context: XmlContext) 
 
 
 def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDescription:
-    """Read limits, damping and leader of a joint that can move."""
+    """Read limits, friction and leader of a joint that can move."""
     where = f"joint {name}"
     kind = joint.get("type", "").strip()
     limit = joint.find("limit")
@@ -285,9 +287,19 @@ def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDesc
     for quantity, value in (("velocity", velocity), ("effort", effort)):
         if value < 0:
             context.fail(f"{where}: limit {quantity}={value:g} is negative")
-    damping = context.number(joint.find("dynamics"), "damping", where, low=0.0)
+    losses = joint.find("dynamics")
+    damping = context.number(losses, "damping", where, low=0.0)
+    friction = context.number(losses, "friction", where, low=0.0)
     return JointDescription(
-        name, kind, lower, upper, velocity, effort, damping, _read_mimic(joint, context)
+        name,
+        kind,
+        lower,
+        upper,
+        velocity,
+        effort,
+        damping,
+        friction,
+        _read_mimic(joint, context),
     )
 
 

@@ -30,6 +30,7 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import interval_signs
 from tominpmp.verification.verdict import verify
 
 logger = logging.getLogger(__name__)
@@ -151,6 +152,8 @@ def interval_losses(system: System, transcription: Gridded, z: Array) -> Array:
         return _spline_losses(system, transcription, z)
     x, u, h = transcription.split(z)
     shares = (u - system.effort_middle) / system.effort_half
+    if system.friction is not None:
+        shares = shares + system.friction * interval_signs(x[:, system.n :])[0]
     error = step_errors(system, x, u, h)
     unsharp = np.max(1.0 - np.abs(shares), axis=1) * np.max(_jumps(shares), axis=1)
     # An error of the state costs the time in which it is made at the typical speed.
@@ -298,10 +301,17 @@ def _solve(
         else:
             result = solver.run(result.iterate.z, after=result)
         stopped = result.status in (Status.TIME_LIMIT, Status.INTERRUPTED)
-        if stopped or not isinstance(transcription, InverseTranscription):
+        if stopped:
             break
         if round_ == EXCHANGES:
             break  # the result is one of these rows, and of no others
+        if isinstance(transcription, CollocationTranscription):
+            turned = transcription.turned(result.iterate.z)
+            if turned is None:
+                break
+            transcription, z = turned
+            result = replace(result, iterate=replace(result.iterate, z=z))
+            continue
         extra = transcription.inspect(result.iterate.z, OVERLOAD)
         if not extra.size:
             break

@@ -121,6 +121,7 @@ def load_robot(
     gravity: ArrayLike | None = None,
     damping: JointValues | None = None,
     armature: JointValues | None = None,
+    friction: JointValues | None = None,
     effort: JointValues | None = None,
     velocity: JointValues | None = None,
     position_lower: JointValues | None = None,
@@ -129,8 +130,7 @@ def load_robot(
     """Load a robot from its URDF file.
 
     Values per joint are one number for all, an array in joint order, or a mapping of
-    joint names for some; they replace what the file says. Dry friction
-    (``<dynamics friction="..."/>``) is not part of the model.
+    joint names for some; they replace what the file says.
 
     Args:
         name_or_path: A bundled robot (``"planar3r"``), one of the package
@@ -151,6 +151,7 @@ def load_robot(
             says, else 9.81 along -z.
         damping: Viscous friction [N m s/rad or N s/m].
         armature: Rotor inertia seen at the joint [kg m^2 or kg].
+        friction: Dry (Coulomb) friction [N m or N].
         effort: Effort limits [N m or N]: x for (-x, x), or pairs (lower, upper); zero
             makes a joint passive.
         velocity: Velocity limits [rad/s or m/s], possibly infinite.
@@ -183,6 +184,7 @@ def load_robot(
         {
             "damping": damping,
             "armature": armature,
+            "friction": friction,
             "effort": effort,
             "velocity": velocity,
             "position_lower": position_lower,
@@ -200,6 +202,7 @@ def load_robot(
         limits=table.limits(),
         damping=table.damping,
         armature=table.armature,
+        friction=table.friction,
         gravity=checked,
         expansion_matrix=matrix,
         expansion_offset=offset,

@@ -53,6 +53,9 @@ class Robot(Record):
         damping: Viscous friction, shape (n,) [N m s/rad or N s/m]. Pinocchio's
             algorithms do not apply it.
         armature: Rotor inertia seen at the joint, shape (n,) [kg m^2 or kg].
+        friction: Dry (Coulomb) friction against the motion of each joint, shape (n,)
+            [N m or N]; see ``docs/friction.md``. Pinocchio's algorithms do not apply
+            it either.
         gravity: Gravity in the world, shape (3,) [m/s^2].
         expansion_matrix: S, shape (nv, n), or ``None`` if it is the identity.
         expansion_offset: c, shape (nv,) [rad or m], or ``None`` if it is zero.
@@ -69,6 +72,7 @@ class Robot(Record):
     limits: JointLimits = field(repr=False)
     damping: Array = field(repr=False)
     armature: Array = field(repr=False)
+    friction: Array = field(repr=False)
     gravity: Array
     expansion_matrix: Array | None = field(repr=False)
     expansion_offset: Array | None = field(repr=False)
@@ -80,7 +84,7 @@ class Robot(Record):
     def __post_init__(self) -> None:
         """Make the arrays and the mapping read-only, and check the motion limits."""
         matrices = ("expansion_matrix", "expansion_offset")
-        for name in ("damping", "armature", "gravity", *matrices):
+        for name in ("damping", "armature", "friction", "gravity", *matrices):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, read_only(value))
@@ -240,6 +244,7 @@ class Robot(Record):
         gravity: ArrayLike | None = None,
         damping: JointValues | None = None,
         armature: JointValues | None = None,
+        friction: JointValues | None = None,
         effort: JointValues | None = None,
         velocity: JointValues | None = None,
         position_lower: JointValues | None = None,
@@ -256,6 +261,7 @@ class Robot(Record):
             Linkage.resolve(self.description.joints, self.locked_joints).reasons(),
             damping=damping,
             armature=armature,
+            friction=friction,
             effort=effort,
             velocity=velocity,
             position_lower=position_lower,
@@ -269,6 +275,7 @@ class Robot(Record):
             limits=table.limits(),
             damping=table.damping,
             armature=table.armature,
+            friction=table.friction,
             gravity=changed,
         )
         check_inertia(robot.model, table, *expansion_pair, self.urdf_path)
@@ -338,7 +345,7 @@ class Robot(Record):
         return self.description.attached
 
     def _table(self) -> JointTable:
-        given = self.limits, self.damping, self.armature
+        given = self.limits, self.damping, self.armature, self.friction
         return JointTable.of_limits(self.joint_names, *given)
 
     @property

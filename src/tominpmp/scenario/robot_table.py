@@ -36,6 +36,7 @@ OVERRIDES = (
     "effort",
     "damping",
     "armature",
+    "friction",
 )
 KEYS = (
     "name",
@@ -198,6 +199,7 @@ def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
         "effort": np.column_stack([limits.effort_lower, limits.effort_upper]),
         "damping": robot.damping,
         "armature": robot.armature,
+        "friction": robot.friction,
     }
     table: dict[str, Any] = {}
     for key, present in values.items():

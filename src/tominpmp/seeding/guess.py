@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.dynamics import directions
 from tominpmp.goals import JointGoal, PlaceGoal
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.seeding.path import RoundedPath
@@ -166,6 +167,10 @@ def _least_time(system: System, q: Array) -> float:
     zero = np.zeros_like(q)
     hold = system.torque(q, zero, zero)
     need = system.torque(q, v, a) - hold
+    if system.friction is not None:
+        # It is as large however slow the motion is.
+        dry = system.friction * directions(v, a)
+        need, hold = need - dry, hold + dry
     # Friction grows with 1/T and inertia with 1/T^2; the larger bound covers both.
     room = np.maximum(1.0 - np.abs(hold), 0.1)
     ratio = float(np.max(np.abs(need) / room, initial=0.0))

@@ -4,6 +4,7 @@ On q(s) the torque is m(s) s'' + b(s) s'^2 + d(s) s' + g(s). With x = s'^2 the l
 controllable x is found backwards from the end and followed forwards (reachability
 analysis after Pham and Pham, 2018). Viscous friction enters with s', so that the
 constraints are not linear in (s'', x); they are therefore evaluated on a table of x.
+Dry friction is a torque that depends on the way of the joint along the path alone.
 """
 
 from __future__ import annotations
@@ -96,6 +97,8 @@ def time_path(system: System, path: RoundedPath) -> PathTiming | None:
     fast = dynamics.inverse(q, first, second) - g
     slow = dynamics.inverse(q, -first, second) - g
     b, d = 0.5 * (fast + slow), 0.5 * (fast - slow)  # even and odd in the speed
+    if system.friction is not None:
+        g = g + system.problem.robot.friction * np.sign(first)
 
     with np.errstate(divide="ignore"):
         top = np.min(limits.velocity / np.abs(first), axis=1)

@@ -20,11 +20,12 @@ from tominpmp.seeding.guess import Guess
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.controls import torque_shares
+from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import ClockedTranscription, Ticks
+from tominpmp.transcription.ways import arrival
 
 # Samples for what needs the shape only.
 SAMPLES = 400
@@ -101,7 +102,7 @@ class FormerMotion(Guess):
             return None
         if self.held:
             return motion
-        inverse, a = system.dynamics.inverse, motion.a
+        inverse, a = system.motors.inverse, motion.a
         if self.entry > 0.0:
             if a is None or a.shape[0] == motion.t.size:
                 return None
@@ -111,6 +112,8 @@ class FormerMotion(Guess):
             a = a[a.shape[0] + 1 - t.size :]
         every = replace(motion, a=a)(motion.t).a
         torques = inverse(motion.q, motion.v, every)
+        friction = system.problem.robot.friction
+        torques[-1] += arrival(friction, motion.v[-1], every[-1])
         return replace(motion, a=a, u=torques, inverse_dynamics=inverse)
 
     @property
@@ -217,15 +220,20 @@ class FormerMotion(Guess):
         if not self.unchanged:
             return transcription, transcription.start(q, np.array([T]))
         v = self.trajectory(self._own(nodes)).v
-        u = self.torque(0.5 * (nodes[1:] + nodes[:-1]))
+        u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
         x = np.hstack([q, v])
         assert x.shape == (nodes.size, 2 * n)  # noqa: S101
         return transcription, transcription.pack(x, u, np.array([T]))
 
+    def _net_torque(self, system: System, times: Array) -> Array:
+        """What dry friction leaves of the torques, shape (k, n)."""
+        v = self.trajectory(self.entry + times).v
+        return net_torque(system, self.torque(times), v)
+
     def torque_program(self, system: System, shares: Array) -> Array:
         """Iterate of the methods that shoot: torques and the duration."""
         ends = np.concatenate([[0.0], np.cumsum(shares[:, 0])]) * self.duration
-        u = self.torque(0.5 * (ends[1:] + ends[:-1]))
+        u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = torque_shares(system, u).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
 
@@ -309,8 +317,8 @@ def _from_samples(system: System, samples: Samples) -> Trajectory:
     a = samples.a if np.all(np.isfinite(samples.a)) else np.gradient(v, t, axis=0)
     u = samples.u
     if not np.all(np.isfinite(u)):
-        u = system.dynamics.inverse(q, v, a)
-    inverse = system.dynamics.inverse
+        u = system.motors.inverse(q, v, a)
+    inverse = system.motors.inverse
     return Trajectory(samples.joint_names, t - t[0], q, v, u, holding=inverse)
 
 

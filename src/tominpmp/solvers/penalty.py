@@ -128,8 +128,9 @@ class _Run:
         units = np.repeat(unit, torques // intervals)
         rest = np.ones(columns)
         self.scale = np.concatenate([units, z[torques:]])
-        self.lower = np.concatenate([-1.0 / units, DURATIONS[0] * rest])
-        self.upper = np.concatenate([1.0 / units, DURATIONS[1] * rest])
+        lower, upper = nlp.torque_bounds
+        self.lower = np.concatenate([lower / units, DURATIONS[0] * rest])
+        self.upper = np.concatenate([upper / units, DURATIONS[1] * rest])
         self.iterate = self.make(z, nlp.evaluate(z))
         # What the quasi-Newton method evaluated last: unknowns, rows and objective.
         self.trial = z, self.iterate.values, np.inf

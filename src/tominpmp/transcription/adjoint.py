@@ -11,7 +11,7 @@ everything else is a bound on a variable.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,17 +21,16 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.controls import (
     driving_torque,
+    motor_torques,
     share_steps,
     torque_jumps,
     torque_shares,
+    turned_ways,
 )
-from tominpmp.transcription.integrator import (
-    Rollout,
-    Sensitivities,
-    differentiate_rollout,
-    rollout,
-)
+from tominpmp.transcription.integrator import Rollout, differentiate_rollout, rollout
+from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import Ways
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -52,42 +51,6 @@ NEAR = 0.2
 Instants = Literal["near", "exact", "violated"]
 
 
-def sweep_adjoint(
-    sensitivities: Sensitivities, nodes: IntArray, seeds: Array
-) -> tuple[Array, Array]:
-    r"""Differentiate functionals of the state at nodes with respect to the controls.
-
-    For a functional :math:`g(x_k)` the discrete adjoint is :math:`\lambda_k = g_x` and
-    :math:`\lambda_j = A_j^T \lambda_{j+1}`; its derivatives are
-    :math:`g_{u_j} = B_j^T \lambda_{j+1}` and :math:`g_{h_j} = c_j^T \lambda_{j+1}`.
-
-    Args:
-        sensitivities: A, B and c of the intervals.
-        nodes: Node of each functional, shape (m,).
-        seeds: Its gradient with respect to the state there, shape (m, 2n).
-
-    Returns:
-        Derivatives with respect to torques, shape (m, N, n), and lengths, shape (m, N).
-    """
-    A, B, c = sensitivities
-    count, _, n = B.shape
-    by_control = np.zeros((nodes.size, count, n))
-    by_length = np.zeros((nodes.size, count))
-    order = np.argsort(-nodes, kind="stable")
-    first = np.searchsorted(-nodes[order], -np.arange(count + 1), side="right")
-    costate = seeds[order].copy()
-    for j in range(count - 1, -1, -1):
-        # Rows whose node lies behind interval j.
-        live = slice(0, first[j + 1])
-        rows = costate[live]
-        by_control[live, j] = rows @ B[j]
-        by_length[live, j] = rows @ c[j]
-        costate[live] = rows @ A[j]
-    back = np.empty_like(order)
-    back[order] = np.arange(order.size)
-    return by_control[back], by_length[back]
-
-
 class AdjointTranscription:
     """A problem in torques and lengths of intervals.
 
@@ -102,6 +65,9 @@ class AdjointTranscription:
             attain the maximum (the paper's S), "near" all that a step can bring to
             their bound, "violated" those beyond it.
         substeps: Integration steps an interval.
+
+    Torques are those that dry friction leaves of the motors'. Which way joints move is
+    given as ``ways``; without it, at first it is left out.
     """
 
     def __init__(
@@ -112,8 +78,9 @@ class AdjointTranscription:
         *,
         instants: Instants = "near",
         substeps: int = 1,
+        ways: Ways | None = None,
     ) -> None:
-        self.system = system
+        self.system, self._ways = system, ways
         self.shares = shares
         self.instants = instants
         self.substeps = substeps
@@ -161,6 +128,14 @@ class AdjointTranscription:
         u = system.effort_middle + system.effort_half * share
         return u, self.shares @ z[-self._m :]
 
+    @property
+    def torque_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the torque shares, shape (N n,) each."""
+        if self._ways is None:
+            ones = np.ones(self._N * self._n)
+            return -ones, ones
+        return self._ways.lower.ravel(), self._ways.upper.ravel()
+
     def motion(self, z: Array) -> Rollout:
         """The motion of an iterate, integrated forward."""
         if self._last is not None and np.array_equal(self._last[0], z):
@@ -177,7 +152,8 @@ class AdjointTranscription:
         """Trust region within the torque limits: a share of the whole range."""
         share = z[: -self._m].reshape(self._N, self._n)
         reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
-        lower, upper = share_steps(self.system, share, np.full(self._n, reach))
+        reaches = np.full(self._n, reach)
+        lower, upper = share_steps(self.system, share, reaches, self._ways)
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), -length]),
@@ -196,7 +172,7 @@ class AdjointTranscription:
         """
         share = z[: -self._m].reshape(self._N, self._n)
         lower, upper = share_steps(
-            self.system, share, control_step / self.system.effort_half
+            self.system, share, control_step / self.system.effort_half, self._ways
         )
         duration = float(self.cost @ z)
         factor = time_step / duration
@@ -205,6 +181,24 @@ class AdjointTranscription:
             np.concatenate([lower.ravel(), -shorter * z[-self._m :]]),
             np.concatenate([upper.ravel(), factor * z[-self._m :]]),
         )
+
+    def turned(self, z: Array) -> tuple[AdjointTranscription, Array] | None:
+        """The program with the ways that joints move in an iterate, and the iterate.
+
+        None if those that were assumed will do.
+        """
+        system, motion, n = self.system, self.motion(z), self._n
+        if system.friction is None or not motion.finite:
+            return None
+        share = z[: -self._m].reshape(self._N, n)
+        found = turned_ways(system, self._ways, motion.nodes[:, n:], share)
+        if found is None:
+            return None
+        z = np.concatenate([found[1].ravel(), z[-self._m :]])
+        same: dict[str, Any] = {"instants": self.instants, "substeps": self.substeps}
+        duration = float(self.cost @ z)
+        changed = type(self)(system, self.shares, duration, ways=found[0], **same)
+        return changed, z
 
     # -- rows --------------------------------------------------------------------------
 
@@ -390,10 +384,11 @@ class AdjointTranscription:
         """The motion of an iterate, joined by Hermite polynomials between nodes."""
         u, h = self.split(z)
         x, n = self.motion(z).nodes, self._n
-        return Trajectory(
+        motion = Trajectory(
             self.system.problem.robot.joint_names,
             np.concatenate([[0.0], np.cumsum(h)]),
             *(x[:, :n], x[:, n:]),
             u=np.concatenate([u, u[-1:]]),
             holding=self.system.dynamics.inverse,
         )
+        return motor_torques(self.system, motion, self._ways)

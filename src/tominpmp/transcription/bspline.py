@@ -25,9 +25,11 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.bspline_basis import Basis, Elimination
-from tominpmp.transcription.exchange import grazing_times
+from tominpmp.transcription.exchange import SplineExtra, grazing_times
 from tominpmp.transcription.motor_rows import MotorRows
+from tominpmp.transcription.spline_ways import CurveWays
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import arrival
 
 DEGREES = {"linear": 3, "spline": 5}
 # T changes by this share at most in one step.
@@ -49,7 +51,7 @@ class BSplineTranscription:
     Attributes:
         system: The functions of the problem.
         degree: Degree of the spline.
-        extra: Further instants with rows of clearances and of torques, as shares of T.
+        extra: Further instants with rows of clearances and of torques.
     """
 
     def __init__(
@@ -57,14 +59,14 @@ class BSplineTranscription:
         system: System,
         shares: Array,
         degree: int,
-        extra: tuple[Array, Array] | None = None,
+        extra: SplineExtra | None = None,
     ) -> None:
         self.system, self.degree = system, degree
         self.shares = shares
         self._nodes = np.concatenate([[0.0], np.cumsum(shares[:, 0])])
         self._nodes /= self._nodes[-1]
         self._h = np.diff(self._nodes)
-        self.extra = (np.zeros(0), np.zeros(0)) if extra is None else extra
+        self.extra = SplineExtra() if extra is None else extra
         self._n = system.n
         self._basis = Basis.on(self._nodes, degree)
         ends = Elimination.of(system, self._basis)
@@ -72,8 +74,9 @@ class BSplineTranscription:
         self._free, self._fixed_end = ends.free, ends.fixed_end
         self._motor = MotorRows.of(system, self._nodes, self._torque_times)
         starts, h = self._nodes[:-1], self._h
+        self._ways = CurveWays(system, self._nodes, self._torque_times, self.extra.ways)
         self._clear = np.concatenate(
-            [*(starts + share * h for share in CLEARANCE_SHARES), self.extra[0]]
+            [*(starts + share * h for share in CLEARANCE_SHARES), self.extra.clearance]
         )
         self._rows = self._build_rows()
 
@@ -81,7 +84,9 @@ class BSplineTranscription:
     def _torque_times(self) -> Array:
         starts, h = self._nodes[:-1], self._h
         inner = [starts + share * h for share in TORQUE_SHARES]
-        return np.concatenate([np.stack(inner, axis=1).ravel(), [1.0], self.extra[1]])
+        return np.concatenate(
+            [np.stack(inner, axis=1).ravel(), [1.0], self.extra.torque]
+        )
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -171,7 +176,7 @@ class BSplineTranscription:
         return found
 
     def _build_rows(self) -> Rows:
-        parts = self._motor.parts()
+        parts = self._motor.parts(self.extra.ways)
         for kind, _, matrix, _ in self._linear:
             ones = np.ones(matrix.shape[0])
             parts.append((kind, -ones, ones, np.zeros(ones.size, dtype=np.int64)))
@@ -201,7 +206,9 @@ class BSplineTranscription:
         """Row values."""
         system, T = self.system, z[-1]
         C = self.points(z)
-        parts = [self._motor.values(self._motor_states(z), T)]
+        states = self._motor_states(z)
+        ways = self._ways.given(lambda times: self._states(z, times))
+        parts = [self._motor.values(states, T, ways)]
         parts += [
             np.asarray(matrix @ C.ravel()) / T**order
             for _, order, matrix, _ in self._linear
@@ -334,23 +341,27 @@ class BSplineTranscription:
         out[-1] *= factor
         return out
 
-    def inspect(self, z: Array, overload: float) -> tuple[Array, Array]:
+    def inspect(self, z: Array, overload: float) -> SplineExtra:
         """Instants at which clearances and torques should become rows, as shares of T.
 
         Args:
             z: Iterate.
             overload: Relative excess of torques that is let pass.
         """
-        return self._grazing(z), self._overloaded(z, overload)
+        torque = self._overloaded(z, overload)
+        extra = self._ways.turned(
+            lambda times: self._states(z, times), torque, overload
+        )
+        return extra._replace(clearance=self._grazing(z))
 
-    def with_rows(self, extra: tuple[Array, Array]) -> BSplineTranscription:
+    def with_rows(self, extra: SplineExtra) -> BSplineTranscription:
         """The same problem with rows at more instants."""
-        joined = tuple(
-            np.concatenate(pair) for pair in zip(self.extra, extra, strict=True)
+        joined = SplineExtra(
+            np.concatenate([self.extra.clearance, extra.clearance]),
+            np.concatenate([self.extra.torque, extra.torque]),
+            extra.ways,
         )
-        return BSplineTranscription(
-            self.system, self.shares, self.degree, (joined[0], joined[1])
-        )
+        return BSplineTranscription(self.system, self.shares, self.degree, joined)
 
     def _overloaded(self, z: Array, tolerance: float) -> Array:
         times = (self._nodes[:-1] + np.outer(INSPECTED_SHARES, self._h)).T
@@ -371,13 +382,15 @@ class BSplineTranscription:
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""
         q, v, a = self._states(z, self._nodes)
-        inverse = self.system.dynamics.inverse
+        inverse = self.system.motors.inverse
+        u = inverse(q, v, a)
+        u[-1] += arrival(self.system.problem.robot.friction, v[-1], a[-1])
         return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=self._nodes * z[-1],
             q=q,
             v=v,
-            u=inverse(q, v, a),
+            u=u,
             a=a if self.degree > 3 else None,
             inverse_dynamics=inverse,
         )

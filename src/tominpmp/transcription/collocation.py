@@ -9,8 +9,7 @@ Eliminating them gives the paper's program back (see
 paper's psi. Limits on positions and velocities become bounds, the trust region is a box
 on the states, where the error of the linearisation lives, and a start may be any path,
 whether the dynamics allow it or not. The step is Radau IIA with the inner stage
-condensed (see
-:mod:`tominpmp.transcription.integrator`).
+condensed (:mod:`tominpmp.transcription.integrator`).
 """
 
 from __future__ import annotations
@@ -23,9 +22,12 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.controls import (
     driving_torque,
+    first_ways,
+    motor_torques,
     share_steps,
     torque_jumps,
     torque_shares,
+    turned_ways,
 )
 from tominpmp.transcription.integrator import (
     Stage,
@@ -34,11 +36,11 @@ from tominpmp.transcription.integrator import (
     solve_inner_stage,
 )
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import Ways
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
-# A joint that moves by s in a motion of duration T reaches velocities of some s / T:
-# this times the scale of positions over T is the scale of velocities.
+# Velocities are of this times the scale of positions over the duration.
 SPEED_FACTOR = 5.0
 # Value of the defects of an interval whose inner stage cannot be solved for.
 BROKEN = 1e3
@@ -47,18 +49,21 @@ BROKEN = 1e3
 class CollocationTranscription:
     """A problem in states and torques.
 
-    The unknowns are stacked as z = (states, torques, lengths): states (q, v) at N + 1
-    nodes, torques of N intervals as shares of the limits, in [-1, 1]; the lengths are
-    h = H eta with a matrix H of shares, of one column (uniform scaling of a given grid)
-    or more.
+    The unknowns are z = (states, torques, lengths): states (q, v) at N + 1 nodes,
+    torques of N intervals as shares of the limits, in [-1, 1]; lengths are h = H eta
+    with a matrix H of shares, of one column (scaling of a given grid) or more.
 
     Attributes:
         system: The functions of the problem.
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+
+    Torques are those that dry friction leaves; ways come from the first iterate.
     """
 
-    def __init__(self, system: System, shares: Array, duration: float) -> None:
-        self.system = system
+    def __init__(
+        self, system: System, shares: Array, duration: float, ways: Ways | None = None
+    ) -> None:
+        self.system, self._ways = system, ways
         self.shares = shares
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
@@ -92,12 +97,11 @@ class CollocationTranscription:
     def pack(self, x: Array, u: Array, eta: Array) -> Array:
         """Stack states, torques and lengths into z.
 
-        What is known of the states at both ends replaces what is given; all else is
-        brought within its limits.
+        What is known of the ends replaces what is given; all is brought within limits.
 
         Args:
             x: States (q, v) at the nodes, shape (N + 1, 2n).
-            u: Torques of the intervals, shape (N, n) [N m or N].
+            u: Torques of the intervals without dry friction, shape (N, n) [N m or N].
             eta: Shape (m,).
 
         Returns:
@@ -118,9 +122,8 @@ class CollocationTranscription:
     def start(self, q: Array, eta: Array) -> Array:
         """Turn positions at the nodes into unknowns; the dynamics need not hold.
 
-        Velocities are those of parabolas through neighbouring nodes, torques follow
-        from the inverse dynamics in the middle of the intervals; both are clipped to
-        their limits.
+        Velocities are those of parabolas through neighbouring nodes, torques those of
+        the inverse dynamics in the middle of the intervals, within their limits.
 
         Args:
             q: Positions at the nodes, shape (N + 1, n) [rad or m].
@@ -143,7 +146,7 @@ class CollocationTranscription:
         return self.pack(np.hstack([q, v]), driving_torque(system, q, v, lengths), eta)
 
     def split(self, z: Array) -> tuple[Array, Array, Array]:
-        """States, torques [N m or N] and lengths [s] of an iterate.
+        """States, torques without dry friction and lengths [s] of an iterate.
 
         Returns:
             Shapes (N + 1, 2n), (N, n) and (N,).
@@ -172,12 +175,36 @@ class CollocationTranscription:
         if system.final_velocity is not None:
             lower[-1, n:] = upper[-1, n:] = 0.0
         share = z[x.size : x.size + N * n].reshape(N, n)
-        less, more = share_steps(system, share, np.full(n, 2.0))
+        less, more = share_steps(system, share, np.full(n, 2.0), self._given_ways(z))
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), less.ravel(), -length]),
             np.concatenate([upper.ravel(), more.ravel(), length]),
         )
+
+    # -- dry friction ------------------------------------------------------------------
+
+    def _given_ways(self, z: Array) -> Ways | None:
+        """Which way joints with friction move: as in the first motion looked at."""
+        if self.system.friction is not None and self._ways is None:
+            self._ways = first_ways(self.system, self.split(z)[0][:, self._n :])
+        return self._ways
+
+    def turned(self, z: Array) -> tuple[CollocationTranscription, Array] | None:
+        """The program with the ways that joints move in an iterate, and the iterate.
+
+        None if those that were assumed will do.
+        """
+        given, N, n = self._given_ways(z), self._N, self._n
+        if given is None:
+            return None
+        x, states = self.split(z)[0], (N + 1) * 2 * n
+        share = z[states : states + N * n].reshape(N, n)
+        found = turned_ways(self.system, given, x[:, n:], share)
+        if found is None:
+            return None
+        z = np.concatenate([x.ravel(), found[1].ravel(), z[-self._m :]])
+        return type(self)(self.system, self.shares, float(self.cost @ z), found[0]), z
 
     # -- rows --------------------------------------------------------------------------
 
@@ -362,7 +389,7 @@ class CollocationTranscription:
         """The motion of an iterate, joined by Hermite polynomials between nodes."""
         x, u, h = self.split(z)
         n = self._n
-        return Trajectory(
+        motion = Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=np.concatenate([[0.0], np.cumsum(h)]),
             q=x[:, :n],
@@ -370,3 +397,4 @@ class CollocationTranscription:
             u=np.concatenate([u, u[-1:]]),
             holding=self.system.dynamics.inverse,
         )
+        return motor_torques(self.system, motion, self._given_ways(z))

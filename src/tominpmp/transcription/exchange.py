@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.transcription.spline import Spline
 from tominpmp.transcription.spline_rows import Instants
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import Ways
 
 # Instants at which torques are looked at between the rows.
 TORQUE_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
@@ -58,21 +60,52 @@ class Extra:
     Attributes:
         torque: Where torques are rows beside the ends of the intervals.
         clearance: Where clearances are rows beside the regular instants.
+        ways: Which way joints with dry friction move at all rows of torques; None
+            without friction, or where it is not known yet.
+        turned: Number of joints and instants whose way is another than was assumed,
+            where that matters.
     """
 
     torque: Instants = field(default_factory=no_instants)
     clearance: Instants = field(default_factory=no_instants)
+    ways: Ways | None = None
+    turned: int = 0
 
     @property
     def size(self) -> int:
-        """Number of instants."""
-        return self.torque.size + self.clearance.size
+        """Number of instants that are other than in the program."""
+        return self.torque.size + self.clearance.size + self.turned
 
     def joined(self, other: Extra) -> Extra:
-        """These instants and others."""
+        """These instants and others, which know the way at all of them."""
         return Extra(
-            self.torque.joined(other.torque), self.clearance.joined(other.clearance)
+            self.torque.joined(other.torque),
+            self.clearance.joined(other.clearance),
+            other.ways,
         )
+
+
+class SplineExtra(NamedTuple):
+    """Instants that have become rows, as shares of T.
+
+    Attributes:
+        clearance: Where clearances are rows beside the regular instants.
+        torque: Where torques are.
+        ways: Which way joints with dry friction move at all rows of torques; None
+            without friction, or where it is not known yet.
+        turned: Number of joints and instants whose way is another than was assumed,
+            where that matters.
+    """
+
+    clearance: Array = np.zeros(0)
+    torque: Array = np.zeros(0)
+    ways: Ways | None = None
+    turned: int = 0
+
+    @property
+    def found(self) -> bool:
+        """Whether anything is other than in the program."""
+        return bool(self.clearance.size or self.torque.size or self.turned)
 
 
 def overloaded(system: System, spline: Spline, tolerance: float) -> Instants:

@@ -3,13 +3,13 @@
 The unknowns are the points of a quadratic spline and the lengths of its intervals (see
 :mod:`tominpmp.transcription.spline`); torques at both ends of every interval follow
 from the inverse dynamics. This is the paper's state-dependent control limit (its
-section 4) for the control v = acceleration: u_l <= u(q, v, a) <= u_u. Joint friction,
-however stiff, makes it no harder.
+section 4) for the control v = acceleration: u_l <= u(q, v, a) <= u_u.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -36,15 +36,16 @@ from tominpmp.transcription.spline_rows import (
     speed_values,
     torque_jacobian,
 )
+from tominpmp.transcription.spline_ways import SplineWays
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import arrival
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
-# Clearances beyond this, in shares of the reach per rad of trust region, are not rows
-# of the linear program: a step that uses them up all the same is cut short by the
-# merit.
+# Clearances beyond this, in shares of the reach per rad of trust region, are no rows of
+# the linear program: a step that uses them up all the same is cut short by the merit.
 ATTENTION = 0.07
-# However far the trust region reaches; beyond this clearances are not exact.
+# However far it reaches; beyond this clearances are not exact.
 MAX_ATTENTION = 0.05
 
 
@@ -85,6 +86,7 @@ class InverseTranscription:
         self._reference = duration / self._N  # scales the velocity rows [s]
         self._rows = self._build_rows()
         self._acceleration_range: Array | None = None
+        self._torques = SplineWays(system, self._at, extra.ways)
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -116,9 +118,6 @@ class InverseTranscription:
             position: Configurations at times, shape (k,) to (k, n).
             duration: T of the iterate [s]; the guess is sampled over its own duration,
                 which the first argument of the constructor gave.
-
-        Returns:
-            The iterate.
         """
         guessed = self._reference * self._N
         share = self.shares.sum(axis=1)
@@ -194,9 +193,11 @@ class InverseTranscription:
         self._limited = np.flatnonzero(np.isfinite(limits.velocity))
         speeds = 2 * (N - 1) * self._limited.size
         none = np.full(speeds, -np.inf)
-        ones = np.ones(self._at.size * n)
+        most = np.ones(self._at.size * n)
+        if self._extra.ways is not None:
+            most = self._extra.ways.bound.ravel()
         parts = [
-            ("torque", -ones, ones, np.zeros(ones.size, dtype=np.int64)),
+            ("torque", -most, most, np.zeros(most.size, dtype=np.int64)),
             ("velocity", none, np.zeros(speeds), np.zeros(speeds, dtype=np.int64)),
         ]
         self._end_points = bool(np.any(system.v_start)) or (
@@ -234,7 +235,7 @@ class InverseTranscription:
         system, spline = self.system, self.spline(z)
         q, v = spline.q, spline.v
         parts = [
-            system.torque(*self._at.states(spline)).ravel(),
+            self._torques.loads(spline).ravel(),
             speed_values(
                 spline,
                 system.problem.robot.limits.velocity[self._limited],
@@ -259,10 +260,11 @@ class InverseTranscription:
         """
         spline = self.spline(z)
         torque = overloaded(self.system, spline, overload)
+        extra = self._torques.turned(spline, torque, overload)
         if self._clear is None:
-            return Extra(torque)
+            return extra
         known = self._clear.instants(spline.h)
-        return Extra(torque, grazing(self.system, spline, known))
+        return replace(extra, clearance=grazing(self.system, spline, known))
 
     def with_rows(self, extra: Extra) -> InverseTranscription:
         """The same problem with rows at more instants."""
@@ -384,8 +386,9 @@ class InverseTranscription:
         """The motion of an iterate; its torque follows from the inverse dynamics."""
         spline = self.spline(z)
         q, v, a = spline.q, spline.v, spline.a
-        dynamics = self.system.dynamics
+        dynamics = self.system.motors
         tau = dynamics.inverse(q, v, np.concatenate([a, a[-1:]]))
+        tau[-1] += arrival(self.system.problem.robot.friction, v[-1], a[-1])
         return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=np.concatenate([[0.0], np.cumsum(spline.h)]),

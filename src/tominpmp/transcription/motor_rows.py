@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion_limits import EffortCurve
 from tominpmp.transcription.system import System
+from tominpmp.transcription.ways import Ways
 
 # A torque rate is taken over this share of an interval, at both of its ends.
 RATE_SHARE = 0.05
@@ -77,16 +78,17 @@ class MotorRows:
             + 2 * self.loads.size * len(self.curves)
         )
 
-    def parts(self) -> list[Part]:
-        """Kinds and bounds of the rows."""
+    def parts(self, ways: Ways | None = None) -> list[Part]:
+        """Kinds and bounds of the rows, with the ways of joints with dry friction."""
 
-        def both(kind: str, count: int) -> Part:
-            ones = np.ones(count)
-            return kind, -ones, ones, np.zeros(count, dtype=np.int64)
+        def both(kind: str, most: Array) -> Part:
+            return kind, -most, most, np.zeros(most.size, dtype=np.int64)
 
-        parts = [both("torque", self.loads.size * self.system.n)]
+        most = np.ones(self.loads.size * self.system.n)
+        parts = [both("torque", most if ways is None else ways.bound.ravel())]
         if self.rated.size:
-            parts.append(both("torque rate", self.rates.shape[0] * self.rated.size))
+            most = np.ones(self.rates.shape[0] * self.rated.size)
+            parts.append(both("torque rate", most))
         if self.curves:
             count = 2 * self.loads.size * len(self.curves)
             below = np.full(count, -np.inf)
@@ -94,12 +96,14 @@ class MotorRows:
             parts.append(("torque over speed", below, np.zeros(count), group))
         return parts
 
-    def values(self, states: States, T: float) -> Array:
+    def values(self, states: States, T: float, ways: Ways | None = None) -> Array:
         """Row values.
 
         Args:
             states: Positions, velocities and accelerations at ``times``, shape (m, n).
             T: Duration [s].
+            ways: Which way joints with dry friction move where torques are rows. A
+                rate leaves out its jumps, which no rate of a motor can follow.
 
         Returns:
             Torques and torque rates as shares of their limits, and torques beyond
@@ -107,14 +111,20 @@ class MotorRows:
         """
         system = self.system
         tau = system.dynamics.inverse(*states)
-        load = (tau - system.effort_middle) / system.effort_half
-        parts = [load[self.loads].ravel()]
+        load = (tau - system.effort_middle)[self.loads] / system.effort_half
+        if ways is not None:
+            load = load + ways.load
+        parts = [load.ravel()]
         if self.rated.size:
             rise = np.diff(tau[self.rates][:, :, self.rated], axis=1)[:, 0]
             parts.append((rise / (self._spans[:, None] * T * self.rate)).ravel())
         for joint, curve in self.curves:
             largest = curve(states[1][self.loads, joint])[0]
             torque, half = tau[self.loads, joint], system.effort_half[joint]
+            if ways is not None:
+                torque = torque + half * ways.load[:, joint]
+                spread = half * (1.0 - ways.bound[:, joint])
+                largest = largest - spread
             parts += [(torque - largest) / half, (-torque - largest) / half]
         return np.concatenate(parts)
 

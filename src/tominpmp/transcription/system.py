@@ -45,7 +45,8 @@ class System:
 
     Attributes:
         problem: The problem.
-        dynamics: Equations of motion.
+        dynamics: Equations of motion without dry friction, whose torques are what it
+            leaves of those of the motors.
         kinematics: Placement of frames.
         clearance: Distances to obstacles and between links; None without either.
         reach: Length of the arm, which scales lengths [m].
@@ -72,7 +73,7 @@ class System:
             if checker.pairs
             else None
         )
-        dynamics = RobotDynamics(problem.robot)
+        dynamics = RobotDynamics(problem.robot, dry=False)
         return cls(problem, dynamics, kinematics, clearance, reach, padding / reach)
 
     @property
@@ -146,6 +147,18 @@ class System:
         return np.where(half > 0.0, half, 1.0)
 
     @cached_property
+    def motors(self) -> Dynamics:
+        """Equations of motion with dry friction: torques are those of the motors."""
+        motors = RobotDynamics(self.problem.robot)
+        return self.dynamics if motors.friction is None else motors
+
+    @cached_property
+    def friction(self) -> Array | None:
+        """Dry friction as a share of the torque limits, shape (n,); None without."""
+        friction = self.problem.robot.friction
+        return friction / self.effort_half if np.any(friction) else None
+
+    @cached_property
     def step_scale(self) -> Array:
         """Joint displacement that counts as 1 rad, shape (n,): 1, or the reach [m]."""
         model = self.problem.robot.model
@@ -161,5 +174,5 @@ class System:
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Torque as a share of its limits, in [-1, 1] where allowed, shape (m, n)."""
-        tau = self.dynamics.inverse(q, v, a)
+        tau = self.motors.inverse(q, v, a)
         return (tau - self.effort_middle) / self.effort_half

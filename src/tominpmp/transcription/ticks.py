@@ -169,7 +169,7 @@ class ClockedTranscription:
             more = inner.with_rows(extra) if extra.size else None
             return None if more is None else ClockedTranscription(more, self.ticks)
         instants = inner.inspect(z, room)
-        if not (instants[0].size or instants[1].size):
+        if not instants.found:
             return None
         return ClockedTranscription(inner.with_rows(instants), self.ticks)
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.dynamics import InverseJacobians
+from tominpmp.dynamics import InverseJacobians, directions
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.task import Task
 from tominpmp.verification.variations import (
@@ -105,7 +105,8 @@ class Motion:
         a = ends.a
         if trajectory.inverse_dynamics is None:
             x = np.concatenate([ends.q, ends.v], axis=1)
-            a = task.dynamics.forward(x, ends.u)[:, n:]
+            dry = task.problem.robot.friction * directions(ends.v, ends.a)
+            a = task.dynamics.forward(x, ends.u - dry)[:, n:]
         parts = task.dynamics.inverse_jacobians(ends.q, ends.v, a)
         a, u = a.reshape(-1, 2, n), ends.u.reshape(-1, 2, n)
         mean = u.mean(axis=1)

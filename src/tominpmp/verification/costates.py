@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.dynamics import directions
 from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.first_order import FirstOrder
 from tominpmp.verification.replay import Replay
@@ -52,7 +53,8 @@ def integrate_costates(
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    slope = motion.task.dynamics.forward_jacobians(x, state.u).f_x
+    dry = motion.task.problem.robot.friction * directions(state.v, state.a)
+    slope = motion.task.dynamics.forward_jacobians(x, state.u - dry).f_x
     steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)
     out = np.empty((changes.N + 1, 2 * n))

@@ -13,6 +13,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.verification.pieces import Pieces
+from tominpmp.verification.plant import CREEP
 from tominpmp.verification.replay import TIME_STEP, Replay
 
 # Units of the kinds, for turning and sliding joints.
@@ -153,17 +154,30 @@ class _Limits:
         found: list[Excess | None] = []
         top = extra.by_joint("effort_rate", names)
         if np.any(np.isfinite(top)):
-            found.append(self._rate("effort rate", rows.u, top))
+            found.append(self._rate("effort rate", rows.u - self._dry(), top))
         highest = extra.by_joint("acceleration", names)
         steepest = extra.by_joint("jerk", names)
         if np.any(np.isfinite(highest)) or np.any(np.isfinite(steepest)):
             x = np.concatenate([rows.q, rows.v], axis=1)
-            dynamics = RobotDynamics(self.problem.robot)
-            a = dynamics.forward(x, rows.u)[:, len(names) :]
+            dynamics = RobotDynamics(self.problem.robot, dry=False)
+            a = dynamics.forward(x, rows.u - self._dry())[:, len(names) :]
             beyond = np.abs(a) - highest
             found.append(self._worst("acceleration", rows.t, beyond, _finite(highest)))
             found.append(self._rate("jerk", a, steepest))
         return found
+
+    def _dry(self) -> Array:
+        """Dry friction at the rows, on the side of a jump that they are on, (m + P, n).
+
+        Torques have jumps of it where a joint turns, which no rate of a motor can
+        follow; they are left out of the rates.
+        """
+        friction, v = self.problem.robot.friction, self.replay.v
+        if not np.any(friction):
+            return np.zeros(1)
+        around = np.vstack([v[:1], 0.5 * (v[1:] + v[:-1]), v[-1:]])
+        beside = np.concatenate([around[1:], around[self.ends]])
+        return np.asarray(friction * np.tanh(beside / CREEP))
 
     def _rate(self, kind: str, values: Array, limit: Array) -> Excess | None:
         """Worst rate of values at the rows; a jump counts as if it took a millisecond.

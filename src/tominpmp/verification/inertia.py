@@ -110,7 +110,8 @@ def single_joint(robot: Robot) -> Push | None:
     down = (high - float(robot.limits.effort_lower[0])) / mass
     if up <= 0.0 or down <= 0.0:
         return None
-    return Push(up, down, float(robot.damping[0]) / mass)
+    dry = float(robot.friction[0]) / mass
+    return Push(up, down, float(robot.damping[0]) / mass, dry)
 
 
 def energy_bounds(robot: Robot) -> EnergyBounds | None:
@@ -127,7 +128,8 @@ def energy_bounds(robot: Robot) -> EnergyBounds | None:
     weight = weight if S is None else weight @ np.abs(S)
     limits = robot.limits
     most = np.maximum(np.abs(limits.effort_lower), np.abs(limits.effort_upper))
-    most = most + weight
+    # Dry friction takes energy out of the motion; it helps to brake.
+    most = most + weight + robot.friction
     if robot.n <= 6:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=robot.n)))
         torques = signs * most

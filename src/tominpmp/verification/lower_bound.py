@@ -146,11 +146,20 @@ def _speed_bounds(problem: Problem, way: Array) -> list[LowerBound]:
 
 
 def _single_time(way: float, ends: Array, push: Push, top: float) -> float:
-    if push.drag == 0.0:
-        return double_integrator_time(way, ends, (push.up, push.down), top)
     side = 1.0 if way >= 0.0 else -1.0
     toward = np.maximum(side * ends, 0.0)
     speeding, braking = (push.up, push.down) if side > 0 else (push.down, push.up)
+    if np.all(side * ends >= 0.0) and way != 0.0:
+        # Whoever starts and ends forwards gains nothing by going backwards, and who
+        # goes forwards has dry friction against him, which helps to brake.
+        speeding, braking = speeding - push.dry, braking + push.dry
+        if speeding <= 0.0:
+            return 0.0
+    else:
+        speeding, braking = speeding + push.dry, braking + push.dry
+    if push.drag == 0.0:
+        both = (speeding, braking) if side > 0 else (braking, speeding)
+        return double_integrator_time(way, ends, both, top)
     drag = push.drag
     return least_time(abs(way), toward, speeding, braking, drag, top, least_drag=drag)
 

@@ -20,12 +20,14 @@ class Push(NamedTuple):
     Attributes:
         up: Largest acceleration when friction is left out.
         down: Largest deceleration likewise.
-        drag: Friction over inertia [1/s].
+        drag: Viscous friction over inertia [1/s].
+        dry: Dry friction over inertia, which is against the motion.
     """
 
     up: float
     down: float
     drag: float = 0.0
+    dry: float = 0.0
 
 
 def double_integrator_time(

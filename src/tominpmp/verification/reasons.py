@@ -109,7 +109,7 @@ def _excesses(problem: Problem, trajectory: Trajectory) -> list[Excess]:
     """What a planned motion violates, the worst first."""
     motion = _look(trajectory)
     found = [*arrival(problem, motion, STRICT)]
-    torque = torque_pieces(trajectory)
+    torque = torque_pieces(problem.robot, trajectory)
     found += limit_excesses(problem, motion, torque, STRICT.limits)
     near = closest(problem, motion, problem.checker, STRICT.contact)
     if near is not None:
@@ -182,11 +182,29 @@ def _of_effort(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
                 f"joint {item.name} cannot hold its weight at the goal: "
                 f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
             )
+    stuck = _stuck(problem, trajectory, i)
+    if stuck is not None:
+        return (
+            f"joint {item.name} cannot overcome its dry friction of "
+            f"{robot.friction[i]:.3g} {item.unit}: {stuck:.3g} {item.unit} needed to "
+            f"move, [{low:.3g}, {high:.3g}] allowed"
+        )
     bound = max(abs(low), abs(high))
     return (
         f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
         f"{item.time:.2f} s, {bound:.3g} allowed"
     )
+
+
+def _stuck(problem: Problem, trajectory: Trajectory, i: int) -> float | None:
+    """Torque that sets a joint moving from the start on, if the motor lacks it."""
+    robot, way = problem.robot, float(trajectory.q[-1, i] - trajectory.q[0, i])
+    rest = np.zeros((1, robot.n))
+    holding = RobotDynamics(robot).inverse(problem.q_start[None], rest, rest)[0, i]
+    needed = float(holding + np.sign(way) * robot.friction[i])
+    low, high = _allowed(problem, i)
+    moves = low < needed < high or robot.friction[i] == 0.0 or way == 0.0
+    return None if moves else needed
 
 
 def _allowed(problem: Problem, i: int) -> tuple[float, float]:

@@ -9,27 +9,27 @@ jump.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from scipy.integrate import DOP853, ODEintWarning, Radau, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.problem import Problem
+from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.pieces import Pieces
+from tominpmp.verification.plant import Plant
 
 RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]
 # The motion is looked at this often at least [s].
 TIME_STEP = 1e-3
-# Product of the largest eigenvalue and the mean interval beyond which an arm is stiff:
-# DOP853 is stable for steps up to about 6 over the eigenvalue.
+# Largest eigenvalue times mean interval beyond which an arm is stiff: DOP853 is stable
+# for steps up to about 6 over the eigenvalue.
 STIFF = 24.0
 # A step is tried that is longer by this than the last one.
 GROWTH = 1.5
@@ -42,7 +42,6 @@ LOST = 1e6
 STIFFNESS_SAMPLES = 5
 
 Integrator: TypeAlias = Literal["DOP853", "LSODA", "Radau"]
-Slope: TypeAlias = Callable[[float, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,82 +83,10 @@ class Replay(Record):
         return float(self.t[-1])
 
 
-class Plant:
-    """State derivative of a robot under a polynomial of torque, one row at a time."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self.dynamics = RobotDynamics(robot)
-        self._exponents = np.zeros(0)
-        self.coefficients = np.zeros((robot.n, 0))
-        self.begin, self.rate = 0.0, 1.0
-
-    def load(self, begin: float, end: float, coefficients: Array) -> None:
-        """Take up the torque of another piece."""
-        self.coefficients = coefficients
-        self.begin, self.rate = begin, 2.0 / (end - begin)
-        self._exponents = np.arange(float(coefficients.shape[1]))
-
-    def torque(self, t: float) -> Array:
-        """Torque at a time within the piece, shape (n,)."""
-        s = (t - self.begin) * self.rate - 1.0
-        return np.asarray(self.coefficients.dot(s**self._exponents))
-
-    def slope(self) -> Slope:
-        """dx/dt as a function of t and x = (q, v)."""
-        robot, dynamics, torque = self.robot, self.dynamics, self.torque
-        n = robot.n
-        if robot.expansion_matrix is not None:
-
-            def linked(t: float, x: Array) -> Array:
-                return np.asarray(dynamics.forward(x[None], torque(t)[None])[0])
-
-            return linked
-        model, data, damping = robot.model, robot.model.createData(), robot.damping
-        aba = pin.aba
-
-        def free(t: float, x: Array) -> Array:
-            out = np.empty(2 * n)
-            v = x[n:]
-            out[:n] = v
-            out[n:] = aba(model, data, x[:n], v, torque(t) - damping * v)
-            return out
-
-        return free
-
-    def jacobian(self) -> Slope:
-        """Derivative of dx/dt with respect to x, shape (2n, 2n), likewise."""
-        robot, dynamics, torque = self.robot, self.dynamics, self.torque
-        n = robot.n
-        if robot.expansion_matrix is not None:
-
-            def linked(t: float, x: Array) -> Array:
-                found = dynamics.forward_jacobians(x[None], torque(t)[None])
-                return np.asarray(found.f_x[0])
-
-            return linked
-        model, data, damping = robot.model, robot.model.createData(), robot.damping
-        derivatives = pin.computeABADerivatives
-        lower = np.tril_indices(n, -1)
-        diagonal = np.arange(n)
-
-        def free(t: float, x: Array) -> Array:
-            v = x[n:]
-            derivatives(model, data, x[:n], v, torque(t) - damping * v)
-            out = np.zeros((2 * n, 2 * n))
-            out[diagonal, n + diagonal] = 1.0
-            out[n:, :n] = data.ddq_dq
-            inverse = np.array(data.Minv)  # the upper triangle of it
-            inverse[lower] = inverse.T[lower]
-            out[n:, n:] = data.ddq_dv - inverse * damping
-            return out
-
-        return free
-
-
-def torque_pieces(trajectory: Trajectory) -> Pieces:
-    """Torque of a trajectory over time, as polynomials between its nodes."""
-    return Pieces.of(lambda times: trajectory(times).u, trajectory.t)
+def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
+    """Torque of a trajectory over time, as polynomials between which it may jump."""
+    breaks = torque_breaks(trajectory, robot.friction)
+    return Pieces.of(lambda times: trajectory(times).u, breaks)
 
 
 def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
@@ -219,7 +146,7 @@ def replay(
         time_step: Largest time between two rows of the result [s].
         integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences where
             the arm is stiff) or "Radau" (implicit); None takes the first, or the second
-            for arms with stiff friction.
+            for arms with stiff or dry friction.
 
     Returns:
         The motion that the torques bring about.
@@ -252,11 +179,7 @@ class Integration:
         plant: Plant | None = None,
     ) -> None:
         self._trajectory = trajectory
-        self._pieces = (
-            Pieces.of(lambda times: trajectory(times).u, trajectory.t)
-            if pieces is None
-            else pieces
-        )
+        self._pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self._plant = Plant(robot) if plant is None else plant
         self._slope = self._plant.slope()
         self._jacobian = self._plant.jacobian()
@@ -266,6 +189,8 @@ class Integration:
 
     def _suited(self) -> Integrator:
         trajectory = self._trajectory
+        if self._plant.friction is not None:
+            return "LSODA"
         mean = trajectory.duration / (trajectory.t.size - 1)
         stiff = stiffness(self._plant.dynamics, trajectory) * mean
         return "LSODA" if stiff > STIFF else "DOP853"

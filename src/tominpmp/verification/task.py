@@ -108,7 +108,7 @@ class Task:
         room = Room(checker, checker.margins(problem.margin), reach)
         return cls(
             problem,
-            RobotDynamics(problem.robot),
+            RobotDynamics(problem.robot, dry=False),
             kinematics,
             reach,
             room if checker.pairs else None,

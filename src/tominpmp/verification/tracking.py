@@ -17,18 +17,18 @@ from scipy.linalg import expm
 
 from tominpmp.arrays import Array
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.excess import Excess
 from tominpmp.verification.pieces import Pieces
+from tominpmp.verification.plant import Plant, Slope
 from tominpmp.verification.replay import (
     RTOL,
     TIME_STEP,
     Integration,
     Integrator,
-    Plant,
     Replay,
-    Slope,
 )
 
 # The feedback is faster than the instability by this, and at least this fast [1/s].
@@ -113,7 +113,7 @@ class Tracking(Integration):
             found = smooth(times)
             return np.concatenate([trajectory(times).u, found.q, found.v], axis=1)
 
-        pieces = Pieces.of(curve, trajectory.t)
+        pieces = Pieces.of(curve, torque_breaks(trajectory, robot.friction))
         self._tracking = TrackingPlant(robot, rate)
         super().__init__(robot, trajectory, pieces, integrator, plant=self._tracking)
 

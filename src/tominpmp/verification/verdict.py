@@ -159,7 +159,7 @@ def verify(
         expect(checker, CollisionChecker, "checker", "a CollisionChecker or None")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
-    torque = torque_pieces(trajectory)
+    torque = torque_pieces(robot, trajectory)
     integration = Integration(robot, trajectory, torque, integrator)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
     start = np.concatenate([problem.q_start, v_start])
