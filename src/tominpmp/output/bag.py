@@ -90,10 +90,9 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
         try:
             with rosbag2.Reader(copy) as reader:
                 found = [item for item in reader.connections if item.msgtype == TYPE]
-                rows = [item[2] for item in reader.messages(connections=found)]
-            held = (
-                [types.deserialize_cdr(row, TYPE) for row in rows[:2]] if found else []
-            )
+                # Without a connection the reader would give all messages.
+                rows = [item[2] for item in reader.messages(found)] if found else []
+            held = [types.deserialize_cdr(row, TYPE) for row in rows[:2]]
         except Exception as error:  # a damaged bag may raise anything
             why = " ".join(str(error).split())[:300]
             raise ScenarioError(f"{path} is no MCAP bag: {why}", path) from error

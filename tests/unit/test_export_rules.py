@@ -1,0 +1,320 @@
+"""Tests of the rules of the joint trajectory controller, and of bags."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from motion_samples import END, START, speed_up_and_brake
+
+from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
+from tominpmp.output.bag import TOPIC, TYPE
+from tominpmp.output.export import export, load_message, load_motion
+from tominpmp.output.ros_rules import controller_refusals
+from tominpmp.robot import Robot
+from tominpmp.trajectory import Trajectory
+
+NAMES = ["joint1", "joint2", "joint3"]
+
+# As ROS defines them: rosbags knows the messages, but not those of actions.
+GOAL_TYPES = {
+    "control_msgs/msg/JointTolerance": """
+        string name
+        float64 position
+        float64 velocity
+        float64 acceleration
+    """,
+    "control_msgs/msg/JointComponentTolerance": """
+        string joint_name
+        uint16 component
+        float64 position
+        float64 velocity
+        float64 acceleration
+    """,
+    "control_msgs/msg/FollowJointTrajectory_Goal": """
+        trajectory_msgs/JointTrajectory trajectory
+        trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
+        control_msgs/JointTolerance[] path_tolerance
+        control_msgs/JointComponentTolerance[] component_path_tolerance
+        control_msgs/JointTolerance[] goal_tolerance
+        control_msgs/JointComponentTolerance[] component_goal_tolerance
+        builtin_interfaces/Duration goal_time_tolerance
+    """,
+}
+
+
+@pytest.fixture
+def motion(planar3r: Robot) -> Trajectory:
+    return speed_up_and_brake(planar3r, START, END, 0.95, 12)
+
+
+def sound(motion: Trajectory, folder: Path, **options: Any) -> dict[str, Any]:
+    path = export(motion, folder / "sound.json", **options)
+    message: dict[str, Any] = load_message(path)
+    return message
+
+
+@pytest.mark.parametrize("ending", ["yaml", "json", "mcap"])
+@pytest.mark.parametrize("dt", [None, 0.001, 0.004, 0.3])
+def test_exports_are_taken(
+    motion: Trajectory, ending: str, dt: float | None, tmp_path: Path
+) -> None:
+    path = export(motion, tmp_path / f"m.{ending}", dt=dt)
+    assert controller_refusals(load_message(path), NAMES) == ()
+
+
+@pytest.mark.parametrize("message", ["FollowJointTrajectory", "RobotTrajectory"])
+def test_goals_are_taken(motion: Trajectory, message: str, tmp_path: Path) -> None:
+    path = export(motion, tmp_path / "m.yaml", message=message)
+    assert controller_refusals(load_message(path), NAMES) == ()
+
+
+def test_effort_needs_a_controller_for_it(motion: Trajectory, tmp_path: Path) -> None:
+    message = sound(motion, tmp_path, with_effort=True)
+    (found,) = controller_refusals(message, NAMES)
+    assert (found.field, found.point) == ("effort", 0)
+    assert str(found).startswith("points[0].effort: is refused by controllers that do")
+    assert controller_refusals(message, NAMES, effort_interface=True) == ()
+
+
+def test_end_in_motion_must_be_allowed(motion: Trajectory, tmp_path: Path) -> None:
+    message = sound(motion, tmp_path)
+    message["points"][-1]["velocities"][1] = 2e-7
+    (found,) = controller_refusals(message)
+    assert (found.field, found.point, found.joint) == ("velocities", 12, "joint2")
+    assert "2e-07 at the end, expected 0" in str(found)
+    assert controller_refusals(message, moving_end=True) == ()
+    message["points"][-1]["velocities"][1] = 1e-7  # rounding of single precision
+    assert controller_refusals(message) == ()
+
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def at(point: int, field: str, value: object) -> Change:
+    return lambda message: message["points"][point].update({field: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: m.update(joint_names=[]), "joint_names: there are no joint names"),
+        (lambda m: m.update(points=[]), "points: there are no points"),
+        (
+            lambda m: m.update(joint_names=["joint1", "joint2", "joint1"]),
+            "joint_names, joint joint1: is named twice",
+        ),
+        (
+            lambda m: m.update(joint_names=["joint1", "joint2", "elbow"]),
+            "joint elbow: is no joint of the controller",
+        ),
+        (
+            lambda m: m["header"]["stamp"].update(sec=5),
+            "header.stamp: is not zero",
+        ),
+        (at(3, "positions", [0.0, 1.0]), "points[3].positions: holds 2 numbers for 3"),
+        (at(3, "positions", []), "points[3].positions: holds 0 numbers for 3 joints"),
+        (at(4, "velocities", [0.0]), "points[4].velocities: holds 1 numbers for 3"),
+        (at(4, "velocities", []), "points[4].velocities: is empty, that of the first"),
+        (at(4, "accelerations", [0.0] * 3), "points[4].accelerations: has them, the"),
+        (at(4, "velocities", "fast"), "points[4].velocities: is no list of numbers"),
+        (
+            at(2, "positions", [0.0, float("nan"), 0.0]),
+            "points[2].positions, joint joint2: is nan, expected a finite number",
+        ),
+        (
+            at(2, "positions", [0.0, 0.0, True]),
+            "points[2].positions, joint joint3: is True, expected a finite number",
+        ),
+        (
+            at(2, "velocities", [10**400, 0.0, 0.0]),
+            "points[2].velocities, joint joint1: is ",
+        ),
+        (
+            at(5, "time_from_start", {"sec": 0, "nanosec": 0}),
+            "points[5].time_from_start: is 0.000000000 s, not after the 0.316666667 s",
+        ),
+        (
+            at(0, "time_from_start", {"sec": -1, "nanosec": 0}),
+            "points[0].time_from_start: lies before the start",
+        ),
+        (
+            at(5, "time_from_start", {"sec": 0, "nanosec": 10**9}),
+            "points[5].time_from_start: is no time",
+        ),
+        (at(5, "time_from_start", 0.5), "points[5].time_from_start: is no time"),
+        (
+            at(5, "time_from_start", {"secs": 0, "nsecs": 1}),
+            "points[5].time_from_start: is no time",
+        ),
+        (
+            at(5, "time_from_start", {"sec": 2**31, "nanosec": 0}),
+            "points[5].time_from_start: is no time",
+        ),
+    ],
+)
+def test_broken_messages_are_refused(
+    change: Change, words: str, motion: Trajectory, tmp_path: Path
+) -> None:
+    message = sound(motion, tmp_path)
+    broken = copy.deepcopy(message)
+    change(broken)
+    assert controller_refusals(message, NAMES) == ()
+    found = controller_refusals(broken, NAMES)
+    assert any(words in str(item) for item in found), list(map(str, found))
+
+
+def test_all_joints_are_expected_unless_some_will_do(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    message = sound(motion, tmp_path)
+    (found,) = controller_refusals(message, [*NAMES, "gripper"])
+    assert found.joint == "gripper"
+    assert controller_refusals(message, [*NAMES, "gripper"], partial=True) == ()
+
+
+def test_accelerations_without_velocities_are_not_followed() -> None:
+    points = [
+        {
+            "positions": [0.0],
+            "accelerations": [0.0],
+            "time_from_start": {"sec": k, "nanosec": 0},
+        }
+        for k in range(2)
+    ]
+    (found,) = controller_refusals({"joint_names": ["a"], "points": points})
+    assert str(found) == "points[0].accelerations: is not followed without velocities"
+
+
+def test_tolerances_are_of_joints_of_the_message(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    goal = sound(motion, tmp_path, message="FollowJointTrajectory")
+    goal["path_tolerance"] = [{"name": "joint1", "position": 0.1}]
+    assert controller_refusals(goal) == ()
+    goal["goal_tolerance"] = [{"name": "elbow", "position": 0.1}]
+    (found,) = controller_refusals({"goal": goal})
+    assert found.field == "goal_tolerance"
+    assert "'elbow'" in str(found)
+    goal["goal_tolerance"] = []
+    goal["goal_time_tolerance"] = {"sec": -5, "nanosec": 0}
+    (found,) = controller_refusals(goal)
+    assert found.field == "goal_time_tolerance"
+
+
+@pytest.mark.parametrize("message", [None, 5, "m.yaml", [], [{}]])
+def test_what_is_no_message(message: object) -> None:
+    with pytest.raises(ProblemError, match="expected a table of fields"):
+        controller_refusals(message)
+
+
+# The definitions of ROS
+
+
+def typestore() -> Any:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in GOAL_TYPES.items():
+        lines = "\n".join(line.strip() for line in text.splitlines())
+        store.register(get_types_from_msg(lines, name))
+    return store
+
+
+def filled(store: Any, name: str, data: dict[str, Any]) -> Any:
+    """A message from plain values, as ROS's tools make one: unknown keys fail."""
+    fields = dict(store.fielddefs[name][1])
+    assert set(data) <= set(fields), f"{name} has no {set(data) - set(fields)}"
+    parts = {key: part(store, kind, data.get(key)) for key, kind in fields.items()}
+    return store.types[name](**parts)
+
+
+def part(store: Any, kind: Any, value: Any) -> Any:
+    from rosbags.typesys.store import Nodetype
+
+    node, detail = kind
+    if node == Nodetype.NAME:
+        return filled(store, detail, value or {})
+    if node == Nodetype.BASE:
+        return value if value is not None else ("" if detail[0] == "string" else 0)
+    inner = detail[0]
+    items = value or []
+    if inner[0] == Nodetype.BASE and inner[1][0] != "string":
+        return np.array(items, dtype=inner[1][0])
+    return [part(store, inner, item) for item in items]
+
+
+@pytest.mark.parametrize("ending", ["yaml", "json"])
+@pytest.mark.parametrize(
+    ("message", "name"),
+    [
+        ("JointTrajectory", TYPE),
+        ("FollowJointTrajectory", "control_msgs/msg/FollowJointTrajectory_Goal"),
+    ],
+)
+def test_files_are_messages_of_ros(
+    motion: Trajectory, ending: str, message: str, name: str, tmp_path: Path
+) -> None:
+    path = export(motion, tmp_path / f"m.{ending}", message=message, with_effort=True)
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    store = typestore()
+    typed = filled(store, name, data)
+    content = store.serialize_cdr(typed, name)
+    back = store.deserialize_cdr(content, name)
+    trajectory = getattr(back, "trajectory", back)
+    assert trajectory.joint_names == NAMES
+    for k, point in enumerate(trajectory.points):
+        np.testing.assert_array_equal(point.positions, load_motion(path).q[k])
+        assert point.effort.size == 3
+
+
+def test_bag_holds_one_message_on_the_topic_of_a_controller(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    from rosbags.rosbag2 import Reader
+
+    path = export(motion, tmp_path / "m.mcap", with_effort=True)
+    with Reader(path) as reader:
+        (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype) == (TOPIC, TYPE)
+        assert reader.message_count == 1
+    json_file = export(motion, tmp_path / "m.json", with_effort=True)
+    assert load_message(path) == json.loads(json_file.read_text())
+
+
+def test_what_is_no_bag(motion: Trajectory, tmp_path: Path) -> None:
+    path = export(motion, tmp_path / "m.mcap")
+    whole = path.read_bytes()
+    for content in (b"", b"nonsense", whole[: len(whole) // 2], whole[::-1]):
+        path.write_bytes(content)
+        with pytest.raises(ScenarioError, match=r"m\.mcap is no MCAP bag"):
+            load_motion(path)
+
+
+def test_bag_of_other_messages(tmp_path: Path) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    store = typestore()
+    name = "std_msgs/msg/String"
+    folder = tmp_path / "bag"
+    with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/chatter", name, typestore=store)
+        text = store.types[name](data="hello")
+        writer.write(connection, 0, store.serialize_cdr(text, name))
+    with pytest.raises(ScenarioError, match="holds 0 messages"):
+        load_motion(folder / "bag.mcap")
+
+
+def test_missing_package_is_named(
+    motion: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
+    with pytest.raises(MissingDependency, match=r"tominpmp\[ros\]"):
+        export(motion, tmp_path / "m.mcap")
+    assert list(tmp_path.iterdir()) == []
