@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from tominpmp.datasheets import OVERRIDES, published_limits, published_values
 from tominpmp.description.files import RobotFiles, check_folders, find_robot
 from tominpmp.description.groups import JointGroups, group_locks, warn_of_passive
+from tominpmp.description.inertials import warn_of_inertia
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import JointValues, check_gravity
 from tominpmp.description.linkage import Linkage
@@ -212,6 +213,7 @@ def load_robot(
         motion_limits=published_limits(published, joint_names),
     )
     check_inertia(robot.model, table, matrix, offset, urdf)
+    warn_of_inertia(robot.model, source.description.xml, urdf)
     if source.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
         warn_of_passive(source.semantics.groups.passive, motors)
