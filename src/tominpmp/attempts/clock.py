@@ -18,7 +18,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import STOPPED, Attempt
-from tominpmp.attempts.guessed import EXCHANGES, NEARLY, SMOOTHING_SHARE
+from tominpmp.attempts.guessed import EXCHANGES, FAR, NEARLY, SMOOTHING_SHARE
 from tominpmp.attempts.watch import Watch
 from tominpmp.exceptions import OptionsError
 from tominpmp.linear_programs import make_solver
@@ -188,10 +188,14 @@ class Deadline:
         seen = replace(record, start=self.watch.start, seconds=self.watch.seconds)
         if callback is not None and callback(seen):
             return Status.INTERRUPTED
-        within = record.violation <= self.options.feasibility
-        if within and record.duration <= self.goal * (1.0 + 1e-12):
+        there = record.duration <= self.goal * (1.0 + 1e-12)
+        if there and record.violation <= self.options.feasibility:
             return Status.FEASIBLE
-        return Status.TIME_LIMIT if self.over else None
+        if self.over:
+            return Status.TIME_LIMIT
+        # Nearly admissible and still slower: it takes another period.
+        slower = not there and record.violation <= FAR
+        return Status.STALLED if slower and record.iteration > 0 else None
 
 
 def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
@@ -232,11 +236,11 @@ def _bring(
     assert period is not None  # noqa: S101
     system = System.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
     guess = former_motion(system, motion)
-    intervals = motion.t.size - 1
+    nodes, intervals = motion.t, motion.t.size - 1
     count = max(ticks_of(motion.duration, period), FEWEST)
     last = Clocked(Status.INFEASIBLE)
     for attempt in range(TRIES):
-        ticks = Ticks.near(period, count, motion.t, intervals)
+        ticks = Ticks.near(period, count, nodes, intervals)
         program, z, result = _solve(system, options, guess, ticks, monitor)
         history = (*last.history, *result.history)
         logger.info(
@@ -255,19 +259,15 @@ def _bring(
         if result.status in STOPPED or monitor.over:
             stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
             return replace(last, status=stopped)
-        count = _next_count(count, attempt, ticks, result)
+        needed = ticks_of(result.iterate.duration, period)
+        if result.iterate.violation <= FAR and needed > count:
+            count = needed
+            guess = former_motion(system, program.trajectory(result.iterate.z))
+            continue
+        count += 1 + int(LONGER[min(attempt, len(LONGER) - 1)] * count)
         if z is not None or result.best is None:
             intervals = min(2 * intervals, max(intervals, MOST_INTERVALS))
     return last
-
-
-def _next_count(count: int, attempt: int, ticks: Ticks, result: SlpResult) -> int:
-    """Number of periods of the next try."""
-    if result.best is not None:
-        needed = ticks_of(result.best.duration, ticks.period)
-        if needed > count:
-            return needed
-    return count + 1 + int(LONGER[min(attempt, len(LONGER) - 1)] * count)
 
 
 def _solve(

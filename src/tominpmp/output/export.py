@@ -44,8 +44,9 @@ from tominpmp.output.tables import (
 from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.trajectory import Samples, Trajectory
 
-# Motions of an hour at 1 kHz fit in.
-MAX_BYTES = 2**30
+# Tables as large as :mod:`~tominpmp.output.tables` reads them fit in, and messages of
+# as many values as YAML may have.
+MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
 
 
 def export(
@@ -184,7 +185,8 @@ def load_motion(
         check_interpolation(interpolation)
     path = checked_path(path)
     try:
-        content = read(read_bytes(path, MAX_BYTES), path)
+        largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
+        content = read(read_bytes(path, largest), path)
         if is_message(path):
             samples = message_motion(content, path)
         else:
@@ -205,7 +207,7 @@ def load_message(path: str | Path) -> Any:
     """
     parse = _chosen(PARSERS, path)
     path = checked_path(path)
-    return parse(read_bytes(path, MAX_BYTES), path)
+    return parse(read_bytes(path, MAX_MESSAGE), path)
 
 
 def message_motion(message: Any, path: Path) -> Samples:

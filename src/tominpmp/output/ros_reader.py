@@ -15,6 +15,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
+from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.output.ros import POINT_FIELDS
 from tominpmp.sampling import BILLION
@@ -45,6 +46,9 @@ def parse_json(content: bytes, path: Path) -> Any:
     Raises:
         ScenarioError: If it is none.
     """
+    # No value without a sign that opens or ends it; small ones would fill the memory.
+    if sum(map(content.count, (b"[", b"{", b",", b":"))) > MAX_VALUES:
+        raise ScenarioError(f"{path} holds more than {MAX_VALUES} values", path)
     try:
         return json.loads(content)
     except (ValueError, RecursionError) as error:

@@ -10,21 +10,32 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.description.fields import shown
 from tominpmp.exceptions import ScenarioError
 from tominpmp.trajectory import Samples
 
 QUANTITIES = ("q", "v", "a", "u")
-# Arrays of motions of an hour at 1 kHz fit in; a small archive may hold any number of
-# zeros.
-MAX_ARRAY = 2**28
+# Motions of an hour at 1 kHz have fewer rows. A small archive may hold any number of
+# zeros, and a small file any number of empty rows.
+MAX_ROWS = 5_000_000
+# Numbers of all rows together: what Python and copies add is some times as much.
+MAX_NUMBERS = 2**24
+# What an archive may have besides, and the bytes of names and headers in it.
+MAX_MEMBERS, MAX_NAMES = 100, 2**20
+# A longer line is none of a motion [characters].
+LONGEST_LINE = 2**20
+# Rows that are converted together.
+BATCH = 10_000
 
 
 def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[str]:
@@ -61,25 +72,71 @@ def read_csv(content: bytes, path: Path) -> Samples:
     Raises:
         ScenarioError: If it is none, with line and column.
     """
+    # Line by line: as texts, a table takes ten times its memory.
+    file = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", newline="")
+    lines = csv.reader(_short_lines(file, path), strict=True)
     try:
-        text = content.decode("utf-8-sig")
-        lines = list(csv.reader(io.StringIO(text), strict=True))
+        header = next(lines, [])
+        joint_names, quantities = _header(header, path)
+        table = _table(lines, header, path)
     except (UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path} is no CSV file: {error}", path) from error
-    header = lines[0] if lines else []
-    joint_names, quantities = _header(header, path)
-    rows = [
-        _numbers(line, number, header, path)
-        for number, line in enumerate(lines[1:], start=2)
-        if line
-    ]
-    table = np.array(rows, dtype=np.float64).reshape(-1, len(header))
     n = len(joint_names)
     parts = dict.fromkeys(QUANTITIES, np.full((len(table), n), np.nan))
     for i, key in enumerate(quantities):
         parts[key] = table[:, 1 + i * n : 1 + (i + 1) * n]
     q, v, a, u = (parts[key] for key in QUANTITIES)
     return Samples(joint_names, table[:, 0], q, v, a, u)
+
+
+def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
+    """The lines of a file, of which none may be too long, and not too many be there."""
+    number = 0
+    while line := file.readline(LONGEST_LINE):
+        number += 1
+        if len(line) == LONGEST_LINE or number > MAX_ROWS + 1:
+            raise ScenarioError(
+                f"{path}, line {number}: more than {LONGEST_LINE} characters in a "
+                f"line, or {MAX_ROWS} rows",
+                path,
+            )
+        yield line
+
+
+def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
+    """The numbers below the header, one row a line."""
+    parts: list[Array] = []
+    batch: list[tuple[int, list[str]]] = []
+    rows, most = 0, MAX_NUMBERS // len(header)
+    for number, line in enumerate(lines, start=2):
+        if not line:
+            continue
+        rows += 1
+        if rows > most:
+            raise ScenarioError(f"{path} holds more than {MAX_NUMBERS} numbers", path)
+        batch.append((number, line))
+        if len(batch) == BATCH:
+            parts.append(_batch(batch, header, path))
+            batch = []
+    parts.append(_batch(batch, header, path))
+    return np.concatenate(parts)
+
+
+def _batch(batch: list[tuple[int, list[str]]], header: list[str], path: Path) -> Array:
+    """Convert rows, with the number of the line of each."""
+    for number, line in batch:
+        if len(line) != len(header):
+            raise ScenarioError(
+                f"{path}, line {number}: {len(line)} values for {len(header)} columns",
+                path,
+            )
+    words = itertools.chain.from_iterable(line for _, line in batch)
+    try:
+        found = np.fromiter(map(float, words), np.float64)
+    except ValueError:
+        rows = [_numbers(line, number, header, path) for number, line in batch]
+        found = np.array(rows, dtype=np.float64)
+    return found.reshape(-1, len(header))
 
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -102,10 +159,6 @@ def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, 
 def _numbers(
     line: list[str], number: int, header: list[str], path: Path
 ) -> list[float]:
-    if len(line) != len(header):
-        raise ScenarioError(
-            f"{path}, line {number}: {len(line)} values for {len(header)} columns", path
-        )
     row = []
     for column, word in zip(header, line, strict=True):
         try:
@@ -127,6 +180,8 @@ def read_npz(content: bytes, path: Path) -> Samples:
     """
     keys = ("joint_names", "t", *QUANTITIES)
     try:
+        if content.count(b"PK\x01\x02") > MAX_MEMBERS:
+            raise ValueError(f"it has more than {MAX_MEMBERS} members")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             files = [name.removesuffix(".npy") for name in archive.namelist()]
             arrays = {key: _array(archive, key) for key in keys if key in files}
@@ -156,21 +211,23 @@ def read_npz(content: bytes, path: Path) -> Samples:
 def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:
     """Read an array, if it is as long as it says, which may be less than it takes."""
     info = archive.getinfo(f"{key}.npy")
-    if info.file_size > MAX_ARRAY:
-        raise ValueError(
-            f"{key} takes {info.file_size} bytes, expected {MAX_ARRAY} at most"
-        )
-    content = archive.read(info)
-    file = io.BytesIO(content)
-    version = np.lib.format.read_magic(file)
+    most = MAX_NAMES if key == "joint_names" else 8 * MAX_NUMBERS // len(QUANTITIES)
+    if info.file_size > most + MAX_NAMES:
+        raise ValueError(f"{key} takes {info.file_size} bytes, expected {most} at most")
     form = np.lib.format
-    header = (
-        form.read_array_header_1_0 if version[0] == 1 else form.read_array_header_2_0
-    )
-    shape, _, dtype = header(file)
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize > len(content):
+    with archive.open(info) as file:
+        version = form.read_magic(file)
+        header = (
+            form.read_array_header_1_0
+            if version[0] == 1
+            else form.read_array_header_2_0
+        )
+        shape, columnwise, dtype = header(file)
+        content = file.read()
+    count = math.prod(shape)
+    if dtype.hasobject or count * dtype.itemsize != len(content) or not dtype.itemsize:
         raise ValueError(f"{key} says that it holds {shape} values of {dtype}")
-    array: np.ndarray[Any, Any] = form.read_array(
-        io.BytesIO(content), allow_pickle=False
-    )
-    return array
+    if count > most // 8:
+        raise ValueError(f"{key} holds {count} values, expected {most // 8} at most")
+    found = np.frombuffer(content, dtype)
+    return found.reshape(shape, order="F" if columnwise else "C")

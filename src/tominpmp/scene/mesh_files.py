@@ -1,9 +1,16 @@
-"""Reading triangle meshes from files: STL and OBJ, others by trimesh."""
+"""Reading triangle meshes from files: STL and OBJ, others by trimesh.
+
+Files come from downloads, so they are read in bounded time and memory: limits on their
+size and on the number of their vertices and triangles, and no archives.
+"""
 
 from __future__ import annotations
 
+import io
 import struct
 import warnings
+from array import array
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,8 +19,16 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 
-# A mesh with more would take minutes and gigabytes [bytes].
-MAX_BYTES = 200_000_000
+# A mesh with more would take minutes and gigabytes, also in a collision checker.
+MAX_BYTES = 100_000_000
+MAX_TRIANGLES = 1_000_000
+# Formats that other packages read take a multiple of their size.
+MAX_OTHER_BYTES = 20_000_000
+OTHERS = (".dae", ".glb", ".gltf", ".off", ".ply")
+# What archives begin with: a small one may hold any amount.
+ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
+# A longer line is none of a mesh [bytes].
+LONGEST_LINE = 100_000
 STL_HEADER = 84
 STL_TRIANGLE = 50
 
@@ -26,7 +41,7 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
     """Read a mesh.
 
     Args:
-        path: STL or OBJ file, or another that the package trimesh knows.
+        path: STL or OBJ file; DAE, GLB, glTF, OFF or PLY with the package trimesh.
 
     Returns:
         Vertices, shape (k, 3), in the units of the file, and corners of the triangles,
@@ -36,13 +51,16 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
         MeshFileError: If it cannot be read.
     """
     try:
+        suffix = path.suffix.lower()
+        largest = MAX_BYTES if suffix in (".stl", ".obj") else MAX_OTHER_BYTES
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise MeshFileError(f"it has {size} bytes, more than {MAX_BYTES}")
+        if size > largest:
+            raise MeshFileError(f"it has {size} bytes, more than {largest}")
         data = path.read_bytes()
     except OSError as error:
         raise MeshFileError(error.strerror or str(error)) from error
-    suffix = path.suffix.lower()
+    if data.startswith(ARCHIVES):
+        raise MeshFileError("it is an archive, expected a mesh")
     if suffix == ".stl":
         return _read_stl(data)
     if suffix == ".obj":
@@ -54,6 +72,7 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
     if len(data) >= STL_HEADER:
         count = struct.unpack("<I", data[80:STL_HEADER])[0]
         if len(data) == STL_HEADER + STL_TRIANGLE * count:
+            _check_count(count)
             kind = np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
             table = np.frombuffer(data, kind, count, STL_HEADER)
             return _merged(table["v"].astype(np.float64).reshape(-1, 3))
@@ -62,14 +81,30 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
             "it is no STL file: it neither begins with 'solid' nor has as many bytes "
             "as a binary one with its number of triangles"
         )
-    numbers = []
-    for number, line in enumerate(data.splitlines(), 1):
-        words = line.split()
-        if words and words[0] == b"vertex":
-            numbers.append(_floats(words[1:4], number))
-    if len(numbers) % 3:
+    numbers = array("d")
+    for number, words in _lines(data):
+        if words[0] == b"vertex":
+            numbers.extend(_floats(words[1:4], number))
+            _check_count(len(numbers) // 9)
+    if len(numbers) % 9:
         raise MeshFileError("the number of vertices is not a multiple of three")
     return _merged(np.array(numbers, dtype=np.float64).reshape(-1, 3))
+
+
+def _lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
+    """Numbers and words of the lines that are not empty."""
+    file, number = io.BytesIO(data), 0
+    while line := file.readline(LONGEST_LINE):
+        number += 1
+        if len(line) == LONGEST_LINE:
+            raise MeshFileError(f"line {number} is longer than {LONGEST_LINE} bytes")
+        if words := line.split():
+            yield number, words
+
+
+def _check_count(triangles: int) -> None:
+    if triangles > MAX_TRIANGLES:
+        raise MeshFileError(f"it has more than {MAX_TRIANGLES} triangles")
 
 
 def _merged(points: Array) -> tuple[Array, IntArray]:
@@ -88,32 +123,44 @@ def _floats(words: list[bytes], number: int) -> list[float]:
 
 
 def _read_obj(data: bytes) -> tuple[Array, IntArray]:
-    vertices: list[list[float]] = []
-    triangles: list[tuple[int, int, int]] = []
-    for number, line in enumerate(data.splitlines(), 1):
-        words = line.split()
-        if not words:
-            continue
+    vertices, corners = array("d"), array("q")
+    for number, words in _lines(data):
         if words[0] == b"v":
-            vertices.append(_floats(words[1:4], number))
+            vertices.extend(_floats(words[1:4], number))
+            # Each triangle has three vertices of its own at most.
+            _check_count(len(vertices) // 9)
         elif words[0] == b"f":
-            try:
-                corners = [int(word.split(b"/")[0]) for word in words[1:]]
-            except ValueError as error:
-                raise MeshFileError(f"line {number}: a corner is no number") from error
-            face = [c - 1 if c > 0 else len(vertices) + c for c in corners]
-            if len(face) < 3:
-                raise MeshFileError(f"line {number}: a face has three corners or more")
-            if not all(0 <= corner < len(vertices) for corner in face):
-                raise MeshFileError(f"line {number}: there is no such vertex")
-            triangles += [(face[0], a, b) for a, b in pairwise(face[1:])]
+            face = _face(words[1:], len(vertices) // 3, number)
+            for a, b in pairwise(face[1:]):
+                corners.extend((face[0], a, b))
+            _check_count(len(corners) // 3)
     return (
         np.array(vertices, dtype=np.float64).reshape(-1, 3),
-        np.array(triangles, dtype=np.int64).reshape(-1, 3),
+        np.array(corners, dtype=np.int64).reshape(-1, 3),
     )
 
 
+def _face(words: list[bytes], vertices: int, number: int) -> list[int]:
+    """Indices of the corners of a face among the vertices before it."""
+    try:
+        corners = [int(word.split(b"/")[0]) for word in words]
+    except ValueError as error:
+        raise MeshFileError(f"line {number}: a corner is no number") from error
+    face = [c - 1 if c > 0 else vertices + c for c in corners]
+    if len(face) < 3:
+        raise MeshFileError(f"line {number}: a face has three corners or more")
+    if not all(0 <= corner < vertices for corner in face):
+        raise MeshFileError(f"line {number}: there is no such vertex")
+    return face
+
+
 def _read_other(path: Path) -> tuple[Array, IntArray]:
+    if path.suffix.lower() not in OTHERS:
+        known = ", ".join((".stl", ".obj", *OTHERS))
+        raise MeshFileError(
+            f"meshes are not read from {path.suffix or 'files without ending'}; there "
+            f"are: {known}"
+        )
     try:
         import trimesh
     except ImportError as error:
@@ -125,6 +172,7 @@ def _read_other(path: Path) -> tuple[Array, IntArray]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of files that break their standard
             mesh: Any = trimesh.load(path, force="mesh", process=False)
+            _check_count(max(len(mesh.faces), len(mesh.vertices) // 3))
             vertices = np.array(mesh.vertices, dtype=np.float64)
             return vertices, np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # whatever a mesh reader may raise
