@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import logging
 import os
 import tempfile
+import zipfile
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision import decomposition
 from tominpmp.collision.decomposition import Pieces
+from tominpmp.exceptions import brief
 
 logger = logging.getLogger(__name__)
 
 # Where pieces are kept instead of the user's cache folder.
 FOLDER_VARIABLE = "TOMINPMP_CACHE"
 # To be raised when the same mesh is cut in another way.
-VERSION = 1
-# Larger files are not ours [bytes].
+VERSION = 2
+# Larger files are not ours [bytes], nor are those that grow to more.
 MAX_BYTES = 20_000_000
+# Pieces have the extent of their mesh, but for rounding, as a share of it.
+ROUNDING = 1e-9
 
 
 def cache_folder() -> Path:
@@ -76,7 +79,7 @@ def pieces_of(mesh: Any) -> Pieces | None:
 @lru_cache(maxsize=256)
 def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     path = folder / f"{content.key}.npz"
-    found = _read(path)
+    found = _read(path, np.array(content.mesh.vertices(), dtype=np.float64))
     if found is not None:
         return found
     pieces = decomposition.decompose(content.mesh)
@@ -90,50 +93,82 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     return pieces
 
 
-def _read(path: Path) -> Pieces | None:
+def _read(path: Path, vertices: Array) -> Pieces | None:
+    """Pieces of a mesh from a file; None if it is not there or not theirs."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
             return None
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
+        with zipfile.ZipFile(path) as archive:
+            if sum(item.file_size for item in archive.infolist()) > MAX_BYTES:
+                raise ValueError("it is larger than ours")
+        with np.load(path, allow_pickle=False) as data:
             points, counts = data["points"], data["counts"]
-            outward, inward = data["deviation"].tolist()
+            deviation, checksum = data["deviation"], data["checksum"]
     except Exception as error:  # whatever a broken file may raise
-        logger.warning("the cached pieces %s cannot be read: %s", path, error)
+        logger.warning("the cached pieces %s cannot be read: %s", path, brief(error))
         return None
-    good = (
-        points.ndim == 2
-        and points.shape[1] == 3
-        and np.issubdtype(points.dtype, np.floating)
-        and bool(np.all(np.isfinite(points)))
-        and int(np.sum(counts)) == len(points)
-        and bool(np.all(counts >= 4))
-    )
-    if not good:
+    same = bytes(checksum.tobytes()) == _checksum(points, counts, deviation)
+    if not (same and _sound(points, counts, deviation, vertices)):
         logger.warning("the cached pieces %s make no sense", path)
         return None
     corners: list[Array] = np.split(points, np.cumsum(counts)[:-1])
-    return Pieces(tuple(corners), outward, inward)
+    return Pieces(tuple(corners), *deviation.tolist())
+
+
+def _sound(points: Any, counts: Any, deviation: Any, vertices: Array) -> bool:
+    """Whether arrays are those of pieces that a mesh may have been cut into."""
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        return False
+    if points.dtype != np.float64 or counts.dtype.kind not in "iu" or counts.ndim != 1:
+        return False
+    if deviation.shape != (2,) or deviation.dtype != np.float64:
+        return False
+    if not (np.all(counts >= 4) and int(np.sum(counts)) == len(points)):
+        return False
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    off = max(
+        float(np.max(np.abs(points.min(axis=0) - low))),
+        float(np.max(np.abs(points.max(axis=0) - high))),
+    )
+    # No number compares with NaN.
+    return off <= ROUNDING * size and bool(
+        np.all((deviation >= 0.0) & (deviation <= size))
+    )
+
+
+def _checksum(*parts: Any) -> bytes:
+    """Digest of arrays, with their shapes and types."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(f"{part.dtype.str} {part.shape} ".encode())
+        digest.update(np.ascontiguousarray(part).tobytes())
+    return digest.digest()
 
 
 def _write(path: Path, pieces: Pieces) -> None:
     """Write a file that is either whole or not there; failing is no misfortune."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=path.stem[:8], suffix=".tmp", delete=False
-        ) as file:
-            try:
-                np.savez_compressed(
-                    file,
-                    points=np.concatenate(pieces.corners),
-                    counts=np.array([len(piece) for piece in pieces.corners]),
-                    deviation=np.array([pieces.outward, pieces.inward]),
-                )
-                file.close()
-                Path(file.name).replace(path)
-            except BaseException:
-                file.close()
-                Path(file.name).unlink(missing_ok=True)
-                raise
+        handle, name = tempfile.mkstemp(".tmp", path.stem[:8], path.parent)
+        draft = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                _save(file, pieces)
+            draft.replace(path)
+        except BaseException:
+            # Closing a file may fail, too, where the disk is full.
+            draft.unlink(missing_ok=True)
+            raise
     except OSError as error:
         logger.warning("convex pieces cannot be kept in %s: %s", path.parent, error)
+
+
+def _save(file: BinaryIO, pieces: Pieces) -> None:
+    points = np.concatenate(pieces.corners).astype(np.float64)
+    counts = np.array([len(piece) for piece in pieces.corners])
+    deviation = np.array([pieces.outward, pieces.inward], dtype=np.float64)
+    checksum = np.frombuffer(_checksum(points, counts, deviation), np.uint8)
+    np.savez_compressed(
+        file, points=points, counts=counts, deviation=deviation, checksum=checksum
+    )

@@ -6,11 +6,12 @@ size and on the number of their vertices and triangles, and no archives.
 
 from __future__ import annotations
 
-import io
+import re
 import struct
 import warnings
 from array import array
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,9 @@ OTHERS = (".dae", ".glb", ".gltf", ".off", ".ply")
 ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
 # A longer line is none of a mesh [bytes].
 LONGEST_LINE = 100_000
+NEWLINE = b"\n"
+# A line with anything in it; empty ones, of which there may be millions, are passed.
+_LINE = re.compile(rb"[^\s][^\r\n]*")
 STL_HEADER = 84
 STL_TRIANGLE = 50
 
@@ -82,24 +86,34 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
             "as a binary one with its number of triangles"
         )
     numbers = array("d")
-    for number, words in _lines(data):
+    for place, words in _lines(data):
         if words[0] == b"vertex":
-            numbers.extend(_floats(words[1:4], number))
+            numbers.extend(_floats(words[1:4], place))
             _check_count(len(numbers) // 9)
     if len(numbers) % 9:
         raise MeshFileError("the number of vertices is not a multiple of three")
     return _merged(np.array(numbers, dtype=np.float64).reshape(-1, 3))
 
 
-def _lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
-    """Numbers and words of the lines that are not empty."""
-    file, number = io.BytesIO(data), 0
-    while line := file.readline(LONGEST_LINE):
-        number += 1
-        if len(line) == LONGEST_LINE:
-            raise MeshFileError(f"line {number} is longer than {LONGEST_LINE} bytes")
-        if words := line.split():
-            yield number, words
+def _lines(data: bytes) -> Iterator[tuple[_Place, list[bytes]]]:
+    """Places and words of the lines that are not empty."""
+    for found in _LINE.finditer(data):
+        place = _Place(data, found.start())
+        if found.end() - found.start() > LONGEST_LINE:
+            raise MeshFileError(f"{place} is longer than {LONGEST_LINE} bytes")
+        yield place, found.group().split()
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a line is; its number is counted when it is asked for."""
+
+    data: bytes
+    begin: int
+
+    def __str__(self) -> str:
+        """Name the line."""
+        return f"line {self.data.count(NEWLINE, 0, self.begin) + 1}"
 
 
 def _check_count(triangles: int) -> None:
@@ -112,25 +126,25 @@ def _merged(points: Array) -> tuple[Array, IntArray]:
     return vertices, corners.reshape(-1, 3).astype(np.int64)
 
 
-def _floats(words: list[bytes], number: int) -> list[float]:
+def _floats(words: list[bytes], place: _Place) -> list[float]:
     try:
         found = [float(word) for word in words]
     except ValueError:
         found = []
     if len(found) != 3:
-        raise MeshFileError(f"line {number}: expected three numbers")
+        raise MeshFileError(f"{place}: expected three numbers")
     return found
 
 
 def _read_obj(data: bytes) -> tuple[Array, IntArray]:
     vertices, corners = array("d"), array("q")
-    for number, words in _lines(data):
+    for place, words in _lines(data):
         if words[0] == b"v":
-            vertices.extend(_floats(words[1:4], number))
+            vertices.extend(_floats(words[1:4], place))
             # Each triangle has three vertices of its own at most.
             _check_count(len(vertices) // 9)
         elif words[0] == b"f":
-            face = _face(words[1:], len(vertices) // 3, number)
+            face = _face(words[1:], len(vertices) // 3, place)
             for a, b in pairwise(face[1:]):
                 corners.extend((face[0], a, b))
             _check_count(len(corners) // 3)
@@ -140,17 +154,17 @@ def _read_obj(data: bytes) -> tuple[Array, IntArray]:
     )
 
 
-def _face(words: list[bytes], vertices: int, number: int) -> list[int]:
+def _face(words: list[bytes], vertices: int, place: _Place) -> list[int]:
     """Indices of the corners of a face among the vertices before it."""
     try:
         corners = [int(word.split(b"/")[0]) for word in words]
     except ValueError as error:
-        raise MeshFileError(f"line {number}: a corner is no number") from error
+        raise MeshFileError(f"{place}: a corner is no number") from error
     face = [c - 1 if c > 0 else vertices + c for c in corners]
     if len(face) < 3:
-        raise MeshFileError(f"line {number}: a face has three corners or more")
+        raise MeshFileError(f"{place}: a face has three corners or more")
     if not all(0 <= corner < vertices for corner in face):
-        raise MeshFileError(f"line {number}: there is no such vertex")
+        raise MeshFileError(f"{place}: there is no such vertex")
     return face
 
 
