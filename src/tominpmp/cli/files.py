@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import count
@@ -111,10 +112,12 @@ class Targets:
         files: dict[str, str] = {}
         found = None
         if self.motion is not None:
-            found = self._export(solution, self.motion)
+            with self._rescued(solution, self.motion):
+                found = self._export(solution, self.motion)
             files["motion"] = str(self.motion)
         if self.to_stdout:
-            found = self._stream(solution)
+            with self._rescued(solution, Path(DEFAULT_MOTION)):
+                found = self._stream(solution)
         if self.plot is not None:
             solution.plot(self.plot)
             files["plot"] = str(self.plot)
@@ -125,6 +128,45 @@ class Targets:
             solution.plot_certificate(self.certificate)
             files["certificate plot"] = str(self.certificate)
         return files, found
+
+    @contextmanager
+    def _rescued(self, solution: Solution, path: Path) -> Iterator[None]:
+        """Where a motion cannot be written, keep it elsewhere, and say where.
+
+        Raises:
+            ScenarioError: If it cannot be written to its place.
+        """
+        try:
+            yield
+        except BrokenPipeError:
+            raise  # whoever was to read it has gone
+        except (ScenarioError, OSError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            kept = self._kept(solution, path)
+            where = "nowhere else either" if kept is None else f"kept in {kept}"
+            raise ScenarioError(f"{reason}; the motion is {where}", path) from error
+
+    def _kept(self, solution: Solution, path: Path) -> Path | None:
+        """Write a motion to a folder that takes it; None if there is none."""
+        tried = path.absolute().parent
+        for folder in (Path.cwd(), Path(tempfile.gettempdir())):
+            if folder == tried and self.motion is not None:
+                continue
+            try:
+                place = Path(tempfile.mkdtemp(prefix="tominpmp-", dir=folder))
+            except OSError:
+                continue
+            with suppress(ScenarioError, OSError):
+                return solution.export(
+                    place / path.name,
+                    dt=self.dt,
+                    with_effort=self.with_effort,
+                    message=self.message,
+                    verify=False,
+                )
+            with suppress(OSError):
+                place.rmdir()
+        return None
 
     def _export(self, solution: Solution, path: Path) -> ExportCheck:
         """Write the motion and judge the file."""

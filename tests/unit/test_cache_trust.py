@@ -1,0 +1,164 @@
+"""Convex pieces from the disk are believed only if they are those of the mesh."""
+
+from __future__ import annotations
+
+import errno
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pytest
+
+from tominpmp.collision import store
+
+Arrays = dict[str, np.ndarray]
+
+
+def bowl() -> Any:
+    """A mesh that is cut into several pieces: two boxes side by side."""
+    x = np.array([0.0, 0.1, 0.5, 0.6])
+    corners, triangles = [], []
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4))
+    quads = (*quads, (1, 5, 7, 3))
+    for low, high in ((x[0], x[1]), (x[2], x[3])):
+        first = len(corners)
+        corners += [(a, b, c) for a in (low, high) for b in (0, 0.1) for c in (0, 0.1)]
+        for a, b, c, d in quads:
+            triangles += [[first + i for i in t] for t in ((a, b, c), (a, c, d))]
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(triangles), len(corners))
+    for triangle in triangles:
+        mesh.addTriangle(*(np.array(corners[i], float) for i in triangle))
+    mesh.endModel()
+    return mesh
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The cache file of the mesh."""
+    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path))
+    store._known_pieces.cache_clear()
+    assert store.pieces_of(bowl()) is not None
+    store._known_pieces.cache_clear()
+    (path,) = tmp_path.iterdir()
+    return path
+
+
+def scaled(arrays: Arrays) -> None:
+    arrays["points"] = 0.5 * arrays["points"]
+
+
+def moved(arrays: Arrays) -> None:
+    arrays["points"] = arrays["points"] + 1e-3
+
+
+def unsure(arrays: Arrays) -> None:
+    arrays["deviation"] = np.array([np.nan, 0.0])
+
+
+def negative(arrays: Arrays) -> None:
+    arrays["deviation"] = np.array([0.0, -1.0])
+
+
+def endless(arrays: Arrays) -> None:
+    arrays["deviation"] = np.array([np.inf, 0.0])
+
+
+def whole_counts(arrays: Arrays) -> None:
+    arrays["counts"] = arrays["counts"].astype(float)
+
+
+def single(arrays: Arrays) -> None:
+    arrays["points"] = arrays["points"].astype(np.float32)
+
+
+@pytest.mark.parametrize("sealed", [False, True], ids=["", "with its checksum"])
+@pytest.mark.parametrize(
+    "spoil", [scaled, moved, unsure, negative, endless, whole_counts, single]
+)
+def test_wrong_pieces_are_cut_anew(
+    spoil: Callable[[Arrays], None],
+    sealed: bool,
+    kept: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    mesh = bowl()
+    with np.load(kept) as data:
+        sound = dict(data)
+    wrong = dict(sound)
+    spoil(wrong)
+    if sealed:
+        parts = (wrong["points"], wrong["counts"], wrong["deviation"])
+        wrong["checksum"] = np.frombuffer(store._checksum(*parts), np.uint8)
+    np.savez(kept, **wrong)
+    pieces = store.pieces_of(mesh)
+    assert "make no sense" in caplog.text
+    np.testing.assert_array_equal(np.concatenate(pieces.corners), sound["points"])
+    assert [pieces.outward, pieces.inward] == sound["deviation"].tolist()
+    # The file is mended.
+    store._known_pieces.cache_clear()
+    caplog.clear()
+    store.pieces_of(mesh)
+    assert not caplog.text
+
+
+def test_shuffled_corners_are_noticed(
+    kept: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with np.load(kept) as data:
+        arrays = dict(data)
+    arrays["points"] = arrays["points"][::-1]
+    np.savez(kept, **arrays)
+    assert store.pieces_of(bowl()) is not None
+    assert "make no sense" in caplog.text
+
+
+def test_a_cache_file_that_grows_is_not_read(
+    kept: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with zipfile.ZipFile(kept, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("points.npy", bytes(2 * store.MAX_BYTES))
+    assert store.pieces_of(bowl()) is not None
+    assert "cannot be read" in caplog.text
+
+
+@pytest.mark.parametrize("step", ["write", "close", "replace"])
+def test_a_full_disk_leaves_nothing(
+    step: str,
+    kept: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    kept.unlink()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    if step == "write":
+        monkeypatch.setattr(np, "savez_compressed", full)
+    elif step == "replace":
+        monkeypatch.setattr(Path, "replace", full)
+    else:
+        opened = os.fdopen
+
+        def closing(handle: int, mode: str) -> Any:
+            file = opened(handle, mode, buffering=0)
+
+            class File:
+                def __enter__(self) -> Any:
+                    return file
+
+                def __exit__(self, *_: object) -> None:
+                    file.close()
+                    full()
+
+            return File()
+
+        monkeypatch.setattr(store.os, "fdopen", closing)
+    assert store.pieces_of(bowl()) is not None
+    assert "cannot be kept" in caplog.text
+    assert not list(kept.parent.iterdir())
