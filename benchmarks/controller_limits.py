@@ -1,11 +1,11 @@
-"""A Panda with the acceleration, jerk and torque-rate limits of its data sheet.
+"""Arms with the limits of their data sheets: accelerations, jerks, torque rates.
 
-Random joint goals, drawn as in benchmarks/random_goals.py. Each is planned with the
-limits of examples/panda_motion_limits.yaml and, as a bound from below, without them.
-What the motion does is computed anew from its positions, by differences.
+Random joint goals, drawn as in benchmarks/random_goals.py, without those that touch
+themselves. Each is planned with ``limits="datasheet"`` and without; what the motions do
+is computed anew from their positions, by differences.
 
     python -m benchmarks.controller_limits
-    python -m benchmarks.controller_limits --goals 20 --seed 1
+    python -m benchmarks.controller_limits --robots panda,ur5 --goals 5 --seed 1
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -18,22 +18,27 @@ one_thread()
 import argparse
 import statistics
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 import tominpmp as tm
-from benchmarks.random_goals import load_arm, sample_problems
+from benchmarks.random_goals import LOCKED_JOINTS, sample_problems
+from tominpmp.exceptions import ProblemError
 
-LIMITS = Path(__file__).parents[1] / "examples" / "panda_motion_limits.yaml"
+ROBOTS = ("panda", "ur3", "ur5", "ur10", "xarm7")
 COLUMNS = (
+    "robot",
     "goal",
     "status",
     "verified",
     "T",
-    "T_relaxed",
+    "T_free",
     "seconds",
-    "iterations",
+    "seconds_free",
+    "peak",
+    "peak_free",
     "acceleration",
     "jerk",
     "effort_rate",
@@ -61,58 +66,112 @@ def largest_shares(motion: tm.Trajectory, limits: tm.MotionLimits) -> list[float
     ]
 
 
+def problems(name: str, count: int, seed: int) -> Iterator[tuple[tm.Problem, ...]]:
+    """Pairs of problems: with the limits of the data sheet, and without."""
+    locked = LOCKED_JOINTS.get(name, {})
+    limited = tm.load_robot(name, locked_joints=locked, limits="datasheet")
+    free = tm.load_robot(name, locked_joints=locked)
+    made = 0
+    for q_start, q_goal in sample_problems(limited, 20 * count, seed):
+        goal = tm.JointGoal(q_goal)
+        try:
+            pair = tuple(tm.Problem(robot, q_start, goal) for robot in (limited, free))
+        except ProblemError:  # it touches itself there
+            continue
+        yield pair
+        made += 1
+        if made == count:
+            return
+
+
+def measure(name: str, number: int, pair: tuple[tm.Problem, ...]) -> list[object]:
+    """Plan both, and say what the motions do: a row of the sheet."""
+    found, seconds = [], []
+    for problem in pair:
+        begin = time.process_time()
+        found.append(tm.plan(problem))
+        seconds.append(time.process_time() - begin)
+    solution = found[0]
+    shares = [np.nan] * 3
+    if solution.trajectory is not None and pair[0].motion_limits is not None:
+        shares = largest_shares(solution.trajectory, pair[0].motion_limits)
+    judged = solution.verification
+    peaks = [
+        np.nan if s.peak_acceleration is None else s.peak_acceleration.value
+        for s in found
+    ]
+    return [
+        name,
+        number,
+        solution.status.name,
+        bool(solution.success and judged is not None and judged.ok),
+        *(s.T for s in found),
+        *seconds,
+        *peaks,
+        *shares,
+    ]
+
+
+def summary(rows: list[dict[str, object]], name: str) -> tuple[object, ...]:
+    """One row of the table: an arm."""
+    own = [row for row in rows if row["robot"] == name]
+    good = [row for row in own if row["verified"]]
+
+    def median(key: str) -> float:
+        return statistics.median(float(row[key]) for row in good)  # type: ignore[arg-type]
+
+    def most(key: str) -> float:
+        return max(float(row[key]) for row in good)  # type: ignore[arg-type]
+
+    slower = [float(r["T"]) / float(r["T_free"]) for r in good]  # type: ignore[arg-type]
+    return (
+        name,
+        f"{len(good)} / {len(own)}",
+        median("T_free"),
+        median("T"),
+        statistics.median(slower),
+        most("peak_free"),
+        most("peak"),
+        *(most(key) for key in ("acceleration", "jerk", "effort_rate")),
+        median("seconds_free"),
+        median("seconds"),
+        most("seconds"),
+    )
+
+
 def main() -> int:
     """Measure, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default=",".join(ROBOTS))
     parser.add_argument("--goals", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--csv", type=Path, default=Path("out/controller_limits.csv"))
     arguments = parser.parse_args()
-    robot = load_arm("panda")
-    limits = tm.load_motion_limits(LIMITS, robot)
+    names = arguments.robots.split(",")
     sheet = Sheet(arguments.csv, COLUMNS)
-    goals = sample_problems(robot, arguments.goals, arguments.seed)
-    tm.plan(
-        tm.Problem(robot, goals[0][0], tm.JointGoal(goals[0][1]), self_collision=False)
-    )  # loads libraries
-    for number, (q_start, q_goal) in enumerate(goals):
-        free = tm.Problem(robot, q_start, tm.JointGoal(q_goal), self_collision=False)
-        limited = tm.Problem(
-            robot,
-            q_start,
-            tm.JointGoal(q_goal),
-            motion_limits=limits,
-            self_collision=False,
-        )
-        begin = time.process_time()
-        solution = tm.plan(limited)
-        seconds = time.process_time() - begin
-        shares = [np.nan] * 3
-        if solution.trajectory is not None:
-            shares = largest_shares(solution.trajectory, limits)
-        row = [
-            number,
-            solution.status.name,
-            solution.success,
-            solution.T,
-            tm.plan(free).T,
-            seconds,
-            solution.iterations,
-            *shares,
-        ]
-        sheet.add(dict(zip(COLUMNS, row, strict=True)))
-    seconds_of_all = sheet.column("seconds")
-    slower = [row["T"] / row["T_relaxed"] for row in sheet.rows if row["verified"]]
-    cells = (
-        f"{len(slower)} / {len(sheet.rows)}",
-        statistics.median(seconds_of_all),
-        max(seconds_of_all),
-        statistics.median(slower),
-        min(slower),
-        *(max(sheet.column(name)) for name in COLUMNS[-3:]),
+    for name in names:
+        pairs = problems(name, arguments.goals, arguments.seed)
+        for number, pair in enumerate(pairs):
+            if not number:
+                tm.plan(pair[1])  # loads libraries
+            row = measure(name, number, pair)
+            sheet.add(dict(zip(COLUMNS, row, strict=True)))
+    header = (
+        "arm",
+        "verified",
+        "T free",
+        "T",
+        "ratio",
+        "peak free [rad/s²]",
+        "peak [rad/s²]",
+        "acceleration",
+        "jerk",
+        "torque rate",
+        "s free",
+        "s",
+        "max s",
     )
-    header = ("verified", "median s", "max s", "T / T without: median", "least")
-    print(markdown((*header, "acceleration", "jerk", "torque rate"), [cells]))
+    print(markdown(header, [summary(sheet.rows, name) for name in names]))
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from tominpmp.scenario.moveit_group import (
     unmoved,
     warn_of_unknown_joints,
 )
+from tominpmp.scenario.moveit_keys import REQUEST, warn_of_unread
 from tominpmp.scenario.moveit_scene import (
     Frames,
     load_moveit_scene,
@@ -47,8 +49,9 @@ def load_moveit(
     Tolerances up to 0.01 rad or m are taken for accuracy, and the goal is the middle of
     what they leave; wider ones make a goal region. Several sets of goal constraints are
     alternatives, of which any will do. All poses become those in the frame of the
-    robot's first link. A velocity scaling factor below 1 scales the
-    robot's speed limits.
+    robot's first link. Scaling factors below 1 scale the robot's limits of speeds and
+    of accelerations, if it has any. What the files say and is not read causes a
+    warning.
 
     Args:
         robot: The robot, or its name or path. Planned is the group of its SRDF file
@@ -74,6 +77,7 @@ def load_moveit(
     arm = _grouped_robot(robot, request, start)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
+    warn_of_unread(request, REQUEST)
     refuse_attached(state)
     frames = read_frames(scene_message, arm, state)
     _check_upright(frames, arm, scene_message)
@@ -81,7 +85,7 @@ def load_moveit(
     goal = read_goal(request, arm, frames, start)
     try:
         return Problem(
-            _scaled(arm, request.get("max_velocity_scaling_factor")),
+            _scaled(arm, request),
             np.array([start[name] for name in arm.joint_names]),
             goal,
             scene=scene,
@@ -200,6 +204,10 @@ def _refuse_unread(request: Field) -> None:
         for name, item in (request.get(key).value or {}).items():
             if isinstance(item, list) and item:
                 request.get(key).get(name).fail("constraints on the way are not read")
+    speed = request.get("max_cartesian_speed")
+    # MoveIt takes zero, and what is below it, for no limit.
+    if speed.given and speed.number() > 0.0:
+        speed.fail(f"is {speed.number():g}: speeds of links are not limited here")
 
 
 def _check_upright(frames: Frames, robot: Robot, message: Field) -> None:
@@ -212,9 +220,28 @@ def _check_upright(frames: Frames, robot: Robot, message: Field) -> None:
         )
 
 
-def _scaled(robot: Robot, factor: Field) -> Robot:
-    """Scale the speed limits; MoveIt takes whatever is not in (0, 1] for 1."""
-    value = factor.number() if factor.given else 1.0
-    if not 0.0 < value < 1.0:
+def _scaled(robot: Robot, request: Field) -> Robot:
+    """Scale limits of speeds and accelerations, as MoveIt does."""
+    speed = _factor(request.get("max_velocity_scaling_factor"))
+    if speed < 1.0:
+        robot = robot.with_changes(velocity=speed * robot.limits.velocity)
+    factor = request.get("max_acceleration_scaling_factor")
+    share, limits = _factor(factor), robot.motion_limits
+    if share == 1.0:
         return robot
-    return robot.with_changes(velocity=value * robot.limits.velocity)
+    if limits is None or limits.acceleration is None:
+        warnings.warn(
+            f"{factor.path}: {factor.key} is {share:g}, but the robot has no limits of "
+            "accelerations; give some, as by limits='datasheet'",
+            TominpmpWarning,
+            stacklevel=3,
+        )
+        return robot
+    accelerations = share * limits.by_joint("acceleration", robot.joint_names)
+    return replace(robot, motion_limits=replace(limits, acceleration=accelerations))
+
+
+def _factor(field: Field) -> float:
+    """A factor; MoveIt takes whatever is not in (0, 1] for 1."""
+    value = field.number() if field.given else 1.0
+    return value if 0.0 < value < 1.0 else 1.0

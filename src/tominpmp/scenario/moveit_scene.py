@@ -29,6 +29,7 @@ from tominpmp.exceptions import (
     brief,
 )
 from tominpmp.robot import Robot
+from tominpmp.scenario.moveit_keys import SCENE, warn_of_unread
 from tominpmp.scene import (
     Box,
     Cylinder,
@@ -207,6 +208,7 @@ def read_scene(message: Field, frames: Frames) -> Scene:
     refuse_attached(message.get("robot_state"))
     world = message.get("world")
     _warn_of_unread(message)
+    warn_of_unread(message, SCENE)
     octree = world.get("octomap").get("octomap").get("data")
     if octree.given:
         octree.fail("octrees are not read")
