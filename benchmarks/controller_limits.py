@@ -132,7 +132,8 @@ def summary(rows: list[dict[str, object]], name: str) -> tuple[object, ...]:
         statistics.median(slower),
         most("peak_free"),
         most("peak"),
-        *(most(key) for key in ("acceleration", "jerk", "effort_rate")),
+        # Nothing is published where the share of the limit is none.
+        *(most(key) or "–" for key in ("acceleration", "jerk", "effort_rate")),
         median("seconds_free"),
         median("seconds"),
         most("seconds"),

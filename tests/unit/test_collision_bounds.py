@@ -104,6 +104,7 @@ def test_balls_along_a_stick_are_small() -> None:
     np.testing.assert_allclose(found.cover_radius, 0.5 / BALLS + 0.05)
 
 
+@pytest.mark.filterwarnings("ignore:.*safety_controller")
 @pytest.mark.parametrize("name", ["panda", "ur5", "planar3r", "tiago"])
 def test_placements_are_those_of_pinocchio(name: str, rng: np.random.Generator) -> None:
     arm = load_robot(name)

@@ -31,6 +31,7 @@ from tominpmp.description.links import (
     read_materials,
     write_numbers,
 )
+from tominpmp.description.urdf_keys import warn_of_unread
 from tominpmp.description.xml_reader import XmlContext, read_xml
 from tominpmp.exceptions import brief
 
@@ -69,6 +70,8 @@ class JointDescription:
         damping: Viscous friction [N m s/rad or N s/m].
         friction: Dry friction [N m or N].
         mimic: The joint that it follows, if it does.
+        acceleration: Largest acceleration, or deceleration [rad/s^2 or m/s^2].
+        jerk: Largest jerk [rad/s^3 or m/s^3].
     """
 
     name: str
@@ -80,6 +83,8 @@ class JointDescription:
     damping: float
     friction: float
     mimic: Mimic | None
+    acceleration: float = math.nan
+    jerk: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,7 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
     if len(links) > MAX_LINKS:
         context.fail(f"has {len(links)} links, at most {MAX_LINKS} are read")
     _check_tree(links, joints, context)
+    warn_of_unread(root, links, joints, context)
 
     name = root.get("name", "").strip() or path.stem
     clean = Element("robot", name=name)
@@ -284,9 +290,16 @@ def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDesc
         lower, upper = (0.0 if math.isnan(x) else x for x in (lower, upper))
     velocity = context.limit(limit, "velocity", where)
     effort = context.limit(limit, "effort", where)
-    for quantity, value in (("velocity", velocity), ("effort", effort)):
+    # These are not in all versions of the format.
+    further = {
+        quantity: context.limit(limit, quantity, where)
+        for quantity in ("acceleration", "deceleration", "jerk")
+    }
+    given = {"velocity": velocity, "effort": effort, **further}
+    for quantity, value in given.items():
         if value < 0:
             context.fail(f"{where}: limit {quantity}={value:g} is negative")
+    slowing, jerk = further["deceleration"], further["jerk"]
     losses = joint.find("dynamics")
     damping = context.number(losses, "damping", where, low=0.0)
     friction = context.number(losses, "friction", where, low=0.0)
@@ -300,7 +313,14 @@ def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDesc
         damping,
         friction,
         _read_mimic(joint, context),
+        # One that is not given (NaN) leaves the other.
+        acceleration=min(further["acceleration"], slowing, key=_or_infinite),
+        jerk=jerk,
     )
+
+
+def _or_infinite(value: float) -> float:
+    return math.inf if math.isnan(value) else value
 
 
 def _read_mimic(joint: Element, context: XmlContext) -> Mimic | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from tominpmp.description.model import (
 from tominpmp.description.srdf import SemanticDescription, read_semantics
 from tominpmp.description.urdf import UrdfDescription, read_urdf
 from tominpmp.exceptions import OptionsError, RobotLoadError, brief
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.robot import Robot
 
 # Standard gravity in two decimals, as Pinocchio has it [m/s^2].
@@ -68,6 +70,25 @@ class RobotSource:
             )
         joints = [joint.name for joint in self.description.joints]
         return published_values(self.names, joints)
+
+    def motion_limits(
+        self, published: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
+    ) -> MotionLimits | None:
+        """Limits of accelerations and the like: published ones, else the URDF file's.
+
+        Args:
+            published: Values of the data sheet by quantity and joint name.
+            joint_names: Joints that move.
+        """
+        described: dict[str, dict[str, float]] = {"acceleration": {}, "jerk": {}}
+        for joint in self.description.joints:
+            for quantity, values in described.items():
+                value = getattr(joint, quantity)
+                if 0.0 < value < math.inf:  # zero is how files say "not known"
+                    values[joint.name] = value
+        own = published_limits(described, joint_names)
+        theirs = published_limits(published, joint_names)
+        return own if theirs is None else theirs.over(own, joint_names)
 
     def linkage(
         self, group: str | None, locked_joints: Mapping[str, float] | None
@@ -210,7 +231,7 @@ def load_robot(
         locked_joints=linkage.locked,
         srdf=source.semantics,
         description=source.description,
-        motion_limits=published_limits(published, joint_names),
+        motion_limits=source.motion_limits(published, joint_names),
     )
     check_inertia(robot.model, table, matrix, offset, urdf)
     warn_of_inertia(robot.model, source.description.xml, urdf)

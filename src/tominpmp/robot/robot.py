@@ -318,6 +318,7 @@ class Robot(Record):
             limits=table.limits(),
             damping=table.damping,
             armature=table.armature,
+            friction=table.friction,
             expansion_matrix=ties[0],
             expansion_offset=ties[1],
             locked_joints=linkage.locked,
