@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.exceptions import ProblemError, brief
 
 # How samples are joined, see Samples in tominpmp.trajectory.
@@ -45,10 +45,20 @@ def clock(duration: float, period: float) -> Array:
         multiple.
     """
     count = int(np.ceil(duration / period * (1.0 - 1e-9)))
-    ticks = np.arange(count, dtype=np.float64)
+    return np.append(multiples(np.arange(count), period), duration)
+
+
+def multiples(ticks: Array | IntArray, period: float) -> Array:
+    """Times of ticks: of whole nanoseconds where the period is.
+
+    Args:
+        ticks: Numbers of the ticks, shape (m,).
+        period: Time between ticks [s].
+
+    Returns:
+        Shape (m,) [s].
+    """
     whole = round(period * BILLION)
     if whole > 0 and whole / BILLION == period:
-        times = ticks * whole / BILLION
-    else:
-        times = ticks * period
-    return np.append(times, duration)
+        return np.asarray(ticks * float(whole) / BILLION)
+    return np.asarray(ticks * period, dtype=np.float64)

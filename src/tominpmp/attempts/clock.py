@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,7 +53,11 @@ FEWEST = 4
 NO_CLOCK = (*STOPPED, Status.UNVERIFIED)
 # A lower bound is mentioned if T is above it by less than this share.
 TELLING = 1.0
-# Intervals are halved where the replay of a motion is not all right, up to so many.
+# An iteration goes on while its last step has promised this share of what is missing.
+HOPE = 0.5
+# Intervals are halved where it takes more periods than so many more, by their share.
+DEAR = 0.01
+# They are as well where the replay of a motion is not all right, up to so many.
 MOST_INTERVALS = 400
 
 
@@ -193,9 +197,10 @@ class Deadline:
             return Status.FEASIBLE
         if self.over:
             return Status.TIME_LIMIT
-        # Nearly admissible and still slower: it takes another period.
-        slower = not there and record.violation <= FAR
-        return Status.STALLED if slower and record.iteration > 0 else None
+        # Nearly admissible, slower, and no hope of more: it takes another period.
+        missing = record.duration - self.goal
+        hopeless = record.violation <= FAR and record.predicted < HOPE * missing
+        return Status.STALLED if not there and hopeless else None
 
 
 def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
@@ -218,14 +223,61 @@ class Clocked:
         trajectory: The motion; None if there is none.
         verification: Its replay, or that of the last motion that did not pass.
         history: Records of all iterations.
-        violations: Largest violations of the last iterate by kind.
     """
 
     status: Status
     trajectory: Trajectory | None = None
     verification: Verification | None = None
     history: tuple[IterationRecord, ...] = ()
-    violations: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Try:
+    """What is tried.
+
+    Attributes:
+        count: Number of periods.
+        intervals: Number of intervals that are wanted at least.
+        guess: The motion to begin with.
+        fewest: Number of periods of the first try.
+        finer: Whether intervals were halved to need fewer periods.
+        fruitless: Number of tries that told nothing about how many it takes.
+    """
+
+    count: int
+    intervals: int
+    guess: FormerMotion
+    fewest: int
+    finer: bool = False
+    fruitless: int = 0
+
+    def after(
+        self, system: System, program: ClockedTranscription, result: SlpResult
+    ) -> Try:
+        """What to try after a motion that is slower, not admissible or not all right.
+
+        Args:
+            system: The problem.
+            program: The program of this try.
+            result: Its outcome.
+        """
+        reached, near = result.iterate, result.iterate.violation <= FAR
+        needed = ticks_of(reached.duration, program.ticks.period)
+        if near and needed > self.count:
+            guess = former_motion(system, program.trajectory(reached.z))
+            dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
+            if dear and not self.finer and program.ticks.intervals < needed:
+                twice = 2 * self.intervals
+                return replace(self, guess=guess, intervals=twice, finer=True)
+            return replace(self, count=needed, guess=guess)
+        longer = 1 + int(LONGER[min(self.fruitless, len(LONGER) - 1)] * self.count)
+        intervals = min(2 * self.intervals, max(self.intervals, MOST_INTERVALS))
+        return replace(
+            self,
+            count=self.count + longer,
+            intervals=intervals,
+            fruitless=self.fruitless + 1,
+        )
 
 
 def _bring(
@@ -234,19 +286,18 @@ def _bring(
     """Look for a motion on the clock near one without."""
     period = options.control_period
     assert period is not None  # noqa: S101
-    system = System.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
-    guess = former_motion(system, motion)
-    nodes, intervals = motion.t, motion.t.size - 1
-    count = max(ticks_of(motion.duration, period), FEWEST)
+    complete = System.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
+    system = complete if monitor.watch.links_touched else complete.first_tried
+    fewest = max(ticks_of(motion.duration, period), FEWEST)
+    now = Try(fewest, motion.t.size - 1, former_motion(system, motion), fewest)
     last = Clocked(Status.INFEASIBLE)
-    for attempt in range(TRIES):
-        ticks = Ticks.near(period, count, nodes, intervals)
-        program, z, result = _solve(system, options, guess, ticks, monitor)
-        history = (*last.history, *result.history)
-        logger.info(
-            "%d intervals on %d ticks: %s", ticks.intervals, count, result.status.value
+    for _ in range(TRIES):
+        ticks = Ticks.near(period, now.count, motion.t, now.intervals)
+        program, z, result = _solve(system, options, now.guess, ticks, monitor)
+        last = replace(
+            last, status=result.status, history=(*last.history, *result.history)
         )
-        last = replace(last, status=result.status, history=history)
+        logger.info("%s: %s", ticks, result.status.value)
         if z is not None:
             trajectory = ticks.timed(program.trajectory(z))
             verification = verify(
@@ -259,15 +310,16 @@ def _bring(
         if result.status in STOPPED or monitor.over:
             stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
             return replace(last, status=stopped)
-        needed = ticks_of(result.iterate.duration, period)
-        if result.iterate.violation <= FAR and needed > count:
-            count = needed
-            guess = former_motion(system, program.trajectory(result.iterate.z))
-            continue
-        count += 1 + int(LONGER[min(attempt, len(LONGER) - 1)] * count)
-        if z is not None or result.best is None:
-            intervals = min(2 * intervals, max(intervals, MOST_INTERVALS))
+        if z is not None and system is not complete and _touches(verification):
+            # As many periods, with rows for the links.
+            system, monitor.watch.links_touched = complete, True
+        else:
+            now = now.after(system, program, result)
     return last
+
+
+def _touches(verification: Verification) -> bool:
+    return any(item.kind == "clearance" for item in verification.violations)
 
 
 def _solve(

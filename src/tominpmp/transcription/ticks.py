@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.sampling import multiples
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -59,6 +60,10 @@ class Ticks:
             knots = np.insert(knots, k + 1, knots[k] + gaps[k] // 2)
         return cls(period, knots)
 
+    def __str__(self) -> str:
+        """Say how many there are."""
+        return f"{self.intervals} intervals on {self.count} ticks of {self.period:g} s"
+
     @property
     def count(self) -> int:
         """Number of periods."""
@@ -72,12 +77,12 @@ class Ticks:
     @property
     def duration(self) -> float:
         """Time of the last knot [s]."""
-        return self.count * self.period
+        return float(self.times[-1])
 
     @property
     def times(self) -> Array:
         """Times of the knots [s], shape (N + 1,)."""
-        return np.asarray(self.knots * self.period, dtype=np.float64)
+        return multiples(self.knots, self.period)
 
     @property
     def shares(self) -> Array:

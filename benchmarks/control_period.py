@@ -1,0 +1,198 @@
+"""Motions on the clock of a controller: exports that hold, time and planning time.
+
+Random joint goals of three arms, drawn as in benchmarks/random_goals.py (those that
+touch themselves at an end are left out), with limits of acceleration, jerk and torque
+rate. Each is planned without a clock and for controllers of several periods. What is
+planned for a period is written at that period, as a ROS 2 message and as CSV, and
+judged by `tominpmp verify` as written; beside it, what the same samples of the motion
+without a clock are worth.
+
+    python -m benchmarks.control_period
+    python -m benchmarks.control_period --goals 3 --periods 0.01 --robots ur5
+"""
+
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
+from __future__ import annotations
+
+from benchmarks.sheet import Sheet, markdown, one_thread
+
+one_thread()
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from benchmarks.random_goals import load_arm, sample_problems
+from tominpmp.cli.app import app
+from tominpmp.exceptions import TominpmpError
+
+# The Panda's are those of its data sheet. The xArm's are those of its developer manual
+# (1145 degrees/s^2, 28647 degrees/s^3). The UR5's data sheet states none: these are
+# what its controller is usually run with.
+LIMITS = {
+    "panda": tm.MotionLimits(
+        acceleration=(15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
+        jerk=(7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0),
+        effort_rate=1000.0,
+    ),
+    "ur5": tm.MotionLimits(acceleration=14.0, jerk=1400.0),
+    "xarm7": tm.MotionLimits(acceleration=20.0, jerk=500.0),
+}
+COLUMNS = (
+    "robot",
+    "goal",
+    "period",
+    "status",
+    "success",
+    "T_free",
+    "T",
+    "ticks",
+    "intervals",
+    "seconds_free",
+    "seconds",
+    "yaml_ok",
+    "csv_ok",
+    "free_csv_ok",
+)
+# Problems that are drawn for each that is wanted: some touch themselves at an end.
+DRAWN = 4
+# The least of so many measurements counts.
+REPEATS = 2
+
+
+def problems(name: str, count: int, seed: int) -> Iterator[tm.Problem]:
+    """The first problems of an arm whose start and goal are possible."""
+    robot = load_arm(name)
+    for q_start, q_goal in sample_problems(robot, DRAWN * count, seed):
+        if count == 0:
+            return
+        goal = tm.JointGoal(q_goal)
+        try:
+            problem = tm.Problem(robot, q_start, goal, motion_limits=LIMITS[name])
+        except TominpmpError:
+            continue
+        count -= 1
+        yield problem
+
+
+def timed(problem: tm.Problem, period: float | None) -> tuple[tm.Solution, float]:
+    """Plan; returns the solution and the processor time it took [s]."""
+    seconds = []
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        solution = tm.plan(problem, control_period=period)
+        seconds.append(time.process_time() - begin)
+    return solution, min(seconds)
+
+
+def holds(solution: tm.Solution, period: float, kind: str, folder: Path) -> bool:
+    """Whether `tominpmp verify` passes a motion as it is written."""
+    if not solution.success:
+        return False
+    scenario, motion = folder / "problem.toml", folder / f"motion.{kind}"
+    tm.save_scenario(scenario, solution.problem)
+    solution.export(motion, dt=period, verify=False)
+    result = CliRunner().invoke(app, ["verify", str(scenario), str(motion)])
+    return result.exit_code == 0
+
+
+def measure(
+    name: str, goal: int, problem: tm.Problem, periods: list[float], sheet: Sheet
+) -> None:
+    """Plan a problem without a clock and for all periods; one row each."""
+    free, seconds_free = timed(problem, None)
+    for period in periods:
+        solution, seconds = timed(problem, period)
+        motion = solution.trajectory
+        assert motion is not None
+        with tempfile.TemporaryDirectory() as folder:
+            judged = [
+                holds(what, period, kind, Path(folder))
+                for what, kind in ((solution, "yaml"), (solution, "csv"), (free, "csv"))
+            ]
+        values = (
+            name,
+            goal,
+            period,
+            solution.status.name,
+            solution.success,
+            free.T,
+            solution.T,
+            round(motion.duration / period),
+            motion.t.size - 1,
+            seconds_free,
+            seconds,
+            *judged,
+        )
+        sheet.add(dict(zip(COLUMNS, values, strict=True)))
+
+
+def table(sheet: Sheet, robots: list[str], periods: list[float]) -> str:
+    """Table by arm and period, and over all."""
+    lines = []
+    for name in [*robots, "all"]:
+        for period in periods:
+            rows = [
+                row
+                for row in sheet.rows
+                if name in (row["robot"], "all") and row["period"] == period
+            ]
+            above = [100 * (r["T"] / r["T_free"] - 1) for r in rows if r["success"]]
+            ratio = [row["seconds"] / row["seconds_free"] for row in rows]
+            lines.append(
+                (
+                    name,
+                    f"{1e3 * period:g}",
+                    *(
+                        f"{sum(row[key] for row in rows)} / {len(rows)}"
+                        for key in ("yaml_ok", "csv_ok", "free_csv_ok")
+                    ),
+                    f"{statistics.median(above):.2f}" if above else "-",
+                    f"{max(above):.2f}" if above else "-",
+                    f"{statistics.median(ratio):.2f}",
+                    f"{max(ratio):.2f}",
+                )
+            )
+    header = (
+        "robot",
+        "period [ms]",
+        "YAML verified",
+        "CSV verified",
+        "CSV without a clock",
+        "T above [%]: median",
+        "most",
+        "planning time: median ratio",
+        "most",
+    )
+    return markdown(header, lines)
+
+
+def main() -> int:
+    """Measure, write the CSV file, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default="panda,ur5,xarm7")
+    parser.add_argument("--goals", type=int, default=10)
+    parser.add_argument("--periods", default="0.001,0.004,0.008")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--csv", type=Path, default=Path("out/control_period.csv"))
+    arguments = parser.parse_args()
+    robots = arguments.robots.split(",")
+    periods = [float(word) for word in arguments.periods.split(",")]
+    sheet = Sheet(arguments.csv, COLUMNS)
+    for name in robots:
+        found = list(problems(name, arguments.goals, arguments.seed))
+        tm.plan(found[0], control_period=periods[0])  # loads libraries
+        for goal, problem in enumerate(found):
+            measure(name, goal, problem, periods, sheet)
+    print(table(sheet, robots, periods))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
