@@ -33,11 +33,12 @@ def test_robots(run: Run) -> None:
 
 
 def test_info(run: Run) -> None:
-    result = run("info", "planar3r", "--velocity", "joint2=inf", "--lock", "joint3=1")
+    changes = ["--velocity", "joint2=inf", "--friction", "joint1=0.5"]
+    result = run("info", "planar3r", *changes, "--lock", "joint3=1")
     assert result.exit_code == 0
     rows = [line.split() for line in result.stdout.splitlines()]
-    assert ["joint1", "revolute", "0.18", "3", "100", "20", "5", "0"] in rows
-    assert ["joint2", "revolute", "-3", "3", "inf", "7", "3", "0"] in rows
+    assert ["joint1", "revolute", "0.18", "3", "100", "20", "5", "0", "0.5"] in rows
+    assert ["joint2", "revolute", "-3", "3", "inf", "7", "3", "0", "0"] in rows
     assert ["locked", "joint3=1"] in rows
     assert ["group", "states", "start"] in rows
     assert ["collision", "3", "geometries"] in rows

@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 
 import tominpmp as tm
 from tominpmp.arrays import Array
+from tominpmp.combination import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError
 from tominpmp.verification.lower_bound import lower_bound
@@ -308,3 +309,87 @@ def test_without_friction_nothing_changes() -> None:
         assert found.trajectory is not None
         motions.append(found.trajectory)
     assert motions[0] == motions[1]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_switches_are_placed_exactly(name: str) -> None:
+    case = CASES[name]
+    solution = slid(case, refine="switching")
+    assert solution.success, solution.message
+    assert solution.T == pytest.approx(case[2], rel=1e-9)
+
+
+def test_switches_of_joints_that_turn_are_left() -> None:
+    robot = make_arm(
+        rod(2.0, 1.0), rod(1.0, 0.8), effort=[20.0, 6.0], friction=[2.0, 0.6]
+    )
+    problem = tm.Problem(robot, [0.0, 0.5], tm.JointGoal([2.0, 0.5]))
+    solution = tm.plan(problem, tm.Options(refine="switching"))
+    assert solution.success
+    assert "turns on the way" in solution.message
+
+
+def test_two_arms_in_one_cell_have_the_friction_of_each() -> None:
+    left = make_arm(SLIDE, effort=FORCE, friction=FRICTION)
+    right = make_arm(SLIDE, effort=FORCE, friction=1.0)
+    parts = [("left", left, (0.0, 0.0, 0.0)), ("right", right, (0.0, 3.0, 0.0))]
+    robot = combine_robots(parts)
+    assert robot.friction.tolist() == [FRICTION, 1.0]
+    problem = tm.Problem(robot, [0.0, 0.0], tm.JointGoal([WAY, WAY]))
+    solution = tm.plan(problem)
+    assert solution.success
+    assert solution.T == pytest.approx(CASES["rail"][2], rel=5e-3)
+
+
+def test_payloads_leave_the_friction() -> None:
+    robot = make_arm(SLIDE, effort=FORCE, friction=FRICTION)
+    load = tm.Payload(1.0, "tip")
+    assert robot.with_payload(load).friction.tolist() == [FRICTION]
+
+
+def test_a_joint_that_follows_passes_its_friction_on(tmp_path: Path) -> None:
+    path = tmp_path / "gripper.urdf"
+    text = describe([rod(1.0, 0.5), rod(1.0, 0.5)])
+    text = text.replace("<limit", '<dynamics friction="0.2"/><limit')
+    end = text.rindex("</joint>", 0, text.index('<link name="tip"/>'))
+    text = f'{text[:end]}<mimic joint="joint1" multiplier="-2"/>{text[end:]}'
+    path.write_text(text, encoding="utf-8")
+    robot = tm.load_robot(path)
+    assert robot.friction.tolist() == [pytest.approx(0.2 + 2.0 * 0.2)]
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
+    solution = tm.plan(problem)
+    assert solution.success, solution.message
+
+
+def test_a_motion_of_torques_can_be_begun_with() -> None:
+    """Warm starts take motors' torques for what they are."""
+    case = CASES["rail"]
+    for method in ("inverse", "collocation", "adjoint"):
+        first = slid(case, method=method)
+        again = tm.plan(first.problem, tm.Options(method=method), start=first)
+        assert again.success, again.message
+        assert again.T == pytest.approx(first.T, rel=1e-3)
+
+
+def test_certificate_of_a_motion_with_friction() -> None:
+    solution = slid(CASES["rail"])
+    assert solution.certificate is not None
+    assert solution.certificate.ok
+
+
+def test_quiet_torques_with_friction() -> None:
+    found = tm.smooth(slid(CASES["upwards"]), 0.05)
+    assert found.success
+    assert found.verification is not None
+    assert found.verification.ok
+    assert "Quiet torques" in found.message
+
+
+def test_scenarios_keep_the_friction(tmp_path: Path) -> None:
+    robot = tm.load_robot("planar3r", friction={"joint1": 0.5})
+    q = robot.group_state("start")
+    problem = tm.Problem(robot, q, tm.JointGoal(q + 0.3))
+    path = tmp_path / "cell.toml"
+    tm.save_scenario(path, problem)
+    assert "friction" in path.read_text(encoding="utf-8")
+    assert tm.load_scenario(path).problem.robot == robot

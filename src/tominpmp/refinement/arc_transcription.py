@@ -145,6 +145,7 @@ class ArcTranscription:
             rows_u.append(np.where(same_held, rates.tau, same_u))
             rows_h.append(np.full(CUTS, h[i] / CUTS))
         states, torque = np.concatenate(rows_x), np.concatenate(rows_u)
+        torque = torque + system.resistance
         t = np.concatenate([[0.0], np.cumsum(np.concatenate(rows_h))])
         return Trajectory(
             joint_names=system.problem.robot.joint_names,

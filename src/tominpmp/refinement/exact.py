@@ -15,7 +15,7 @@ from tominpmp.refinement.arcs import Arcs
 from tominpmp.refinement.explore import on_grid, swings, wild_motions
 from tominpmp.refinement.grid import replayed_well
 from tominpmp.refinement.monitor import EVALUATIONS, Budget, Clock, Monitor
-from tominpmp.refinement.reading import arcs_of, states_of
+from tominpmp.refinement.reading import arcs_of, one_way, states_of, without_friction
 from tominpmp.refinement.switching import (
     Settled,
     States,
@@ -53,6 +53,10 @@ PATIENCE_OF_MANY = 20.0
 KEPT = (
     "No exact switching was found that is faster and that the replay confirms: the "
     "motion on the grid was kept."
+)
+TURNING = (
+    "Its switches were not placed exactly: that is not done where a joint with dry "
+    "friction turns on the way."
 )
 # Motions shorter by less than this share are the same.
 SAME = 1e-6
@@ -120,6 +124,13 @@ def refine_switching(
     """
     iterate = result.iterate if result.best is None else result.best
     plan = transcription.trajectory(iterate.z)
+    if system.friction is not None:
+        ways = one_way(system, plan)
+        if ways is None:
+            return transcription, replace(result, remark=TURNING)
+        granted = replace(system, ways=ways)
+    else:
+        granted = system
     few = driven_joints(system).size <= EXPLORED_MOTORS
     clock = Clock(watch, PATIENCE if few else PATIENCE_OF_MANY)
     given = result.best is not None and replayed_well(system, plan, options)
@@ -128,11 +139,11 @@ def refine_switching(
         # A motion that its replay does not confirm may be somewhat too fast; without
         # arcs that are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if given else UNCONFIRMED))
-    search = Search(system, clock, limit)
-    _look(search, options, plan, lp)
+    search = Search(granted, clock, limit)
+    _look(search, options, without_friction(granted, plan), lp)
     for motion in reversed(search.found):
         budget = Budget(stop=lambda: clock.over)
-        arcs = _transcribe(sharpen(system, motion, budget))
+        arcs = _transcribe(sharpen(granted, motion, budget))
         if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
             return arcs[0], _result(*arcs, result, iterate, clock)
     if clock.stopped is not None:
@@ -146,7 +157,8 @@ def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> N
     small = motors <= EXPLORED_MOTORS
     search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
     tries = TRIES if options.starts is None else options.starts - 1
-    if small and search.clock.first:
+    # Where ways are taken for granted, wild motions would not go them.
+    if small and search.clock.first and search.system.ways is None:
         _explore(search, options, plan, lp, tries)
     if small and not search.found:
         search.read(plan, EVALUATIONS)

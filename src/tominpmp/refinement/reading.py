@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.dynamics import STANDSTILL
 from tominpmp.refinement.arcs import Arcs, read_arcs
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.system import System
 
+# Where velocities are looked at, and what counts as turning, as a share of the largest.
+LOOKS = 1001
+BACKLASH = 1e-5
 # How far inside an interval its torque is looked at: it may jump at the ends.
 INSIDE = 1e-6
 
@@ -35,6 +40,39 @@ def arcs_of(system: System, trajectory: Trajectory) -> Arcs:
     driven[driven_joints(system)] = True
     speeds = trajectory.v / system.problem.robot.limits.velocity
     return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, driven)
+
+
+def one_way(system: System, trajectory: Trajectory) -> Array | None:
+    """Which way joints with dry friction move all along a motion, shape (n,).
+
+    1 or -1, 0 for joints that rest or have none; None if one of them turns.
+
+    Args:
+        system: The problem.
+        trajectory: The motion.
+    """
+    times = np.linspace(0.0, trajectory.duration, LOOKS)
+    v = replace(trajectory, inverse_dynamics=None)(times).v
+    forth, back = np.max(v, axis=0), np.max(-v, axis=0)
+    most = np.maximum(forth, back)
+    turns = np.minimum(forth, back) > BACKLASH * np.max(most)
+    dry = system.problem.robot.friction > 0.0
+    if np.any(turns & dry):
+        return None
+    ways = np.where(forth > back, 1.0, -1.0)
+    return np.where(dry & (most > STANDSTILL), ways, 0.0)
+
+
+def without_friction(system: System, trajectory: Trajectory) -> Trajectory:
+    """A motion with the torques that dry friction leaves, on ways taken for granted."""
+    if system.ways is None:
+        return trajectory
+    inverse = trajectory.inverse_dynamics
+    return replace(
+        trajectory,
+        u=trajectory.u - system.resistance,
+        inverse_dynamics=None if inverse is None else system.dynamics.inverse,
+    )
 
 
 def states_of(trajectory: Trajectory) -> Callable[[Array], Array]:

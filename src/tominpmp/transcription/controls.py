@@ -29,7 +29,11 @@ def driven_joints(system: System) -> IntArray:
 def torque_shares(system: System, u: Array) -> Array:
     """Torques as shares of their limits, brought within them, shape (N, n)."""
     limits, friction = system.problem.robot.limits, system.problem.robot.friction
-    u = np.clip(u, limits.effort_lower - friction, limits.effort_upper + friction)
+    low, high = limits.effort_lower - friction, limits.effort_upper + friction
+    if system.ways is not None:
+        low = limits.effort_lower - system.resistance
+        high = limits.effort_upper - system.resistance
+    u = np.clip(u, low, high)
     return np.asarray((u - system.effort_middle) / system.effort_half)
 
 

@@ -52,6 +52,9 @@ class System:
         reach: Length of the arm, which scales lengths [m].
         padding: Clearance that the rows ask for beyond the margin, so that the motion
             keeps the margin between them, by pair, as shares of the reach.
+        ways: Which way each joint moves all the time, 1, -1 or 0 for at rest, where
+            that is taken for granted: torques are those that dry friction leaves, and
+            their limits are shifted by it; None else, shape (n,).
     """
 
     problem: Problem
@@ -60,6 +63,7 @@ class System:
     clearance: PathConstraint | None
     reach: float
     padding: Array
+    ways: Array | None = None
 
     @classmethod
     def of(cls, problem: Problem) -> System:
@@ -135,7 +139,8 @@ class System:
     def effort_middle(self) -> Array:
         """Middle of the torque range, shape (n,) [N m or N]."""
         limits = self.problem.robot.limits
-        return 0.5 * (limits.effort_upper + limits.effort_lower)
+        middle = 0.5 * (limits.effort_upper + limits.effort_lower)
+        return middle if self.ways is None else middle - self.resistance
 
     @cached_property
     def effort_half(self) -> Array:
@@ -146,17 +151,26 @@ class System:
             half = self.problem.motion_limits.effort_scale * half
         return np.where(half > 0.0, half, 1.0)
 
+    @property
+    def resistance(self) -> Array:
+        """Dry friction of ways that are taken for granted, shape (n,) [N m or N]."""
+        ways = np.zeros(self.n) if self.ways is None else self.ways
+        return np.asarray(self.problem.robot.friction * ways)
+
     @cached_property
     def motors(self) -> Dynamics:
         """Equations of motion with dry friction: torques are those of the motors."""
         motors = RobotDynamics(self.problem.robot)
-        return self.dynamics if motors.friction is None else motors
+        plain = motors.friction is None or self.ways is not None
+        return self.dynamics if plain else motors
 
     @cached_property
     def friction(self) -> Array | None:
         """Dry friction as a share of the torque limits, shape (n,); None without."""
         friction = self.problem.robot.friction
-        return friction / self.effort_half if np.any(friction) else None
+        if self.ways is not None or not np.any(friction):
+            return None
+        return np.asarray(friction / self.effort_half)
 
     @cached_property
     def step_scale(self) -> Array:
