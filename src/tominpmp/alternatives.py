@@ -10,11 +10,12 @@ from tominpmp.attempts import Attempt, Watch
 from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
 from tominpmp.seeding.warm import FormerMotion, former_motion
+from tominpmp.stopping import Stop
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System
 from tominpmp.verification import lower_bound
 
-Attempts = Callable[[System, "FormerMotion | None"], Iterator[Attempt]]
+Attempts = Callable[[System, "FormerMotion | None"], Iterator[Attempt | None]]
 
 
 def attempts_of_alternatives(
@@ -46,7 +47,7 @@ def attempts_of_alternatives(
     if len(parts) == 1:
         system = System.of(parts[0])
         start = None if former is None else former_motion(system, former)
-        yield from make(system, start)
+        yield from (attempt for attempt in make(system, start) if attempt is not None)
         return
     bounds = [lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
@@ -57,7 +58,7 @@ def attempts_of_alternatives(
         nearest = problem.alternative_at(motion.q[-1], motion.v[-1])
         entered = [part.goal is nearest.goal for part in parts].index(True)
         order = [entered, *(i for i in order if i != entered)]
-    runs: dict[int, Iterator[Attempt]] = {}
+    runs: dict[int, Iterator[Attempt | None]] = {}
     wrong: list[str] = []
     while order:
         again: list[int] = []
@@ -72,12 +73,18 @@ def attempts_of_alternatives(
                     start = former_motion(system, former)
                 runs[i] = make(system, start)
             try:
-                attempt = next(runs[i], None)
+                attempt = next(runs[i])
+            except StopIteration:
+                continue
+            except Stop as stop:
+                if watch.ended(watch.stopped(stop)):
+                    raise
+                continue  # its share of the time is used up
             except ProblemError as error:
                 wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
                 continue
+            again.append(i)
             if attempt is not None:
-                again.append(i)
                 yield attempt
         order = again
     if len(wrong) == len(parts):

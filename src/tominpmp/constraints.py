@@ -83,6 +83,11 @@ class ClearanceConstraint:
         self.attention = attention
         self._caches: dict[int, DistanceCache] = {}
 
+    def forget(self) -> None:
+        """Forget former queries, on which values depend within the tolerances."""
+        self._caches.clear()
+        self.checker.forget()
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle without what is remembered."""
         return {**self.__dict__, "_caches": {}}

@@ -19,9 +19,17 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.exceptions import SolverNotFound
+from tominpmp.stopping import check, due, seconds_left
 
 # Bounds beyond this are none, for solvers that have no infinity.
 HUGE = 1e30
+# What solvers behind qpsolvers call their limit on time [s].
+TIME_LIMITS = {
+    "clarabel": "time_limit",
+    "highs": "time_limit",
+    "osqp": "time_limit",
+    "scs": "time_limit_secs",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +89,12 @@ class LpSolver(ABC):
         """Solve the last program again with other row bounds."""
 
 
+def _interrupt(event: Any) -> None:
+    """End a run of HiGHS when it is time to stop."""
+    if due():
+        event.interrupt()
+
+
 class HighsSolver(LpSolver):
     """HiGHS' bounded dual simplex, warm started (Huangfu and Hall, 2018)."""
 
@@ -94,6 +108,8 @@ class HighsSolver(LpSolver):
             ("dual_feasibility_tolerance", 1e-9),
         ):
             highs.setOptionValue(option, value)
+        # Asked after each pivot; the time limit is for what comes before the first.
+        highs.cbSimplexInterrupt += _interrupt
         self._highs = highs
         self._program: LinearProgram | None = None
         self._basis: highspy.HighsBasis | None = None
@@ -139,7 +155,11 @@ class HighsSolver(LpSolver):
 
     def _run(self) -> LpSolution:
         begin = time.perf_counter()
+        # Its limit counts all runs of the same object.
+        limit = self._highs.getRunTime() + seconds_left()
+        self._highs.setOptionValue("time_limit", limit)
         self._highs.run()
+        check()
         optimal = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
         solution, info = self._highs.getSolution(), self._highs.getInfo()
         self._basis = self._highs.getBasis() if optimal else None
@@ -167,6 +187,8 @@ class PiqpSolver(LpSolver):
         solver.settings.eps_duality_gap_rel = 1e-6
         self._solver = solver
         self._equal: BoolArray = np.zeros(0, dtype=bool)
+        self._iterations = int(solver.settings.max_iter)
+        self._pace = 0.0
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program; interior points have no warm start."""
@@ -200,8 +222,11 @@ class PiqpSolver(LpSolver):
         return self._run(begin)
 
     def _run(self, begin: float) -> LpSolution:
+        self._limit()
         status = self._solver.solve()
         result = self._solver.result
+        self._pace = (time.perf_counter() - begin) / max(int(result.info.iter), 1)
+        check()
         duals = np.zeros(self._equal.size)
         duals[self._equal] = result.y
         duals[~self._equal] = result.z_u - result.z_l
@@ -212,6 +237,23 @@ class PiqpSolver(LpSolver):
             int(result.info.iter),
             time.perf_counter() - begin,
         )
+
+    def _limit(self) -> None:
+        """Bound the iterations by the time that is left: PIQP has no limit on time."""
+        settings, left = self._solver.settings, seconds_left()
+        settings.max_iter = self._iterations
+        if np.isinf(left):
+            return
+        if self._pace == 0.0:
+            # Iterations alike in time: the first tells how many there may be.
+            begin = time.perf_counter()
+            settings.max_iter = 1
+            self._solver.solve()
+            self._pace = time.perf_counter() - begin
+            check()
+            left = seconds_left()
+        allowed = int(min(left / max(self._pace, 1e-9), self._iterations))
+        settings.max_iter = max(allowed, 1)
 
 
 class QpsolversSolver(LpSolver):
@@ -268,7 +310,11 @@ def solve_quadratic(
         program.lower,
         program.upper,
     )
+    left = seconds_left()
+    if name in TIME_LIMITS and np.isfinite(left):
+        settings = {TIME_LIMITS[name]: left, **settings}
     solution = qpsolvers.solve_problem(problem, solver=name, **settings)
+    check()
     duals = np.zeros(row_lower.size)
     if solution.found and solution.z is not None:
         count = int(high.sum())

@@ -101,9 +101,12 @@ class Options(Record):
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
             free. None takes 1e-4 T for "inverse" and "collocation", 0 for "adjoint".
-        starts: Number of initial guesses; None lets the planner choose.
+        starts: Number of initial guesses; None lets the planner choose. More make the
+            same attempts as fewer would and others after these, and while none has led
+            to a motion, more are made in any case.
         seed: Seed of everything random.
-        max_planning_time: Time limit [s]; the best motion so far is returned.
+        max_planning_time: Time limit [s], kept to 10 % and 0.2 s, from the call of the
+            planner on; the best motion so far is returned, and verified in that time.
         max_iterations: Largest number of iterations a start.
         tolerance: Relative progress below which the iteration stops: when the last
             three iterations together brought less than this share of T.
@@ -132,7 +135,9 @@ class Options(Record):
             all knots and the duration become multiples of it, so that the polynomials
             by which the controller joins the samples are the motion itself, see
             :mod:`~tominpmp.transcription.ticks`. None leaves them where they are.
-        processes: Number of processes that several starts are spread over, 256 at most.
+        processes: Number of processes that several starts are spread over, up to 256;
+            no more are started than there are cores (or two), and the motion is the
+            same for any number of them.
         callback: Called with an IterationRecord after every iteration; returning True
             stops the planning.
     """

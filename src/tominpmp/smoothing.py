@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,11 +12,13 @@ import numpy as np
 from tominpmp.arrays import Array, real_number
 from tominpmp.attempts.attempt import REFINEMENTS
 from tominpmp.attempts.guessed import EXCHANGES
+from tominpmp.attempts.rescue import NUMERICAL
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.options import Options
 from tominpmp.seeding.warm import FormerMotion, former_motion
-from tominpmp.solution import Solution, roughness
+from tominpmp.solution import Solution, Status, roughness
 from tominpmp.solvers.quiet import QuietSolver
+from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -25,6 +28,10 @@ from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification import Verification, verify
 
+logger = logging.getLogger(__name__)
+
+# Time for the replay of what was found, in multiples of what the last one took.
+REPLAYS = 2.0
 NO_QUIETER = "no quieter motion was found."
 
 
@@ -65,14 +72,39 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
             f"there is no motion to smooth: {solution.message}", "solution"
         )
     begin = time.perf_counter()
+
+    def left(reason: str) -> Solution:
+        message = f"{solution.message} Its torques were left as they are: {reason}"
+        seconds = solution.planning_time + time.perf_counter() - begin
+        return replace(solution, message=message, planning_time=seconds)
+
+    try:
+        with bounded(solution.options.max_planning_time):
+            found = _quietest(solution, former, share)
+    except (Stop, KeyboardInterrupt) as stop:
+        if isinstance(stop, Stop) and not stop.requested:
+            return left("the time was used up.")
+        return replace(left("this was interrupted."), status=Status.INTERRUPTED)
+    except NUMERICAL as error:
+        logger.warning("making torques quiet failed: %r", error)
+        return left(f"that failed ({type(error).__name__}).")
+    if isinstance(found, str):
+        return left(found)
+    seconds = solution.planning_time + time.perf_counter() - begin
+    return replace(found, planning_time=seconds)
+
+
+def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution | str:
+    """The solution with quiet torques, or why there are none."""
     options, problem = solution.options, solution.problem
-    limit = options.max_planning_time
+    replay = 0.0 if solution.verification is None else solution.verification.seconds
 
     def over() -> bool:
-        return limit is not None and time.perf_counter() - begin > limit
+        return seconds_left() < REPLAYS * replay
 
     reached = problem.alternative_at(former.q[-1], former.v[-1])
     complete = System.of(reached)
+    complete.forget()
     system = complete.first_tried
     guess = former_motion(system, former)
     before = roughness(former, problem.robot.limits)
@@ -91,20 +123,14 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         if any(item.kind == "clearance" for item in found[1].violations):
             system = complete  # with rows for the links
         intervals = intervals * 2 ** (refinement + 1)
-    seconds = solution.planning_time + time.perf_counter() - begin
-
-    def left(reason: str) -> Solution:
-        message = f"{solution.message} Its torques were left as they are: {reason}"
-        return replace(solution, message=message, planning_time=seconds)
-
     if found is None:
-        return left(NO_QUIETER)
+        return NO_QUIETER
     trajectory, verification = found
     if not verification.ok:
-        return left(verification.message)
+        return verification.message
     after = roughness(trajectory, problem.robot.limits)
     if after >= before:
-        return left(NO_QUIETER)
+        return NO_QUIETER
     gained = trajectory.duration / former.duration - 1.0
     return replace(
         solution,
@@ -114,7 +140,6 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         f"{trajectory.duration:.4f} s.",
         trajectory=trajectory,
         initial=former,
-        planning_time=seconds,
         violations={},
         verification=verification,
     )

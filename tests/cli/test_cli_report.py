@@ -55,12 +55,14 @@ def test_planned(run: Run, planner: Planner, tmp_path: Path) -> None:
     np.testing.assert_array_equal(motion.q[-1], [2.0, -1.0, 0.5])
 
 
-@pytest.mark.parametrize("status", [Status.TIME_LIMIT, Status.INTERRUPTED])
+@pytest.mark.parametrize(
+    ("status", "code"), [(Status.TIME_LIMIT, 0), (Status.INTERRUPTED, 130)]
+)
 def test_stopped_early_with_a_motion(
-    run: Run, planner: Planner, status: Status
+    run: Run, planner: Planner, status: Status, code: int
 ) -> None:
     planner.status = status
-    assert run(*PLAN).exit_code == 0
+    assert run(*PLAN).exit_code == code
     assert Path("motion.csv").exists()
 
 

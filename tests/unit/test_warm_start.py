@@ -164,14 +164,14 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar, free):
 
 
 def test_other_guesses_follow_where_it_leads_to_nothing(planar, around, monkeypatch):
-    import tominpmp.planner as planner
+    import tominpmp.attempts.starts as starts
 
-    solve = planner.solve_from_former
+    solve = starts.solve_from_former
 
     def fails(system, options, former, watch):
         return replace(solve(system, options, former, watch), feasible=False)
 
-    monkeypatch.setattr(planner, "solve_from_former", fails)
+    monkeypatch.setattr(starts, "solve_from_former", fails)
     problem = tm.Problem(planar, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)
     assert again.success

@@ -2,12 +2,10 @@
 
 from tominpmp.attempts.attempt import STOPPED, Attempt
 from tominpmp.attempts.clock import check_clock, on_clock, searching
-from tominpmp.attempts.continuation import (
-    solve_from_former,
-    solve_with_continuous_accelerations,
-)
-from tominpmp.attempts.guessed import solve_alone, solve_and_verify
-from tominpmp.attempts.shooting import shots
+from tominpmp.attempts.conclusion import conclude
+from tominpmp.attempts.continuation import solve_with_continuous_accelerations
+from tominpmp.attempts.rescue import guarded
+from tominpmp.attempts.starts import make_attempts
 from tominpmp.attempts.watch import Watch
 
 __all__ = [
@@ -15,11 +13,10 @@ __all__ = [
     "Attempt",
     "Watch",
     "check_clock",
+    "conclude",
+    "guarded",
+    "make_attempts",
     "on_clock",
     "searching",
-    "shots",
-    "solve_alone",
-    "solve_and_verify",
-    "solve_from_former",
     "solve_with_continuous_accelerations",
 ]

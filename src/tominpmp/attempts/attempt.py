@@ -35,6 +35,7 @@ class Attempt:
         history: One record an iteration.
         verification: Replay of the torques, if the motion is feasible.
         remark: A sentence for the user, if there is something to say.
+        unconfirmed: Whether there was no time left for the replay.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Attempt:
     history: tuple[IterationRecord, ...]
     verification: Verification | None = None
     remark: str = ""
+    unconfirmed: bool = False
 
     @classmethod
     def of(
@@ -92,7 +94,8 @@ class Attempt:
     @property
     def found(self) -> bool:
         """Whether the motion keeps all constraints, in the replay too."""
-        return self.feasible and (self.verification is None or self.verification.ok)
+        confirmed = self.verification is None or self.verification.ok
+        return self.feasible and confirmed and not self.unconfirmed
 
     @property
     def touches(self) -> bool:

@@ -28,6 +28,7 @@ from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import IterationRecord, Solution, Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.system import System
@@ -126,8 +127,8 @@ def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> S
             history += _numbered(outcome.history, attempts.index(attempt), attempt)
             if outcome.trajectory is not None or outcome.status in STOPPED:
                 break
-    except KeyboardInterrupt:
-        outcome = Clocked(Status.INTERRUPTED)
+    except (Stop, KeyboardInterrupt) as stop:
+        outcome = Clocked(watch.stopped(stop))
     solution = replace(solution, history=tuple(history), planning_time=watch.seconds)
     if outcome.trajectory is None:
         return _failed(solution, outcome, period)

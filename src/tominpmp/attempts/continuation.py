@@ -75,7 +75,6 @@ def solve_with_continuous_accelerations(
         trust_region=FORMER_RADIUS * options.trust_region,
         max_iterations=min(options.max_iterations, FEW_ITERATIONS),
     )
-    watch.begin()
 
     def solve(tried: System, _: Attempt | None) -> Attempt:
         guess = former_motion(tried, motion)

@@ -18,6 +18,7 @@ from tominpmp.seeding.guess import Guess
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import OVERLOAD
@@ -102,9 +103,16 @@ def _solve_and_verify(
     return attempt
 
 
-def solve_alone(system: System, options: Options, guess: Guess) -> Attempt:
-    """Improve a guess in a process of its own."""
-    return solve_and_verify(system, options, guess, Watch(options))
+def make_slp(
+    transcription: Transcription,
+    options: Options,
+    smoothing: float,
+    lp: LpSolver,
+    watch: Watch,
+) -> SlpSolver:
+    """Solver whose motions the watch sees and keeps."""
+    keep = watch.keep
+    return SlpSolver(transcription, options, smoothing, lp, watch, keep=keep)
 
 
 def solve_from_guess(
@@ -134,7 +142,7 @@ def solve_from_guess(
         def solve(
             program: CollocationTranscription, z: Array, after: SlpResult | None
         ) -> SlpResult:
-            solver = SlpSolver(program, options, smoothing, lp, watch)
+            solver = make_slp(program, options, smoothing, lp, watch)
             return solver.run(z, after=after)
 
         solved = solve_turning(lifted, start, solve)
@@ -179,7 +187,7 @@ def solve_smooth(
         )
     z = start
     lp = make_solver(options.lp_solver)
-    result = SlpSolver(transcription, options, smoothing, lp, watch).run(z)
+    result = make_slp(transcription, options, smoothing, lp, watch).run(z)
     for _ in range(EXCHANGES):
         if result.best is None and result.iterate.violation > FAR:
             break
@@ -187,7 +195,7 @@ def solve_smooth(
         if not extra.found or result.status in STOPPED:
             break
         transcription = transcription.with_rows(extra)
-        solver = SlpSolver(transcription, options, smoothing, lp, watch)
+        solver = make_slp(transcription, options, smoothing, lp, watch)
         result = solver.run(result.iterate.z, after=result)
     result = unrefined(options, result)
     return Attempt.of(guess.name, transcription, start, result)
@@ -206,7 +214,7 @@ def exchange(
     rough = options
     if system.clearance is not None:
         rough = replace(options, tolerance=max(ROUGH, options.tolerance))
-    result = SlpSolver(transcription, rough, smoothing, lp, watch).run(z)
+    result = make_slp(transcription, rough, smoothing, lp, watch).run(z)
     settled = rough is options
     few = replace(
         options, max_iterations=min(options.max_iterations, EXCHANGE_ITERATIONS)
@@ -220,8 +228,8 @@ def exchange(
             if not extra.size and settled:
                 break
             transcription = transcription.with_rows(extra)
-        solver = SlpSolver(transcription, few if settled else options, smoothing, lp)
-        solver = replace(solver, monitor=watch)
+        chosen = few if settled else options
+        solver = make_slp(transcription, chosen, smoothing, lp, watch)
         result = solver.run(result.iterate.z, after=result)
         settled = True
     return transcription, result

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
 from tominpmp.attempts.guessed import with_rows_where_needed
+from tominpmp.attempts.rescue import guarded
 from tominpmp.attempts.turning import solve_turning
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import make_solver
@@ -40,19 +42,22 @@ PIECES = 4
 LONGER = 2.0
 
 
-def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt]:
+def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt | None]:
     """Improve the torques to begin with, then random ones where that led to nothing."""
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or 1
-    if options.starts is None and options.method == "adjoint":
-        most = RESCUE_SHOTS
+    if options.method == "adjoint":
+        most = max(wanted, RESCUE_SHOTS)
     for number in range(most):
         if number >= wanted and watch.best < np.inf:
             return
         watch.begin()
+        system.forget()
         first = random_torques(system, options, rng) if number else None
-        attempt = solve_by_shooting(system, options, watch, first)
-        watch.best = min(watch.best, attempt.duration)
+        solve = partial(solve_by_shooting, system, options, watch, first)
+        attempt = guarded(system.problem, options, watch, "shooting", solve)
+        if attempt is not None:
+            watch.best = min(watch.best, attempt.duration)
         yield attempt
 
 
@@ -127,11 +132,12 @@ def shoot(
         program: AdjointTranscription, z: Array, after: SlpResult | None
     ) -> SlpResult:
         if options.method == "penalty":
-            result = PenaltySolver(program, options, watch).run(z)
+            result = PenaltySolver(program, options, watch, watch.keep).run(z)
         elif paper:
-            result = PaperSolver(program, options, lp, watch).run(z)
+            result = PaperSolver(program, options, lp, watch, watch.keep).run(z)
         else:
-            solver = SlpSolver(program, options, options.smoothing or 0.0, lp, watch)
+            smoothing, keep = options.smoothing or 0.0, watch.keep
+            solver = SlpSolver(program, options, smoothing, lp, watch, keep=keep)
             return solver.run(z, after=after)
         former = () if after is None else after.history
         return replace(result, history=(*former, *result.history))

@@ -1,36 +1,93 @@
-"""Planning time, progress and the callback, watched while a problem is solved."""
+"""Planning time, progress and the callback; and what has been found at any moment."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.stopping import Stop, Stopper
+from tominpmp.transcription.base import Transcription
+
+# Of what an attempt has found so many motions are kept, should it be cut short.
+KEPT = 4
+# Time that is left for the replay of a motion, as shares of the limit: at least, and at
+# most; and how many times what the last replay took.
+RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
+# What a step may take beyond the limit, and what the end may: shares of it, and [s].
+STEP_SHARE, STEP_SECONDS = 0.02, 0.08
+END_SHARE, END_SECONDS = 0.08, 0.15
+# Time for the replay of the best motion once planning was interrupted [s].
+SAVING = 3.0
+
+
+class Kept(NamedTuple):
+    """A motion on the way.
+
+    Attributes:
+        transcription: Its program.
+        iterate: The motion.
+        feasible: Whether it keeps all constraints of the program.
+    """
+
+    transcription: Transcription
+    iterate: Iterate
+    feasible: bool
 
 
 class Watch:
     """Time limit, callback and interruption of a planning, as a monitor of solvers.
 
+    It raises :class:`~tominpmp.stopping.Stop` when planning is to end, and has kept the
+    best that the present attempt has found by then.
+
+    Args:
+        options: Time limit, callback, and what is enough.
+        first: Number of the first start.
+        asked: Tells whether another process asks to stop.
+
     Attributes:
         start: Number of the initial guess that is worked on.
         best: Duration of the best motion so far [s]; infinite if there is none.
-        links_touched: Whether links of an arm that is alone have touched each other.
+        links_touched: Whether links of an arm that is alone have touched each other in
+            the present attempt.
+        stopper: What tells to stop.
+        records: One record an iteration of the present attempt.
+        kept: Motions of the present attempt, the newest last.
+        failures: What went wrong with attempts that have led to nothing.
     """
 
-    def __init__(self, options: Options) -> None:
-        self.start = 0
+    def __init__(
+        self,
+        options: Options,
+        *,
+        first: int = 0,
+        asked: Callable[[], bool] | None = None,
+    ) -> None:
+        self.start = first
         self.best = np.inf
         self.links_touched = False
-        self._starts = 0
+        self.stopper = Stopper(asked)
+        self.records: list[IterationRecord] = []
+        self.kept: list[Kept] = []
+        self.failures: list[Exception] = []
+        self._starts = first
         self._begin = time.perf_counter()
         self._limit = options.max_planning_time
         self._until = self._limit
+        self._replay = 0.0
         self._callback = options.callback
+        self._feasibility = options.feasibility
         # A violation that is good enough to stop, where any motion will do.
         self._enough = options.feasibility if options.objective == "feasible" else -1.0
+        self._set_deadline()
 
     @property
     def seconds(self) -> float:
@@ -41,6 +98,9 @@ class Watch:
         """Begin with one or several new guesses; returns the number of the first."""
         self.start = self._starts
         self._starts += count
+        self.links_touched = False
+        self.records, self.kept = [], []
+        self._set_deadline()
         return self.start
 
     def share(self, parts: int) -> None:
@@ -51,6 +111,7 @@ class Watch:
         self._until = self._limit
         if self._limit is not None and self.best == np.inf:
             self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
+        self._set_deadline()
 
     def ended(self, status: Status) -> bool:
         """Whether planning ends when a start has ended with a status."""
@@ -72,21 +133,99 @@ class Watch:
         """Whether the planning time is used up."""
         return self._limit is not None and self.seconds >= self._limit
 
-    def replay(self, history: tuple[IterationRecord, ...]) -> Status | None:
-        """Show records that were made in another process to the callback."""
+    # -- what was found ----------------------------------------------------------------
+
+    def keep(self, transcription: Transcription, iterate: Iterate) -> None:
+        """Keep a motion of the present attempt, should it be cut short."""
+        new = Kept(transcription, iterate, iterate.violation <= self._feasibility)
+        if self.kept and self.kept[-1].transcription is transcription:
+            if self.kept[-1].feasible and not new.feasible:
+                return
+            self.kept[-1] = new
+        else:
+            # What it began with stays: it is told of.
+            self.kept = [*self.kept[:1], *self.kept[1:][-KEPT:], new]
+        self._set_deadline()
+
+    def replayed(self, seconds: float) -> None:
+        """Learn how long the replay of a motion takes [s]."""
+        self._replay = max(self._replay, seconds)
+
+    def stopped(self, cause: BaseException) -> Status:
+        """How planning ends that was stopped by an exception."""
+        if isinstance(cause, Stop) and not cause.requested:
+            return Status.TIME_LIMIT
+        self.stopper.requested = True
+        return Status.INTERRUPTED
+
+    @contextmanager
+    def saving(self) -> Iterator[None]:
+        """Go on for a little, to save what was found although it is time to stop."""
+        now = time.perf_counter()
+        until = now + SAVING
+        if not self.stopper.requested:
+            until = np.inf if self._limit is None else self._end(self._limit)
+        with self.stopper.grace(until):
+            yield
+
+    def extend(self, limit: float | None) -> None:
+        """Set another limit for what is still to be done, from the beginning on [s]."""
+        self._limit = self._until = limit
+        self.records, self.kept = [], []
+        self._set_deadline()
+
+    def _end(self, limit: float) -> float:
+        return self._begin + (1.0 + END_SHARE) * limit + END_SECONDS
+
+    def _reserve(self) -> float:
+        """Time to be left for the replay of what was found [s]."""
+        limit = self._limit or 0.0
+        if not any(item.feasible for item in self.kept):
+            return 0.0
+        return min(max(RESERVE * limit, REPLAYS * self._replay), MOST_RESERVE * limit)
+
+    def _set_deadline(self) -> None:
+        if self._until is None or self._limit is None:
+            self.stopper.deadline = np.inf
+            return
+        more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
+        self.stopper.deadline = self._begin + self._until + more
+
+    # -- the monitor -------------------------------------------------------------------
+
+    def replay(self, history: tuple[IterationRecord, ...]) -> None:
+        """Show records that were made in another process to the callback.
+
+        Raises:
+            Stop: If the callback says so.
+        """
         for record in history:
-            if self._callback is not None:
-                record = replace(record, start=self.start, seconds=self.seconds)
-                if self._callback(record):
-                    return Status.INTERRUPTED
-        return None
+            self._show(record)
 
     def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
-        record = replace(record, start=self.start, seconds=self.seconds)
-        if self._callback is not None and self._callback(record):
-            return Status.INTERRUPTED
+        """See a record of the present attempt; a status ends the iteration.
+
+        Raises:
+            Stop: If planning is to end.
+        """
+        self.records.append(replace(record, iteration=len(self.records)))
+        return self.see(record)
+
+    def see(self, record: IterationRecord) -> Status | None:
+        """See a record of something on the side.
+
+        Raises:
+            Stop: If planning is to end.
+        """
+        self._show(record)
         if record.violation <= self._enough:
             return Status.FEASIBLE
-        late = self._until is not None and self.seconds >= self._until
-        return Status.TIME_LIMIT if late else None
+        if self._until is not None and self.seconds >= self._until - self._reserve():
+            raise Stop(requested=False)
+        return None
+
+    def _show(self, record: IterationRecord) -> None:
+        record = replace(record, start=self.start, seconds=self.seconds)
+        if self._callback is not None and self._callback(record):
+            self.stopper.requested = self.stopper.heeded = True
+            raise Stop(requested=True)

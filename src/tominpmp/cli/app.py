@@ -34,7 +34,8 @@ Exit codes:
   0    a motion was planned, and its file holds it
   1    no motion was found, or the file, as it is read, does not solve the problem
   2    bad input
-  130  interrupted before there was a motion
+  130  interrupted (Ctrl-C); a motion that was found by then is written
+  143  terminated (SIGTERM); likewise
 """
 
 VERIFY_CODES = """\b

@@ -307,7 +307,7 @@ MaxTime = Annotated[
     _option(
         PLANNING,
         "--max-time",
-        "Time limit (s); then the best motion so far counts.",
+        "Time limit for loading and planning (s); then the best motion so far counts.",
         "SECONDS",
     ),
 ]

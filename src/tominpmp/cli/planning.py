@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from tominpmp.cli.request import (
     RobotRequest,
     make_options,
 )
+from tominpmp.cli.signals import heeded_signals
 from tominpmp.cli.terminal import (
     INTERRUPTED,
     NO_PLAN,
@@ -28,6 +30,9 @@ from tominpmp.cli.terminal import (
     logged,
 )
 from tominpmp.solution import Solution, Status
+
+# Time that planning has at least, if loading has used up all of it [s].
+LEAST_TIME = 1e-3
 
 if TYPE_CHECKING:
     from tominpmp.output.export_check import ExportCheck
@@ -53,10 +58,27 @@ def run_plan(
     Raises:
         TominpmpError: If anything given is wrong.
     """
+    begin = time.perf_counter()
     errors = error_console()
     targets = Targets.of(output)
-    with logged(output.verbose, errors):
-        solution = _solve(robot, motion, options, output, errors)
+    with heeded_signals() as signals:
+        try:
+            with logged(output.verbose, errors):
+                solution = _solve(robot, motion, options, output, errors, begin)
+            signals.writing()
+            sound = _write(solution, targets, output)
+        except KeyboardInterrupt:
+            complain("error", "interrupted")
+            return signals.code or INTERRUPTED
+    if signals.code is not None:
+        return signals.code
+    if solution.status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return PLANNED if solution.success and sound else NO_PLAN
+
+
+def _write(solution: Solution, targets: Targets, output: OutputRequest) -> bool:
+    """Write and report; returns whether what was written is as it should be."""
     files: dict[str, str] = {}
     found = None
     try:
@@ -67,10 +89,8 @@ def run_plan(
         _report(solution, files, found, output, to_stderr=targets.to_stdout)
     if found is not None and not found.ok:
         complain("error", found.message)
-        return NO_PLAN
-    if solution.success:
-        return PLANNED
-    return INTERRUPTED if solution.status is Status.INTERRUPTED else NO_PLAN
+        return False
+    return True
 
 
 def _solve(
@@ -79,7 +99,9 @@ def _solve(
     options: Mapping[str, Any],
     output: OutputRequest,
     console: Console,
+    begin: float,
 ) -> Solution:
+    """Load and plan; the time for both counts since the beginning."""
     from tominpmp.cli.sources import load_problem
     from tominpmp.output.export import load_motion
     from tominpmp.planner import plan
@@ -92,6 +114,9 @@ def _solve(
         if output.scenario is not None:
             save_scenario(output.scenario, problem, chosen)
         chosen = replace(chosen, callback=progress)
+        if chosen.max_planning_time is not None:
+            left = chosen.max_planning_time - (time.perf_counter() - begin)
+            chosen = replace(chosen, max_planning_time=max(left, LEAST_TIME))
         former = None if motion.former is None else load_motion(motion.former)
         progress.phase("planning")
         if former is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from tominpmp.collision.bodies import (
 )
 from tominpmp.collision.bounds import BroadPhase
 from tominpmp.collision.cache import DistanceCache
+from tominpmp.collision.contact import Contact, Derivatives
 from tominpmp.collision.movers import Movers
 from tominpmp.collision.narrow import Guard, NarrowPhase
 from tominpmp.collision.placements import Placements
@@ -24,36 +25,6 @@ from tominpmp.collision.shapes import is_convex
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
-
-
-class Contact(NamedTuple):
-    """The pair that comes closest in a configuration.
-
-    Attributes:
-        link: Name of the link.
-        obstacle: Name of what it comes close to.
-        distance: Signed distance [m].
-        own: Whether that is another link of the robot, or of one combined with it.
-        margin: Distance to keep [m].
-    """
-
-    link: str
-    obstacle: str
-    distance: float
-    own: bool = False
-    margin: float = 0.0
-
-
-class Derivatives(NamedTuple):
-    """How distances change.
-
-    Attributes:
-        gradients: By configuration, shape (k, n) [m/rad or m/m].
-        rates: By time, where obstacles move, shape (k,) [m/s].
-    """
-
-    gradients: Array
-    rates: Array
 
 
 class CollisionChecker:
@@ -133,6 +104,11 @@ class CollisionChecker:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the geometry, which is built again."""
         return _rebuilt, (self.robot, self.scene, self.self_collision, self.geometry)
+
+    def forget(self) -> None:
+        """Forget former queries, on which answers depend within the tolerances."""
+        self._narrow.forget()
+        self._guard = None
 
     @property
     def count(self) -> Count:

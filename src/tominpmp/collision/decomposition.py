@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.stopping import check
 
 # A hull this close to its mesh is taken as it is, and the mesh is cut until the pieces
 # are at least this close to it [m].
@@ -207,6 +208,7 @@ class Measure:
         farthest = np.argsort(-away)
         farthest = farthest[away[farthest] > TOUCHING]
         for start in range(0, farthest.size, BATCH):
+            check()
             batch = farthest[start : start + BATCH]
             outside = batch[~self._inside(points[batch])]
             if outside.size:
@@ -237,6 +239,7 @@ class Measure:
         place = coal.Transform3s.Identity()
         out = np.empty(len(points))
         for i, point in enumerate(points):
+            check()
             place.setTranslation(point)
             result = coal.DistanceResult()
             out[i] = self._distance(origin, place, request, result)

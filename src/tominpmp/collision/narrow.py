@@ -12,6 +12,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
 from tominpmp.collision.movers import Movers
+from tominpmp.stopping import check
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (distances) and
 # of the expanding polytope (depths). Coal's 1e-6 for the first leaves errors of 2e-6 m
@@ -70,9 +71,14 @@ class NarrowPhase:
         for one, other in zip(first.tolist(), second.tolist(), strict=True):
             geometry.addCollisionPair(pin.CollisionPair(one, other))
         self._model, self._data = model, model.createData()
-        self._geometry, self._results = geometry, geometry.createData()
+        self._geometry = geometry
         self._first, self._second = first, second
         self._shifter = Shifter(geometry, bodies, model.njoints, movers)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget where former queries ended: answers are as if nothing was asked."""
+        self._results = self._geometry.createData()
         for request in self._results.distanceRequests:
             request.gjk_tolerance = GJK_TOLERANCE
             request.epa_tolerance = EPA_TOLERANCE
@@ -89,6 +95,7 @@ class NarrowPhase:
                 (count, 3), where they are known already; asking for many instants at
                 once is faster.
         """
+        check()
         self._shifter.shift(time, movers)
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._results, q
@@ -96,6 +103,7 @@ class NarrowPhase:
 
     def all(self, q: Array, time: float = 0.0) -> Array:
         """Signed distances of all pairs at a configuration of the model [m]."""
+        check()
         self._shifter.shift(time)
         pin.computeDistances(self._model, self._data, self._geometry, self._results, q)
         out = np.array([r.min_distance for r in self._results.distanceResults])
@@ -231,6 +239,7 @@ class Guard:
 
     def is_free(self, q: Array, time: float = 0.0) -> bool:
         """Whether the margins are kept at a configuration of the model."""
+        check()
         self._shifter.shift(time)
         return not pin.computeCollisions(
             self._model, self._data, self._manager, q, True

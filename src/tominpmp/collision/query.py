@@ -12,6 +12,7 @@ from tominpmp.collision.movers import Movers
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.robot import Robot
+from tominpmp.stopping import check
 
 # Taken off the bounds, for the tolerances of distances and normals [m].
 SLACK = 2e-6
@@ -229,6 +230,7 @@ class DistanceQuery:
         when = np.zeros(groups.size) if times is None else times[groups]
         R, p = self.movers.placements(when)
         for k, chosen in enumerate(np.split(pair, starts[1:])):
+            check()
             self.narrow.place(q_model[groups[k]], float(when[k]), (R[k], p[k]))
             found = self.narrow.planes(chosen.tolist())
             distances += found[0]

@@ -70,12 +70,14 @@ class Search:
         system: The functions of the problem.
         clock: Tells when to stop.
         limit: Longer motions are of no use [s].
+        plan: The motion to begin with.
         found: The motions, each faster than those before.
     """
 
     system: System
     clock: Clock
     limit: float
+    plan: Iterate
     found: list[Settled] = field(default_factory=list)
 
     @property
@@ -83,21 +85,25 @@ class Search:
         """T to be beaten [s]."""
         return self.found[-1].duration * (1.0 - SAME) if self.found else self.limit
 
-    def follow(self, arcs: Arcs, states: States, evaluations: int) -> None:
-        """Go from rough arcs to a locally optimal motion."""
+    def follow(self, arcs: Arcs, states: States, evaluations: int) -> bool:
+        """Go from rough arcs to a locally optimal motion; tells if that is of use."""
         if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.clock.over:
-            return
+            return False
         budget = Budget(evaluations, stop=lambda: self.clock.over)
         motion = refine_arcs(self.system, arcs, states, budget)
-        if motion is not None:
-            logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
-            if motion.duration <= self.duration:
-                self.found.append(motion)
+        if motion is None:
+            return False
+        logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
+        if motion.duration <= self.duration:
+            self.found.append(motion)
+            arcs_found, y = _transcribe(motion)
+            self.clock.keep(arcs_found, _iterate(arcs_found, y, self.plan))
+        return motion.duration <= self.limit
 
-    def read(self, trajectory: Trajectory, evaluations: int) -> None:
-        """Read arcs off a motion and follow them."""
+    def read(self, trajectory: Trajectory, evaluations: int) -> bool:
+        """Read arcs off a motion and follow them; tells if that is of use."""
         arcs = arcs_of(self.system, trajectory)
-        self.follow(arcs, states_of(trajectory), evaluations)
+        return self.follow(arcs, states_of(trajectory), evaluations)
 
 
 def refine_switching(
@@ -139,15 +145,13 @@ def refine_switching(
         # A motion that its replay does not confirm may be somewhat too fast; without
         # arcs that are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if given else UNCONFIRMED))
-    search = Search(granted, clock, limit)
+    search = Search(granted, clock, limit, iterate)
     _look(search, options, without_friction(granted, plan), lp)
     for motion in reversed(search.found):
         budget = Budget(stop=lambda: clock.over)
         arcs = _transcribe(sharpen(granted, motion, budget))
         if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
-            return arcs[0], _result(*arcs, result, iterate, clock)
-    if clock.stopped is not None:
-        result = replace(result, status=clock.stopped)
+            return arcs[0], _result(*arcs, result, iterate)
     return transcription, replace(result, remark=KEPT)
 
 
@@ -155,17 +159,19 @@ def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> N
     """Look for arcs near to the plan, and elsewhere."""
     motors = driven_joints(search.system).size
     small = motors <= EXPLORED_MOTORS
-    search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
-    tries = TRIES if options.starts is None else options.starts - 1
+    near = search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+    # More starts look at no less than fewer would, and a single one not elsewhere.
+    tries = 0 if options.starts == 1 else max(TRIES, (options.starts or 1) - 1)
     # Where ways are taken for granted, wild motions would not go them.
     if small and search.clock.first and search.system.ways is None:
         _explore(search, options, plan, lp, tries)
-    if small and not search.found:
-        search.read(plan, EVALUATIONS)
+    # What was found elsewhere is no reason to give up what lies near.
+    if small and not near:
+        near = search.read(plan, EVALUATIONS)
     for trajectory in _finer(search.system, options, plan, lp, search.clock):
-        if search.found:
+        if near:
             return
-        search.read(trajectory, EVALUATIONS)
+        near = search.read(trajectory, EVALUATIONS)
 
 
 def _explore(
@@ -210,13 +216,15 @@ def _result(
     y: np.ndarray,
     result: SlpResult,
     iterate: Iterate,
-    clock: Clock,
 ) -> SlpResult:
     """The solution in terms of arcs."""
-    values = arcs.evaluate(y)
+    refined = _iterate(arcs, y, iterate)
+    return SlpResult(Status.CONVERGED, refined, refined, result.history)
+
+
+def _iterate(arcs: ArcTranscription, y: np.ndarray, plan: Iterate) -> Iterate:
+    """Arcs as an iterate."""
     weights = np.ones(len(arcs.rows.kinds))
-    merit = replace(iterate.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
-    refined = Iterate(y, values, merit, iterate.region, np.zeros(arcs.rows.size))
-    interrupted = clock.stopped is Status.INTERRUPTED
-    status = Status.INTERRUPTED if interrupted else Status.CONVERGED
-    return SlpResult(status, refined, refined, result.history)
+    merit = replace(plan.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
+    zero = np.zeros(arcs.rows.size)
+    return Iterate(y, arcs.evaluate(y), merit, plan.region, zero)

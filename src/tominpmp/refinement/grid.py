@@ -293,7 +293,7 @@ def _solve(
     few = replace(options, max_iterations=min(options.max_iterations, ITERATIONS))
     result = before
     for round_ in range(1 + EXCHANGES):
-        solver = SlpSolver(transcription, few, smoothing, lp, watch)
+        solver = SlpSolver(transcription, few, smoothing, lp, watch, keep=watch.keep)
         if round_ == 0:
             # The rows are others now: only the history goes on.
             result = solver.run(z)

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 from tominpmp.solution import IterationRecord, Status
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.stopping import check
+from tominpmp.transcription.base import Transcription
 
 # Evaluations of the dynamics for one start at most: some seconds for a small arm.
 EVALUATIONS = 300_000
@@ -26,7 +29,13 @@ class Monitor(Protocol):
         """Whether the planning time is used up."""
 
     def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
+        """See a record of the motion; a status ends the iteration."""
+
+    def see(self, record: IterationRecord) -> Status | None:
+        """See a record of something on the side; a status ends the iteration."""
+
+    def keep(self, transcription: Transcription, iterate: Iterate) -> None:
+        """Keep a motion, should the rest be cut short."""
 
 
 class Clock:
@@ -36,14 +45,10 @@ class Clock:
 
     Args:
         watch: Time limit and callback of the planning.
-        patience: Time that a refinement has, unless the planning time ends before [s].
-
-    Attributes:
-        stopped: How the callback or the time limit ended the planning, if they did.
+        patience: Time that a refinement has, unless planning ends before [s].
     """
 
     def __init__(self, watch: Monitor, patience: float) -> None:
-        self.stopped: Status | None = None
         self._watch = watch
         self._end = time.process_time() + patience
 
@@ -55,17 +60,17 @@ class Clock:
     @property
     def over(self) -> bool:
         """Whether to stop."""
-        if self.stopped is None and self._watch.over:
-            self.stopped = Status.TIME_LIMIT
-        return self.stopped is not None or time.process_time() > self._end
+        check()
+        return time.process_time() > self._end
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record; a status ends the iteration."""
-        status = self._watch(record)
-        if status is not None:
-            self.stopped = status
-            return status
-        return Status.TIME_LIMIT if self.over else None
+        status = self._watch.see(record)
+        return status or (Status.TIME_LIMIT if self.over else None)
+
+    def keep(self, transcription: Transcription, iterate: Iterate) -> None:
+        """Keep a motion, should the rest be cut short."""
+        self._watch.keep(transcription, iterate)
 
 
 class Budget:

@@ -10,6 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.refinement.arcs import Arcs
 from tominpmp.refinement.flow import NODES, Flow, integrate, march
+from tominpmp.stopping import check
 from tominpmp.transcription.system import System
 
 # Typical velocities are this times the scale of positions over the duration.
@@ -125,6 +126,7 @@ class ArcProgram:
 
     def shoot(self, y: Array) -> Shot | None:
         """The motion of some unknowns; None if it cannot be integrated."""
+        check()
         if self._last is None or not np.array_equal(self._last[0], y):
             flow = self._integrate(y)
             shot = None if flow is None else self._differentiate(flow)

@@ -10,6 +10,7 @@ from tominpmp.arrays import Array
 from tominpmp.goals import PlaceGoal
 from tominpmp.seeding.path import speed_weights
 from tominpmp.seeding.sampling import is_free
+from tominpmp.stopping import check
 from tominpmp.transcription.system import System
 
 STEPS = 60
@@ -61,6 +62,7 @@ def solve_inverse_kinematics(
     damping = 1e-2
     error = mark = float(value @ value)
     for number in range(STEPS):
+        check()
         if error < TOLERANCE**2:
             break
         if number % PATIENCE == PATIENCE - 1:

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any, TypeVar
+
+from tominpmp.stopping import Stop, check, grace
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 # Idle processes are kept this long for the next call [s]; to start one takes seconds.
 KEEP = 120.0
-# Results that are late by this are no longer waited for [s].
-GRACE = 1.0
+# Results that are late by this are no longer waited for [s]: those of processes that
+# were asked to stop, and those of processes at the end of the time.
+GRACE = 4.0
+LATE = 1.0
+# How often a request to stop is looked for, and whether the parent lives [s].
+TICK, PULSE = 0.1, 0.25
 # Numerical libraries take one thread a process.
 THREADS = {
     name: "1"
@@ -41,8 +48,10 @@ def run_parallel(
     Items are only taken from the iterable when a process is free (or will be next), so
     that it may be a generator that works for them; it runs in this process. What was
     yielded before an interruption (Ctrl-C), an exception or the time limit is the
-    caller's to keep; processes at work are ended then, and when the caller stops
-    iterating.
+    caller's to keep. Processes at work are asked to stop then, and when the caller
+    stops iterating, and ended if they do not; a function that heeds
+    :func:`asked_to_stop` has its result yielded still. Processes end with this one,
+    however it ends.
 
     Args:
         function: Function of an item. It is copied for each item, so that results do
@@ -57,6 +66,7 @@ def run_parallel(
 
     Raises:
         Exception: What the function raised first.
+        Stop: If this process was told to stop.
     """
     deadline = None if seconds is None else time.perf_counter() + seconds
     if processes == 1:
@@ -65,46 +75,125 @@ def run_parallel(
                 return
             yield number, function(item)
         return
-    # Takes a while, and most plans run in this process.
-    from loky import get_reusable_executor
-
-    executor = get_reusable_executor(
-        max_workers=processes,
-        timeout=KEEP,
-        env=THREADS,
-        # Ctrl-C is left to the process that waits for the results.
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
-    )
+    crew = _Crew(processes)
     numbered = enumerate(items)
-    pending: dict[Future[Any], int] = {}
-    finished = False
     try:
         while True:
             # One more than there are processes: none waits for the next item.
-            while len(pending) <= processes:
+            while len(crew.pending) <= processes:
                 following = next(numbered, None)
                 if following is None:
                     break
-                number, item = following
-                pending[executor.submit(function, item)] = number
-            if not pending:
-                break
-            left = None
-            if deadline is not None:
-                left = max(deadline + GRACE - time.perf_counter(), 0.0)
-            done, _ = wait(pending, left, return_when=FIRST_COMPLETED)
+                crew.submit(function, *following)
+            if not crew.pending:
+                return
+            late = None if deadline is None else deadline + LATE
+            done = crew.wait(late)
             if not done:
                 return
-            for future in sorted(done, key=lambda f: pending[f]):
-                yield pending.pop(future), future.result()
-        finished = True
+            yield from crew.results(done)
+    except (Stop, KeyboardInterrupt):
+        crew.ask()
+        end = time.perf_counter() + GRACE
+        with grace(GRACE):
+            while crew.pending and (done := crew.wait(end)):
+                yield from crew.results(done)
+        raise
     finally:
-        if not finished:
-            for future in pending:
-                future.cancel()
-            if not all(future.done() for future in pending):
-                executor.shutdown(wait=False, kill_workers=True)
+        crew.dismiss()
+
+
+class _Crew:
+    """Processes at work, of which those that are idle are kept for the next call."""
+
+    def __init__(self, processes: int) -> None:
+        # Takes a while, and most plans run in this process.
+        from loky import get_reusable_executor
+
+        self._asking = _event()
+        self._asking.clear()
+        self._executor = get_reusable_executor(
+            max_workers=processes,
+            timeout=KEEP,
+            env=THREADS,
+            initializer=_prepare,
+            initargs=(os.getpid(), self._asking),
+        )
+        self.pending: dict[Future[Any], int] = {}
+
+    def submit(self, function: Callable[[Any], Any], number: int, item: Any) -> None:
+        """Give an item to the next process that is free."""
+        self.pending[self._executor.submit(function, item)] = number
+
+    def wait(self, until: float | None) -> set[Future[Any]]:
+        """Futures that are done; none at the end of the time [s].
+
+        Raises:
+            Stop: If this process was told to stop.
+        """
+        while True:
+            done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)
+            if done or (until is not None and time.perf_counter() > until):
+                return done
+            check()
+
+    def results(self, done: set[Future[Any]]) -> Iterator[tuple[int, Any]]:
+        """Results of some, in order."""
+        for future in sorted(done, key=lambda f: self.pending[f]):
+            yield self.pending.pop(future), future.result()
+
+    def ask(self) -> None:
+        """Ask all to stop; what has not begun never will."""
+        for future in list(self.pending):
+            if future.cancel():
+                del self.pending[future]
+        self._asking.set()
+
+    def dismiss(self) -> None:
+        """Let all go on with other work, or end those that do not come to an end."""
+        self.ask()
+        if self.pending:
+            wait(self.pending, LATE)
+        if not all(future.done() for future in self.pending):
+            self._executor.shutdown(wait=False, kill_workers=True)
+
+
+_known_event: Any = None
+
+
+def _event() -> Any:
+    """What asks the processes to stop; one for all, so that these can be kept."""
+    global _known_event
+    if _known_event is None:
+        from loky.backend import get_context
+
+        _known_event = get_context("loky").Event()
+    return _known_event
+
+
+_asked: Callable[[], bool] | None = None
+
+
+def asked_to_stop() -> bool:
+    """In a process of :func:`run_parallel`: whether it is to stop."""
+    return _asked is not None and _asked()
+
+
+def _prepare(parent: int, asking: Any) -> None:
+    """Prepare a process for its work."""
+    global _asked
+    # Ctrl-C is left to the process that waits for the results.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _asked = asking.is_set
+    if hasattr(os, "getppid") and os.name == "posix":
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has gone, killed without a word maybe."""
+    while os.getppid() == parent:
+        time.sleep(PULSE)
+    os._exit(1)
 
 
 def available_processes() -> int:

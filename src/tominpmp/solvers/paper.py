@@ -22,8 +22,10 @@ from tominpmp.linear_programs import LinearProgram, LpSolver
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Effort, Iterate, SlpResult
+from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Linearization, StepBounds
 
@@ -46,12 +48,14 @@ class PaperSolver:
         options: ``control_step`` (rho), ``time_step`` (epsilon), limits and tolerances.
         lp: Solver of the linear programs.
         monitor: Sees every record; a status ends the iteration.
+        keep: Is given the best motion so far, or the present one.
     """
 
     transcription: AdjointTranscription
     options: Options
     lp: LpSolver
     monitor: Monitor = field(default=lambda record: None)
+    keep: Keep = keep_nothing
 
     def run(self, z: Array) -> SlpResult:
         """Iterate from a start until the duration no longer changes.
@@ -61,26 +65,29 @@ class PaperSolver:
 
         Returns:
             The outcome.
+
+        Raises:
+            Stop: If it was told to; what it had is kept.
         """
         begin = time.perf_counter()
         iterate = self.init(z)
+        self.keep(self.transcription, iterate)
         best: Iterate | None = None
         history: list[IterationRecord] = []
         status: Status | None = None
-        try:
-            while status is None:
-                effort = Effort()
-                following = self.step(iterate, effort)
-                if following is None:
-                    status = Status.NUMERICAL_FAILURE
-                    break
-                iterate = following
-                best = self.better(best, iterate)
-                record = self.record(len(history), iterate, effort, begin)
-                history.append(record)
-                status = self.terminate(history) or self.monitor(record)
-        except KeyboardInterrupt:
-            status = Status.INTERRUPTED
+        while status is None:
+            check()
+            effort = Effort()
+            following = self.step(iterate, effort)
+            if following is None:
+                status = Status.NUMERICAL_FAILURE
+                break
+            iterate = following
+            best = self.better(best, iterate)
+            self.keep(self.transcription, best or iterate)
+            record = self.record(len(history), iterate, effort, begin)
+            history.append(record)
+            status = self.terminate(history) or self.monitor(record)
         return SlpResult(status, iterate, best, tuple(history))
 
     def init(self, z: Array) -> Iterate:

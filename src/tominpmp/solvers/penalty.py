@@ -23,8 +23,10 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 
 # The first weight K, in shares of T, and its growth from round to round. From a smaller
@@ -68,11 +70,13 @@ class PenaltySolver:
         transcription: The nonlinear program.
         options: Tolerances and limits.
         monitor: Sees every record; a status ends the iteration.
+        keep: Is given the best motion so far, or the present one.
     """
 
     transcription: AdjointTranscription
     options: Options
     monitor: Monitor = field(default=lambda record: None)
+    keep: Keep = keep_nothing
 
     def run(self, z: Array) -> SlpResult:
         """Minimise with growing weights until the violations are gone.
@@ -99,8 +103,6 @@ class PenaltySolver:
                 weight *= WEIGHT_GROWTH
         except _Stop as stop:
             status = stop.status
-        except KeyboardInterrupt:
-            status = Status.INTERRUPTED
         return SlpResult(status, run.iterate, run.best, tuple(run.history))
 
 
@@ -132,6 +134,7 @@ class _Run:
         self.lower = np.concatenate([lower / units, DURATIONS[0] * rest])
         self.upper = np.concatenate([upper / units, DURATIONS[1] * rest])
         self.iterate = self.make(z, nlp.evaluate(z))
+        solver.keep(nlp, self.iterate)
         # What the quasi-Newton method evaluated last: unknowns, rows and objective.
         self.trial = z, self.iterate.values, np.inf
 
@@ -149,6 +152,7 @@ class _Run:
         """One round with the weight K."""
 
         def function(y: Array) -> tuple[float, Array]:
+            check()
             z = y * self.scale
             values = self.nlp.evaluate(z)
             over = np.maximum(values - self.rows.upper, 0.0)
@@ -192,6 +196,7 @@ class _Run:
             self.best is None or iterate.duration < self.best.duration
         ):
             self.best = iterate
+        solver.keep(self.nlp, self.best or iterate)
         record = IterationRecord(
             iteration=len(self.history),
             duration=iterate.duration,

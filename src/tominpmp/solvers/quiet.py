@@ -28,6 +28,7 @@ from tominpmp.solvers.iterate import Trial
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
+from tominpmp.stopping import check
 from tominpmp.transcription.base import Linearization, Transcription, Variation
 
 # Solver of the quadratic programs, and its tolerances: looser where it fails.
@@ -147,6 +148,7 @@ class QuietSolver:
         promised = max(now - model, 0.0)
 
         def attempt(step: Array, damping: float) -> Trial:
+            check()
             there = z + damping * step
             reached = nlp.evaluate(there)
             return Trial(

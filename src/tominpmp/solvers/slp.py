@@ -10,6 +10,7 @@ evaluations, while a smaller trust region would cost another linear program.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -22,9 +23,11 @@ from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
+from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
+from tominpmp.stopping import Stop, check, grace
 from tominpmp.transcription.base import Transcription, Variation
 
 # Trust region radius of a start that is nearly optimal, as a share of the usual one.
@@ -63,6 +66,8 @@ ADDITIONS = 3
 MISSED = 1e-4
 
 Monitor = Callable[[IterationRecord], Status | None]
+# Time for slowing a motion down once the iteration was told to stop [s].
+RESTORING = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,8 @@ class SlpSolver:
         monitor: Sees every record; a status ends the iteration.
         corrections: Second-order corrections of a step at most; several help where the
             dynamics are equations.
+        keep: Is given the best motion so far, or the present one while there is none:
+            the iteration may be told to stop at any time.
     """
 
     transcription: Transcription
@@ -85,6 +92,7 @@ class SlpSolver:
     lp: LpSolver
     monitor: Monitor = field(default=lambda record: None)
     corrections: int = 4
+    keep: Keep = keep_nothing
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -95,9 +103,13 @@ class SlpSolver:
 
         Returns:
             The outcome.
+
+        Raises:
+            Stop: If it was told to; what it had is kept.
         """
         begin = time.perf_counter()
         iterate = self.init(z)
+        self.keep(self.transcription, iterate)
         history: list[IterationRecord] = []
         if after is not None:
             history += after.history
@@ -111,14 +123,18 @@ class SlpSolver:
                 effort = Effort()
                 iterate, outcome = self.step(iterate, effort)
                 best = self.slowed(iterate) or self.better(best, iterate)
+                self.keep(self.transcription, best or iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
                 status = self.terminate(iterate, outcome, len(history) - former)
                 status = status or self.monitor(record)
                 if best is not None and self.options.objective == "feasible":
                     status = Status.FEASIBLE
-        except KeyboardInterrupt:
-            status = Status.INTERRUPTED
+        except (Stop, KeyboardInterrupt):
+            with grace(RESTORING), contextlib.suppress(Stop):
+                last = self.better(best, self.restored(iterate))
+                self.keep(self.transcription, last or iterate)
+            raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
             return SlpResult(status, best, best, tuple(history))
@@ -145,6 +161,7 @@ class SlpSolver:
         variation = nlp.variation(z) if self.smoothing > 0.0 else None
         pressed = iterate.values
         for attempt in range(1 + ADDITIONS):
+            check()
             linearization = nlp.linearize(z, pressed, steps)
             program = build_subproblem(
                 merit, iterate.values, linearization, steps, variation, z
@@ -272,6 +289,7 @@ class SlpSolver:
         nlp, merit = self.transcription, iterate.merit
 
         def attempt(step: Array, damping: float = 1.0) -> Trial:
+            check()
             z = iterate.z + damping * step
             values = nlp.evaluate(z)
             return Trial(z, values, merit(z, values, variation), damping)

@@ -107,6 +107,16 @@ class System:
         scene = scene.resting() if time is None else scene.at(time)
         return System.of(self.problem.with_scene(scene))
 
+    def forget(self) -> None:
+        """Forget former queries of distances.
+
+        What an attempt leads to shall not depend on those before it, down to the last
+        digit, nor on the process that makes it.
+        """
+        self.problem.checker.forget()
+        if isinstance(self.clearance, ClearanceConstraint):
+            self.clearance.forget()
+
     @property
     def n(self) -> int:
         """Number of joints."""

@@ -35,6 +35,7 @@ from tominpmp.goals import (
 )
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
+from tominpmp.stopping import check
 from tominpmp.verification.inertia import EnergyBounds, energy_bounds, single_joint
 from tominpmp.verification.push import Push, double_integrator_time, least_time
 from tominpmp.verification.reach import Ball, LinkReach
@@ -301,6 +302,7 @@ class _Vicinity:
         high = np.minimum(q + swing, np.maximum(limits.position_upper, q))
         boxes = (0.5 * (low + high)[None], 0.5 * (high - low)[None])
         for _ in range(MAX_BOXES):
+            check()
             shifts = self.reach.shifts(*boxes)[:, 0]
             near = self._distance(boxes[0]) <= np.sum(shifts, axis=1) + ACCEPTED
             if not near.any():

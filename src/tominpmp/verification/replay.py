@@ -20,6 +20,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.problem import Problem
 from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
+from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.plant import Plant
@@ -201,6 +202,7 @@ class Integration:
         times, states = [np.zeros(1)], [start[None]]
         x, complete = start, True
         for k in range(pieces.t.size - 1):
+            check()
             begin, end = float(pieces.t[k]), float(pieces.t[k + 1])
             count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
             ticks = np.linspace(begin, end, count + 1)[1:]
@@ -235,6 +237,7 @@ class Integration:
         pieces, out = self._pieces, np.full_like(nodes[1:], np.nan)
         interval = np.searchsorted(self._trajectory.t, pieces.t[:-1], side="right") - 1
         for k in range(out.shape[0]):
+            check()
             x: Array | None = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
                 if x is not None:

@@ -1,0 +1,37 @@
+"""What a checker of collisions tells."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tominpmp.arrays import Array
+
+
+class Contact(NamedTuple):
+    """The pair that comes closest in a configuration.
+
+    Attributes:
+        link: Name of the link.
+        obstacle: Name of what it comes close to.
+        distance: Signed distance [m].
+        own: Whether that is another link of the robot, or of one combined with it.
+        margin: Distance to keep [m].
+    """
+
+    link: str
+    obstacle: str
+    distance: float
+    own: bool = False
+    margin: float = 0.0
+
+
+class Derivatives(NamedTuple):
+    """How distances change.
+
+    Attributes:
+        gradients: By configuration, shape (k, n) [m/rad or m/m].
+        rates: By time, where obstacles move, shape (k,) [m/s].
+    """
+
+    gradients: Array
+    rates: Array

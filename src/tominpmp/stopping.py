@@ -1,0 +1,201 @@
+"""When to stop: a deadline and a request to stop, heeded wherever time may pass.
+
+A plan has one :class:`Stopper`. While it is in force, :func:`check` ends whatever goes
+on by raising :class:`Stop`, in every loop that may take long; what was found until then
+is with the :class:`~tominpmp.attempts.Watch`, which knows what to do with it. Native
+code that cannot ask is given :func:`seconds_left` as its time limit.
+
+Ctrl-C is such a request while a stopper is in force, so that nothing is torn apart in
+the middle; a second one, or one that is not heeded soon, raises KeyboardInterrupt.
+"""
+
+from __future__ import annotations
+
+import _thread
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from types import FrameType
+
+# A request that is not heeded for this long becomes a KeyboardInterrupt [s].
+PATIENCE = 2.0
+# Requests of another process are asked for this often [s].
+ASKING = 0.05
+
+
+class Stop(BaseException):
+    """Ends what is going on. It is not for callers of the library.
+
+    Attributes:
+        requested: Whether somebody asked for it; else the time is used up.
+    """
+
+    def __init__(self, requested: bool) -> None:
+        super().__init__("stop was requested" if requested else "the time is used up")
+        self.requested = requested
+
+
+class Stopper:
+    """A deadline and a request to stop.
+
+    Args:
+        asked: Tells whether another process asks to stop.
+
+    Attributes:
+        deadline: When to stop, on the clock of ``time.perf_counter`` [s]; infinite
+            without a limit.
+        requested: Whether somebody asked to stop.
+        heeded: Whether a request has been seen.
+    """
+
+    def __init__(self, asked: Callable[[], bool] | None = None) -> None:
+        self.deadline = math.inf
+        self.requested = False
+        self.heeded = False
+        self._asked = asked
+        self._next = 0.0
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to stop."""
+        if self.requested:
+            self.heeded = True
+            return True
+        now = time.perf_counter()
+        if self._asked is not None and now > self._next:
+            self._next = now + ASKING
+            if self._asked():
+                self.requested = self.heeded = True
+                return True
+        return now > self.deadline
+
+    def check(self) -> None:
+        """Stop if it is time.
+
+        Raises:
+            Stop: If it is.
+        """
+        if self.due:
+            raise Stop(self.requested)
+
+    @contextmanager
+    def in_force(self) -> Iterator[None]:
+        """Heed this stopper, and Ctrl-C as a request to it."""
+        token = _present.set(self)
+        try:
+            with self._interruptible():
+                yield
+        finally:
+            _present.reset(token)
+
+    @contextmanager
+    def grace(self, until: float) -> Iterator[None]:
+        """Go on until another deadline, or until somebody asks once more.
+
+        Args:
+            until: The deadline, on the clock of ``time.perf_counter`` [s].
+        """
+        before = self.deadline, self.requested, self._asked
+        self.deadline, self.requested, self._asked = until, False, None
+        try:
+            yield
+        finally:
+            deadline, requested, self._asked = before
+            self.deadline, self.requested = deadline, self.requested or requested
+
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """Take Ctrl-C as a request, where it would raise KeyboardInterrupt."""
+        main = threading.current_thread() is threading.main_thread()
+        usual = signal.default_int_handler
+        if not main or signal.getsignal(signal.SIGINT) is not usual:
+            yield
+            return
+
+        def interrupted(number: int, frame: FrameType | None) -> None:
+            if not self.ask():
+                usual(number, frame)
+
+        signal.signal(signal.SIGINT, interrupted)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, usual)
+            self.heeded = True
+
+    def ask(self) -> bool:
+        """Ask to stop; returns whether that will do, as it was not asked before."""
+        if self.requested:
+            return False
+        self.requested, self.heeded = True, False
+        timer = threading.Timer(PATIENCE, self._insist)
+        timer.daemon = True
+        timer.start()
+        return True
+
+    def _insist(self) -> None:
+        """Interrupt code that does not heed a request."""
+        if not self.heeded:
+            _thread.interrupt_main()
+
+
+_present: ContextVar[Stopper | None] = ContextVar("stopper", default=None)
+
+
+def check() -> None:
+    """Stop if it is time; cheap enough for any loop.
+
+    Raises:
+        Stop: If it is.
+    """
+    stopper = _present.get()
+    if stopper is not None and stopper.due:
+        raise Stop(stopper.requested)
+
+
+def due() -> bool:
+    """Whether it is time to stop."""
+    stopper = _present.get()
+    return stopper is not None and stopper.due
+
+
+def seconds_left() -> float:
+    """Time until the deadline, a little at least; infinite without one [s]."""
+    stopper = _present.get()
+    if stopper is None or math.isinf(stopper.deadline):
+        return math.inf
+    return max(stopper.deadline - time.perf_counter(), 1e-3)
+
+
+def request() -> bool:
+    """Ask what is going on to stop; returns whether there is anything that will."""
+    stopper = _present.get()
+    return stopper is not None and stopper.ask()
+
+
+@contextmanager
+def grace(seconds: float) -> Iterator[None]:
+    """Go on for a little, to save what there is, although it is time to stop."""
+    stopper = _present.get()
+    if stopper is None:
+        yield
+        return
+    with stopper.grace(time.perf_counter() + seconds):
+        yield
+
+
+@contextmanager
+def bounded(seconds: float | None) -> Iterator[None]:
+    """A stage that has so many seconds where nothing tells yet when to stop."""
+    if _present.get() is not None:
+        yield
+        return
+    stopper = Stopper()
+    if seconds is not None:
+        stopper.deadline = time.perf_counter() + seconds
+    with stopper.in_force():
+        yield

@@ -1,0 +1,232 @@
+"""Whatever was found is what an interrupt, a time limit or a failing stage returns."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from sample_arms import DOWNWARD, make_arm, rod
+
+import tominpmp as tm
+from tominpmp import stopping
+from tominpmp.attempts import guessed
+from tominpmp.linear_programs import LinearProgram, make_solver
+from tominpmp.solvers.quiet import QuietSolver
+from tominpmp.stopping import Stop, Stopper
+
+START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
+
+
+@pytest.fixture(autouse=True)
+def interruptible():
+    """Ctrl-C raises, also where a shell has left it ignored, as in the background."""
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
+def press():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def reach(**changes):
+    robot = tm.load_robot("planar3r")
+    return tm.Problem(robot, START, tm.JointGoal(END), **changes)
+
+
+def pendulums():
+    arm = make_arm(
+        rod(1.0, 1.0), rod(1.0, 1.0), effort=np.array([40.0, 15.0]), gravity=DOWNWARD
+    )
+    return tm.Problem(arm, (-1.3, 0.3), tm.JointGoal((0.3, 0.8)))
+
+
+class Interrupter:
+    """Presses Ctrl-C a few records after the first one of a motion that will do."""
+
+    def __init__(self, after, way=press):
+        self.after, self.way = after, way
+        self.found = self.seen = 0
+
+    def __call__(self, record):
+        self.seen += 1
+        self.found += record.violation <= 1e-6 or self.found > 0
+        return self.way() if self.found == self.after else None
+
+
+@pytest.mark.parametrize("way", [press, lambda: True])
+@pytest.mark.parametrize("after", [1, 3, 9, 40])
+def test_exact_switching_interrupted_keeps_the_motion(after, way):
+    callback = Interrupter(after, way)
+    options = tm.Options(refine="switching", callback=callback)
+    begin = time.process_time()
+    solution = tm.plan(pendulums(), options)
+    assert callback.found >= after, "the test interrupts too late"
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+    assert time.process_time() - begin < 15.0
+
+
+def test_an_exception_of_the_callback_keeps_the_motion():
+    def raising():
+        raise KeyboardInterrupt
+
+    solution = tm.plan(reach(), tm.Options(callback=Interrupter(2, raising)))
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+
+
+def test_interrupted_before_there_is_anything(monkeypatch):
+    def pressed(*arguments, **named):
+        press()
+        stopping.check()
+
+    monkeypatch.setattr("tominpmp.attempts.starts.initial_guesses", pressed)
+    solution = tm.plan(reach())
+    assert solution.status is tm.Status.INTERRUPTED
+    assert not solution.success and solution.trajectory is None
+
+
+@pytest.mark.parametrize("stage", ["verify", "lower_bound"])
+def test_interrupted_in_a_later_stage(monkeypatch, stage):
+    place = {"verify": "attempts.attempt", "lower_bound": "attempts.conclusion"}[stage]
+    module = f"tominpmp.{place}.{stage}"
+    calls = []
+    usual = tm.verify if stage == "verify" else tm.lower_bound
+
+    def pressed(*arguments, **named):
+        calls.append(1)
+        if len(calls) == 1:
+            press()
+            stopping.check()
+        return usual(*arguments, **named)
+
+    monkeypatch.setattr(module, pressed)
+    solution = tm.plan(reach())
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+
+
+def test_interrupted_while_torques_are_made_quiet(monkeypatch):
+    usual = QuietSolver.step
+
+    def pressed(self, *arguments):
+        press()
+        return usual(self, *arguments)
+
+    monkeypatch.setattr(QuietSolver, "step", pressed)
+    solution = tm.plan(reach(), tm.Options(slack=0.02))
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+    assert "left as they are" in solution.message
+    done = tm.plan(reach())
+    again = tm.smooth(done)
+    assert again.status is tm.Status.INTERRUPTED and again.T == done.T
+
+
+@pytest.mark.parametrize(
+    "error", [np.linalg.LinAlgError("singular"), ZeroDivisionError(), ValueError("no")]
+)
+def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
+    def failing(*arguments):
+        raise error
+
+    monkeypatch.setattr(guessed, "refine", failing)
+    solution = tm.plan(reach(), tm.Options(refine="grid"))
+    assert solution.success and solution.verification.ok
+    assert "later stage failed" in solution.message
+
+
+def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
+    usual, calls = guessed.solve_from_guess, []
+
+    def failing(*arguments):
+        calls.append(1)
+        if len(calls) == 1:
+            raise ZeroDivisionError
+        return usual(*arguments)
+
+    monkeypatch.setattr(guessed, "solve_from_guess", failing)
+    assert tm.plan(reach(), tm.Options(starts=2)).success
+    monkeypatch.setattr(guessed, "solve_from_guess", lambda *a: 1 / 0)
+    far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
+    with pytest.raises(ZeroDivisionError):
+        tm.plan(reach(scene=far), tm.Options(starts=2))
+
+
+def test_time_used_up_within_the_first_solve_leaves_a_verified_motion():
+    def slow(record):
+        if record.violation <= 1e-6:
+            time.sleep(5.0)
+
+    options = tm.Options(max_planning_time=5.0, tolerance=1e-9, callback=slow)
+    solution = tm.plan(reach(), options)
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert solution.iterations >= 1
+
+
+# -- native code -----------------------------------------------------------------------
+
+
+def hard_program(size, rows, density):
+    """A linear program that takes far longer than anyone waits."""
+    rng = np.random.default_rng(0)
+    matrix = sp.random(rows, size, density, random_state=1, format="csc")
+    bound, ones = rng.uniform(1.0, 2.0, rows), np.ones(size)
+    cost, keys = rng.normal(size=size), np.arange(max(rows, size))
+    ends = -bound, bound, -ones, ones
+    return LinearProgram(cost, matrix, *ends, keys[:rows], keys[:size])
+
+
+@pytest.mark.parametrize("solver", ["highs", "piqp"])
+def test_solvers_keep_a_deadline(solver):
+    program = hard_program(1500, 2500, 0.02 if solver == "highs" else 0.003)
+    stopper = Stopper()
+    begin = time.perf_counter()
+    stopper.deadline = begin + 0.3
+    with stopper.in_force(), pytest.raises(Stop):
+        for _ in range(100):
+            make_solver(solver).solve(program)
+    assert time.perf_counter() - begin < 10.0
+
+
+def test_a_request_ends_a_run_of_highs():
+    stopper = Stopper()
+    begin = time.perf_counter()
+    former = signal.signal(signal.SIGALRM, lambda *_: press())
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    try:
+        with stopper.in_force(), pytest.raises(Stop) as caught:
+            make_solver("highs").solve(hard_program(1500, 2500, 0.02))
+    finally:
+        signal.signal(signal.SIGALRM, former)
+    assert caught.value.requested
+    assert time.perf_counter() - begin < 10.0
+
+
+def test_code_that_does_not_ask_is_interrupted_all_the_same():
+    stopper = Stopper()
+    with pytest.raises(KeyboardInterrupt), stopper.in_force():
+        press()
+        end = time.perf_counter() + 30.0
+        while time.perf_counter() < end:
+            time.sleep(0.01)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_request_interrupts_at_once():
+    stopper = Stopper()
+    with pytest.raises(KeyboardInterrupt), stopper.in_force():
+        press()
+        press()
+        time.sleep(5.0)
+        pytest.fail("the second one was not heeded")
+
+
+def test_processes_are_counted():
+    with pytest.raises(tm.OptionsError, match="processes is 10000, expected"):
+        tm.Options(processes=10**4)
