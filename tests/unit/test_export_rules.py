@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -311,10 +313,79 @@ def test_bag_of_other_messages(tmp_path: Path) -> None:
         load_motion(folder / "bag.mcap")
 
 
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_small_bag_of_many_zeros(
+    packing: str, monkeypatch: pytest.MonkeyPatch, motion: Trajectory, tmp_path: Path
+) -> None:
+    """What a chunk says of its size need not be true."""
+    content = b"\0" * 2**24
+    packed = pack(packing, content)
+    assert len(packed) < 2**17
+    path = tmp_path / "m.mcap"
+    path.write_bytes(bag_of(chunk(packed, 100, packing)))
+    with pytest.raises(ScenarioError, match="is no MCAP bag") as caught:
+        load_motion(path)
+    assert "unpacks" not in str(caught.value)  # this much is let pass, and is no bag
+    monkeypatch.setattr("tominpmp.output.bag.MAX_UNPACKED", 2**20)
+    with pytest.raises(ScenarioError, match="unpacks to more than 1048576 bytes"):
+        load_motion(path)
+    path.write_bytes(bag_of(chunk(b"", 2**50, "")))
+    with pytest.raises(ScenarioError, match="unpacks to more than 1048576 bytes"):
+        load_motion(path)
+    # A bag that was recorded with packing is read.
+    assert load_motion(export(motion, path)).t.size == 13
+
+
+def pack(packing: str, content: bytes) -> bytes:
+    if packing == "lz4":
+        import lz4.frame
+
+        return bytes(lz4.frame.compress(content))
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return bytes(zstd.compress(content))
+
+
+def chunk(packed: bytes, stated: int, packing: str) -> bytes:
+    name = packing.encode()
+    head = struct.pack("<QQQII", 0, 0, stated, 0, len(name)) + name
+    body = head + struct.pack("<Q", len(packed)) + packed
+    return struct.pack("<BQ", 6, len(body)) + body
+
+
+def bag_of(*records: bytes) -> bytes:
+    mark = b"\x89MCAP0\r\n"
+    return mark + b"".join(records) + mark
+
+
+def test_packed_bag_is_read(motion: Trajectory, tmp_path: Path) -> None:
+    from rosbags.rosbag2 import (
+        CompressionFormat,
+        CompressionMode,
+        Reader,
+        StoragePlugin,
+        Writer,
+    )
+
+    store = typestore()
+    with Reader(export(motion, tmp_path / "m.mcap")) as reader:
+        ((_, _, content),) = reader.messages()
+    folder = tmp_path / "packed"
+    writer = Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection(TOPIC, TYPE, typestore=store)
+        writer.write(connection, 0, content)
+    samples = load_motion(folder / "packed.mcap")
+    np.testing.assert_array_equal(samples.q, load_motion(tmp_path / "m.mcap").q)
+
+
 def test_missing_package_is_named(
     motion: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(MissingDependency, match=r"tominpmp\[ros\]"):
         export(motion, tmp_path / "m.mcap")
     assert list(tmp_path.iterdir()) == []

@@ -6,7 +6,10 @@ controller listens to. The file stands for itself; no folder around it is needed
 
 from __future__ import annotations
 
+import struct
+import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,6 +23,12 @@ TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory_controller/joint_trajectory"
 # Version 8 of the metadata is what Humble and its successors read.
 VERSION = 8
+# Bytes that the chunks of a bag may unpack to.
+MAX_UNPACKED = 2**28
+# How MCAP files are laid out: a mark at both ends; records of a kind and a size; chunks
+# that begin with times, their size and the name of the packing.
+MAGIC = b"\x89MCAP0\r\n"
+RECORD, CHUNK, CHUNK_HEAD = 9, 6, 32
 
 
 def _rosbags() -> Any:
@@ -88,6 +97,7 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
         copy = Path(folder) / "motion.mcap"
         copy.write_bytes(content)
         try:
+            _check_size(content)
             with rosbag2.Reader(copy) as reader:
                 found = [item for item in reader.connections if item.msgtype == TYPE]
                 # Without a connection the reader would give all messages.
@@ -103,6 +113,43 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
             "points",
         )
     return _plain(held[0])
+
+
+def _check_size(content: bytes) -> None:
+    """Check that the chunks of a bag unpack to no more than memory can hold.
+
+    A small chunk may hold any number of zeros, and the reader unpacks it as a whole.
+
+    Raises:
+        ValueError: If they do not, or end before they should.
+    """
+    left, at = MAX_UNPACKED, len(MAGIC)
+    while at < len(content) - len(MAGIC):
+        kind, size = struct.unpack_from("<BQ", content, at)
+        at += RECORD
+        if size > len(content) - at:
+            raise ValueError("a record goes beyond the end of the file")
+        if kind == CHUNK:
+            _, _, stated, _, name = struct.unpack_from("<QQQII", content, at)
+            begin = at + CHUNK_HEAD + name
+            packing = content[at + CHUNK_HEAD : begin].decode()
+            packed = content[begin + 8 : at + size]
+            if packing:
+                stated = len(_unpacker(packing).decompress(packed, max_length=left + 1))
+            left -= stated
+        if left < 0:
+            raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
+        at += size
+
+
+def _unpacker(packing: str) -> Any:
+    """What unpacks a chunk piece by piece, from the packages that rosbags needs."""
+    if packing == "lz4":
+        return import_module("lz4.frame").LZ4FrameDecompressor()
+    if packing != "zstd":
+        raise ValueError(f"its compression {packing[:20]!r} is not known")
+    home = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return import_module(home).ZstdDecompressor()
 
 
 def _plain(message: Any) -> dict[str, Any]:
