@@ -34,6 +34,8 @@ DIPS = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
 # without any padding, as a share of the reach.
 GRAZE = 0.8
 LEAST_GRAZE = 1e-5
+# Share of what is left of the padding that may be missing beyond that.
+REST = 0.5
 # Instants closer than this share of an interval are one; where obstacles move, only if
 # they are closer than this, too [s].
 APART = 0.03
@@ -148,24 +150,20 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
     if system.clearance is None:
         return no_instants()
     at = _samples(spline.h)
-    # The rows keep links a little farther away than need be: some of it may be used.
-    share, tolerance = GRAZE, LEAST_GRAZE
     if not system.clearance.moving:
         at, values = _closer(system, spline, at)
     else:
         at, values = _finer(system, spline, at)
-        share = GRAZE_MOVING
-        tolerance = min(tolerance, 0.5 * share * float(np.max(system.padding)))
-    missing = values - share * system.padding
+    missing = values - _usable(system)
     worst = np.max(missing, axis=1)
     found: list[tuple[int, float]] = []
     taken: dict[int, list[float]] = {}
     for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):
         taken.setdefault(k, []).append(share)
-    for k in np.unique(at.interval[worst > tolerance]).tolist():
+    for k in np.unique(at.interval[worst > 0.0]).tolist():
         inside = np.flatnonzero(at.interval == k)
         block = missing[inside]
-        pairs = np.flatnonzero(block.max(axis=0) > tolerance)
+        pairs = np.flatnonzero(block.max(axis=0) > 0.0)
         peaks = inside[np.argmax(block[:, pairs], axis=0)]
         for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
             share = float(at.share[index])
@@ -182,6 +180,25 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
     )
 
 
+def _usable(system: System) -> Array:
+    """How much closer than the rows ask for pairs may come between them.
+
+    The rows keep links a little farther away than need be, and some of it may be used,
+    never all: what verifies the motion lets nothing be missing to the margin. Only
+    where a motion begins or ends at the margin there is nothing to be used, and a trace
+    may be missing.
+
+    Returns:
+        Shares of the reach, shape (pairs,).
+    """
+    assert system.clearance is not None  # noqa: S101
+    share = GRAZE_MOVING if system.clearance.moving else GRAZE
+    padding = np.asarray(system.padding)
+    rest = REST * (1.0 - share) * padding
+    least = np.where(padding > 0.0, np.minimum(LEAST_GRAZE, rest), LEAST_GRAZE)
+    return np.asarray(share * padding + least)
+
+
 def _closer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
     """More instants around those between which links may come too close.
 
@@ -192,7 +209,7 @@ def _closer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Arr
     assert clearance is not None  # noqa: S101
     close = CLOSE / system.reach
     values = clearance.values(at.states(spline)[0], attention=close)
-    near = dipping(values - GRAZE * system.padding, LEAST_GRAZE, close)
+    near = dipping(values - _usable(system), 0.0, close)
     if not near.size:
         return at, values
     width = 1.0 / np.bincount(at.interval, minlength=spline.h.size)[at.interval[near]]
@@ -225,20 +242,20 @@ def grazing_times(
 
     def missing_at(times: Array, attention: float) -> Array:
         values = clearance.values(position(times), attention, times=duration * times)
-        return values - GRAZE * system.padding
+        return np.asarray(values - _usable(system))
 
     close = CLOSE / system.reach
     times = np.linspace(0.0, 1.0, max(int(duration / CLEARANCE_STEP), 100))[1:-1]
     missing = missing_at(times, close)
-    near = dipping(missing, LEAST_GRAZE, close)
+    near = dipping(missing, 0.0, close)
     if near.size:
         more = (times[near, None] + DIPS * (times[1] - times[0])).ravel()
         missing = np.concatenate([missing, missing_at(more, 0.0)])
         times = np.concatenate([times, more])
     inside = np.searchsorted(nodes, times) - 1
     found: list[float] = []
-    for pair in np.flatnonzero(missing.max(axis=0) > LEAST_GRAZE):
-        for k in np.unique(inside[missing[:, pair] > LEAST_GRAZE]):
+    for pair in np.flatnonzero(missing.max(axis=0) > 0.0):
+        for k in np.unique(inside[missing[:, pair] > 0.0]):
             block = np.flatnonzero(inside == k)
             found.append(float(times[block[np.argmax(missing[block, pair])]]))
     return np.unique(np.round(found, 4))

@@ -166,7 +166,16 @@ def _start_velocity(problem: Problem) -> Array:
 class Integration:
     """The means to integrate the torques of one trajectory.
 
+    Args:
+        robot: The robot.
+        trajectory: The motion.
+        pieces: Its torques, if they are known already.
+        integrator: Which integrator to use; None for what suits the arm.
+        plant: What moves under the torques, if not the robot alone.
+        tightness: How many times tighter than usual its tolerances are.
+
     Attributes:
+        pieces: The torques.
         integrator: Which integrator is used.
         evaluations: How often the dynamics have been evaluated.
     """
@@ -178,9 +187,11 @@ class Integration:
         pieces: Pieces | None = None,
         integrator: Integrator | None = None,
         plant: Plant | None = None,
+        tightness: float = 1.0,
     ) -> None:
+        self._tolerance = RTOL / tightness, ATOL / tightness
         self._trajectory = trajectory
-        self._pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
+        self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self._plant = Plant(robot) if plant is None else plant
         self._slope = self._plant.slope()
         self._jacobian = self._plant.jacobian()
@@ -198,7 +209,7 @@ class Integration:
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
-        pieces, n = self._pieces, start.size // 2
+        pieces, n = self.pieces, start.size // 2
         times, states = [np.zeros(1)], [start[None]]
         x, complete = start, True
         for k in range(pieces.t.size - 1):
@@ -234,7 +245,7 @@ class Integration:
             Differences of the states, shape (N, 2n); NaN where the motion was lost.
         """
         nodes = np.concatenate([self._trajectory.q, self._trajectory.v], axis=1)
-        pieces, out = self._pieces, np.full_like(nodes[1:], np.nan)
+        pieces, out = self.pieces, np.full_like(nodes[1:], np.nan)
         interval = np.searchsorted(self._trajectory.t, pieces.t[:-1], side="right") - 1
         for k in range(out.shape[0]):
             check()
@@ -249,8 +260,8 @@ class Integration:
 
     def _piece(self, k: int, x: Array, ticks: Array) -> Array:
         """Integrate over a piece of torque; fewer rows than ticks if x was lost."""
-        begin, end = float(self._pieces.t[k]), float(self._pieces.t[k + 1])
-        self._plant.load(begin, end, self._pieces.coefficients[k])
+        begin, end = float(self.pieces.t[k]), float(self.pieces.t[k + 1])
+        self._plant.load(begin, end, self.pieces.coefficients[k])
         if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
             return np.empty((0, x.size))
         with np.errstate(all="ignore"):
@@ -270,8 +281,8 @@ class Integration:
                     times,
                     Dfun=self._jacobian,
                     tfirst=True,
-                    rtol=RTOL,
-                    atol=ATOL,
+                    rtol=self._tolerance[0],
+                    atol=self._tolerance[1],
                     tcrit=ticks[-1:],  # the torque must not be asked for beyond it
                     mxstep=LSODA_STEPS,
                     full_output=True,
@@ -286,7 +297,8 @@ class Integration:
     def _steps(self, x: Array, begin: float, ticks: Array) -> Array:
         """Integrate step by step with a solver of SciPy's newer kind."""
         end = float(ticks[-1])
-        settings: dict[str, Any] = {"rtol": RTOL, "atol": ATOL}
+        rtol, atol = self._tolerance
+        settings: dict[str, Any] = {"rtol": rtol, "atol": atol}
         if self.integrator == "Radau":
             # Newton's method begins without a guess in the first step.
             settings |= {"jac": self._jacobian, "first_step": 0.1 * (end - begin)}
