@@ -17,6 +17,8 @@ from tominpmp.collision import CollisionChecker, Derivatives, DistanceCache
 # Numbers of instants for which distances are remembered: a transcription looks at the
 # instants of its rows, and at those between them.
 CACHES = 3
+# Pairs at instants beyond which nothing is remembered, as that would take memory.
+MOST_KEPT = 4_000_000
 
 
 class PathConstraint(Protocol):
@@ -34,8 +36,8 @@ class PathConstraint(Protocol):
     def kinks(self) -> Array:
         """Times at which values may have a kink at any q [s], shape (k,)."""
 
-    def rise(self, duration: float) -> float:
-        """Fastest rise of a value with time [1/s] before a time [s], at one q."""
+    def rises(self, duration: float) -> Array:
+        """Fastest rises of values with time [1/s] before a time [s], shape (count,)."""
 
     def values(
         self, q: Array, attention: float | None = None, times: Array | None = None
@@ -107,11 +109,13 @@ class ClearanceConstraint:
         """Times at which an obstacle changes its velocity at once [s], shape (k,)."""
         return self.checker.kinks
 
-    def rise(self, duration: float) -> float:
-        """How fast obstacles move before a time [s], in lengths a second."""
+    def rises(self, duration: float) -> Array:
+        """How fast the obstacles of the pairs move before a time [s], in lengths a s.
+
+        Shape (count,).
+        """
         begin, end = np.zeros(1), np.array([duration])
-        speeds = self.checker.obstacle_speeds(begin, end)
-        return float(np.max(speeds, initial=0.0)) / self.length
+        return np.asarray(self.checker.obstacle_speeds(begin, end)[0] / self.length)
 
     def values(
         self, q: Array, attention: float | None = None, times: Array | None = None
@@ -133,7 +137,10 @@ class ClearanceConstraint:
             found = self.checker.distances(q, times=times)
             return (self.margin - found) / self.length
         cutoff = self.margin + attention * self.length
-        found = self._cache(len(q)).distances(q, cutoff, times)
+        if len(q) * self.count > MOST_KEPT:
+            found = self.checker.distances(q, cutoff, times)
+        else:
+            found = self._cache(len(q)).distances(q, cutoff, times)
         return (self.margin - found) / self.length
 
     def is_kept(self, q: Array) -> bool:

@@ -28,13 +28,13 @@ class DistanceCache:
 
     def __init__(self, query: DistanceQuery, instants: int) -> None:
         self._query = query
-        self._known = References.none(instants, query.pairs)
+        self._known = References(instants, query.pairs)
         self._fresh = True
 
     @property
     def instants(self) -> int:
         """Number of configurations."""
-        return int(self._known.distance.shape[0])
+        return int(self._known.slot.shape[0])
 
     def distances(
         self, q: Array, cutoff: float | Array, times: Array | None = None

@@ -26,6 +26,9 @@ from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
+# Configurations whose distances are asked for at once, for the sake of memory.
+CHUNK = 1024
+
 
 class CollisionChecker:
     """Distances of the links of a robot to the obstacles of a scene and to each other.
@@ -148,9 +151,14 @@ class CollisionChecker:
             Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
             the others may be lower bounds, which are not below the cutoff either.
         """
-        if cutoff is not None:
-            return DistanceCache(self._query, len(q)).distances(q, cutoff, times)
         out = np.empty((q.shape[0], len(self.pairs)))
+        if cutoff is not None:
+            for begin in range(0, len(q), CHUNK):
+                part = slice(begin, begin + CHUNK)
+                cache = DistanceCache(self._query, len(q[part]))
+                when = None if times is None else times[part]
+                out[part] = cache.distances(q[part], cutoff, when)
+            return out
         if not self.pairs:
             return out
         for i, row in enumerate(self.robot.expand(q)):

@@ -18,35 +18,59 @@ from tominpmp.stopping import check
 SLACK = 2e-6
 
 
-@dataclass(frozen=True, eq=False)
 class References:
     """What exact queries have found: distances, and planes that part the bodies.
 
     All is in the axes of the second body of a pair, so that it does not matter which
-    of the two moves. For P pairs at m instants:
+    of the two moves. Few of the pairs are ever measured; the others take four bytes.
+
+    Args:
+        instants: Number of instants m.
+        pairs: Number of pairs P.
 
     Attributes:
-        distance: Signed distances [m], shape (m, P); -inf where there is none.
-        normal: Normals of the planes, shape (m, P, 3); zero where there is none.
-        centre: Centres of the first bodies [m], shape (m, P, 3).
-        R: Rotations first_to_second, shape (m, P, 3, 3).
+        slot: Where the findings of a pair at an instant stand, -1 for nowhere, shape
+            (m, P).
+        distance: Signed distances [m], shape (k,).
+        normal: Normals of the planes, shape (k, 3); zero where there is none.
+        centre: Centres of the first bodies [m], shape (k, 3).
+        R: Rotations first_to_second, shape (k, 3, 3).
     """
 
-    distance: Array
-    normal: Array
-    centre: Array
-    R: Array
+    def __init__(self, instants: int, pairs: int) -> None:
+        self.slot = np.full((instants, pairs), -1, dtype=np.int32)
+        self.distance = np.empty(0)
+        self.normal, self.centre = np.empty((0, 3)), np.empty((0, 3))
+        self.R = np.empty((0, 3, 3))
+        self._used = 0
 
-    @classmethod
-    def none(cls, instants: int, pairs: int) -> References:
-        """Nothing is known yet."""
-        shape = (instants, pairs)
-        return cls(
-            np.full(shape, -np.inf),
-            np.empty((*shape, 3)),
-            np.empty((*shape, 3)),
-            np.empty((*shape, 3, 3)),
-        )
+    def remember(
+        self,
+        at: tuple[IntArray, IntArray],
+        distance: Array,
+        normal: Array,
+        centre: Array,
+        R: Array,
+    ) -> None:
+        """Keep what was found of pairs, shape (k,), at instants, shape (k,)."""
+        slot = self.slot[at].astype(np.int64)
+        fresh = np.flatnonzero(slot < 0)
+        slot[fresh] = self._used + np.arange(fresh.size)
+        self.slot[at] = slot
+        self._used += fresh.size
+        self._grow(self._used)
+        self.distance[slot], self.normal[slot] = distance, normal
+        self.centre[slot], self.R[slot] = centre, R
+
+    def _grow(self, size: int) -> None:
+        if size <= self.distance.size:
+            return
+        size = max(size, 2 * self.distance.size)
+        for name in ("distance", "normal", "centre", "R"):
+            old = getattr(self, name)
+            new = np.empty((size, *old.shape[1:]))
+            new[: len(old)] = old
+            setattr(self, name, new)
 
 
 @dataclass
@@ -126,10 +150,12 @@ class DistanceQuery:
             return lower
         R, t, centre = self._relative(placed, instant, pair)
         row = rows[instant]
-        row = np.where(np.isfinite(known.distance[row, pair]), row, sources[instant])
+        row = np.where(known.slot[row, pair] >= 0, row, sources[instant])
         bound = np.maximum(
             self.broad.by_covers(R, t, pair),
-            self._by_planes(known, row, pair, R, centre),
+            self._by_planes(
+                known, known.slot[row, pair].astype(np.int64), pair, R, centre
+            ),
         )
         lower[instant, pair] = np.maximum(lower[instant, pair], bound)
         near = np.flatnonzero(bound < cutoff[pair])
@@ -139,8 +165,7 @@ class DistanceQuery:
         self.count.queries += near.size
         distance, normal = self._exact(q_model, instant, pair, times)
         lower[instant, pair] = distance
-        self._remember(
-            known,
+        known.remember(
             (rows[instant], pair),
             distance,
             np.einsum(
@@ -197,7 +222,12 @@ class DistanceQuery:
         return turned, offset, offset + np.einsum("kij,kj->ki", turned, middle)
 
     def _by_planes(
-        self, known: References, row: IntArray, pair: IntArray, R: Array, centre: Array
+        self,
+        known: References,
+        slot: IntArray,
+        pair: IntArray,
+        R: Array,
+        centre: Array,
     ) -> Array:
         """Bounds from former distances and how far the first bodies have moved since.
 
@@ -205,11 +235,11 @@ class DistanceQuery:
         has not moved towards it; no point of it moves farther than its centre and the
         turning of a ball around it allow. Without a plane, any motion counts.
         """
-        out = np.full(row.size, -np.inf)
-        old = np.flatnonzero(np.isfinite(known.distance[row, pair]))
-        row, pair, R, centre = row[old], pair[old], R[old], centre[old]
-        normal, turn = known.normal[row, pair], R - known.R[row, pair]
-        shift = centre - known.centre[row, pair]
+        out = np.full(slot.size, -np.inf)
+        old = np.flatnonzero(slot >= 0)
+        slot, pair, R, centre = slot[old], pair[old], R[old], centre[old]
+        normal, turn = known.normal[slot], R - known.R[slot]
+        shift = centre - known.centre[slot]
         radius = self.broad.radius[self.broad.first[pair]]
         turned = np.einsum("kij,ki->kj", turn, normal)
         along = np.einsum("ki,ki->k", normal, shift)
@@ -217,7 +247,7 @@ class DistanceQuery:
         other = np.flatnonzero(np.einsum("ki,ki->k", normal, normal) < 0.5)
         chord = np.sqrt(0.5 * np.sum(turn[other] ** 2, axis=(1, 2)))
         along[other] = np.linalg.norm(shift[other], axis=1) + radius[other] * chord
-        out[old] = known.distance[row, pair] - along - SLACK
+        out[old] = known.distance[slot] - along - SLACK
         return out
 
     def _exact(
@@ -239,15 +269,3 @@ class DistanceQuery:
         convex = self.convex[self.broad.first] & self.convex[self.broad.second]
         normal[~convex[pair]] = 0.0
         return np.array(distances), normal
-
-    @staticmethod
-    def _remember(
-        known: References,
-        at: tuple[IntArray, IntArray],
-        distance: Array,
-        normal: Array,
-        centre: Array,
-        R: Array,
-    ) -> None:
-        known.distance[at], known.normal[at] = distance, normal
-        known.centre[at], known.R[at] = centre, R

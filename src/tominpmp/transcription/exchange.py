@@ -46,6 +46,9 @@ FINE = 0.25
 FINEST = 128
 # So many instants take the place of one when it is looked at more closely.
 SPLIT = 4
+# No more instants than this are looked at, nor this many more closely at a time: they
+# take memory, and the verification looks again.
+MOST_SAMPLES, MOST_SPLIT = 20_000, 4_000
 # Share of the padding that may be used up there.
 GRAZE_MOVING = 0.5
 
@@ -150,10 +153,10 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
     if system.clearance is None:
         return no_instants()
     at = _samples(spline.h)
-    if not system.clearance.moving:
-        at, values = _closer(system, spline, at)
-    else:
-        at, values = _finer(system, spline, at)
+    at, values = _closer(system, spline, at)
+    if system.clearance.moving:
+        more, there = _finer(system, spline, _samples(spline.h))
+        at, values = at.joined(more), np.concatenate([values, there])
     missing = values - _usable(system)
     worst = np.max(missing, axis=1)
     found: list[tuple[int, float]] = []
@@ -208,15 +211,19 @@ def _closer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Arr
     clearance = system.clearance
     assert clearance is not None  # noqa: S101
     close = CLOSE / system.reach
-    values = clearance.values(at.states(spline)[0], attention=close)
+
+    def values_at(instants: Instants, attention: float) -> Array:
+        times = instants.times(spline.h)
+        return clearance.values(instants.states(spline)[0], attention, times)
+
+    values = values_at(at, close)
     near = dipping(values - _usable(system), 0.0, close)
     if not near.size:
         return at, values
     width = 1.0 / np.bincount(at.interval, minlength=spline.h.size)[at.interval[near]]
     share = at.share[near, None] + DIPS * width[:, None]
     more = Instants(np.repeat(at.interval[near], DIPS.size), share.ravel())
-    found = clearance.values(more.states(spline)[0], attention=0.0)
-    return at.joined(more), np.concatenate([values, found])
+    return at.joined(more), np.concatenate([values, values_at(more, 0.0)])
 
 
 def grazing_times(
@@ -245,7 +252,8 @@ def grazing_times(
         return np.asarray(values - _usable(system))
 
     close = CLOSE / system.reach
-    times = np.linspace(0.0, 1.0, max(int(duration / CLEARANCE_STEP), 100))[1:-1]
+    count = int(np.clip(duration / CLEARANCE_STEP, 100, MOST_SAMPLES))
+    times = np.linspace(0.0, 1.0, count)[1:-1]
     missing = missing_at(times, close)
     near = dipping(missing, 0.0, close)
     if near.size:
@@ -281,43 +289,55 @@ def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
 
 
 def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
-    """More instants where something that moves may come close between them.
+    """Instants between given ones at which something that moves comes too close.
 
     Returns:
         The instants, and the values there.
     """
     clearance, h = system.clearance, spline.h
     assert clearance is not None  # noqa: S101
+    usable = _usable(system)
     width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
-    rise = clearance.rise(float(h.sum()))
+    rises = clearance.rises(float(h.sum()))
+    rise = float(np.max(rises, initial=0.0))
     room = FINE * float(np.max(system.padding)) + LEAST_GRAZE
     parts = float(np.clip(rise * np.max(width * h[at.interval]) / room, 1.0, FINEST))
-    found = []
+    found, lacking = [], []
     while True:
         # Between instants a step apart a value rises by this much, seen from the
-        # nearer one: only where that matters is it worth while to look closer.
-        reached = 0.5 * rise * width * h[at.interval]
-        attention = float(np.max(reached)) if parts > 1.0 else 0.0
+        # nearer one: only where that matters is it worth while to look closer. What
+        # does not move is no reason to.
+        step = 0.5 * width * h[at.interval]
+        attention = float(np.max(step)) * rise if parts > 1.0 else 0.0
         times, q = at.times(h), at.states(spline)[0]
         values = clearance.values(q, attention=attention, times=times)
-        found.append((at, values))
-        near = np.flatnonzero(np.max(values, axis=1) > -reached)
+        worst = np.max(values - usable, axis=1)
+        over = np.flatnonzero(worst > 0.0)
+        found.append(Instants(at.interval[over], at.share[over]))
+        lacking.append(values[over])
+        moved = np.where(rises > 0.0, values + step[:, None] * rises, -np.inf)
+        moved = np.max(moved, axis=1)
+        near = np.flatnonzero(moved > 0.0)
         if parts <= 1.0 or not near.size:
             break
         split = min(int(np.ceil(parts)), SPLIT)
+        if near.size > MOST_SPLIT:
+            near = np.sort(near[np.argsort(-moved[near], kind="stable")[:MOST_SPLIT]])
         places = (np.arange(split) + 0.5) / split - 0.5
         share = at.share[near, None] + places * width[near, None]
         at = Instants(np.repeat(at.interval[near], split), share.ravel())
         width, parts = np.repeat(width[near] / split, split), parts / split
-    every = found[0][0]
-    for more, _ in found[1:]:
+    every = no_instants()
+    for more in found:
         every = every.joined(more)
-    return every, np.concatenate([values for _, values in found])
+    return every, np.concatenate(lacking)
 
 
 def _samples(h: Array) -> Instants:
+    """Instants at which clearances are looked at; fewer a second in long motions."""
+    apart = max(CLEARANCE_STEP, float(h.sum()) / MOST_SAMPLES)
     counts: IntArray = np.maximum(
-        np.ceil(h / CLEARANCE_STEP).astype(np.int64), CLEARANCE_SAMPLES
+        np.ceil(h / apart).astype(np.int64), CLEARANCE_SAMPLES
     )
     interval = np.repeat(np.arange(h.size), counts)
     first = np.repeat(np.cumsum(counts) - counts, counts)

@@ -29,6 +29,8 @@ RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]
 # The motion is looked at this often at least [s].
 TIME_STEP = 1e-3
+# But no oftener than this in all: longer motions are looked at less often.
+MOST_ROWS = 200_000
 # Largest eigenvalue times mean interval beyond which an arm is stiff: DOP853 is stable
 # for steps up to about 6 over the eigenvalue.
 STIFF = 24.0
@@ -97,6 +99,7 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         trajectory: The motion.
         time_step: Largest time between two rows [s].
     """
+    time_step = max(time_step, trajectory.duration / MOST_ROWS)
     steps = np.maximum(np.ceil(np.diff(trajectory.t) / time_step - 1e-9), 1.0)
     parts = [
         np.linspace(begin, end, int(count), endpoint=False)
@@ -210,6 +213,7 @@ class Integration:
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
+        time_step = max(time_step, self._trajectory.duration / MOST_ROWS)
         times, states = [np.zeros(1)], [start[None]]
         x, complete = start, True
         for k in range(pieces.t.size - 1):

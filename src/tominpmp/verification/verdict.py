@@ -176,7 +176,7 @@ def verify(
     if (
         alone is None
         or alone.violations
-        or not _counts(problem, trajectory, integration, alone.replay, growth, tolerances)
+        or not _counts(problem, trajectory, integration, alone, growth, tolerances)
     ):
         rate = feedback_rate(growth, trajectory.duration, tolerances.goal)
         if rate is not None:
@@ -216,16 +216,19 @@ def _counts(
     problem: Problem,
     trajectory: Trajectory,
     first: Integration,
-    replay: Replay,
+    alone: Findings,
     growth: float,
     tolerances: Tolerances,
 ) -> bool:
-    """Whether a replay would end there with tighter tolerances of its integrator too.
+    """Whether a replay is all right, and would be with a tighter integration too.
 
-    It is replayed a second time only where the growth of errors says that it matters.
+    It is integrated a second time only where the growth of errors says that it matters.
     """
+    if alone.violations:
+        return False
     if not doubtful(growth, tolerances.goal, first.integrator):
         return True
+    replay = alone.replay
     start = np.concatenate([replay.q[0], replay.v[0]])
     again = Integration(
         problem.robot, trajectory, first.pieces, first.integrator, tightness=TIGHTER
