@@ -29,7 +29,7 @@ Edges: TypeAlias = np.ndarray[Any, Any]
 # Rows of the replay in the stretches that are looked at first, then in their parts;
 # then stretches between two rows are cut into so many parts, so often.
 SPANS = (32, 8, 2, 1)
-PARTS, CUTS = 4, 5
+PARTS, CUTS = 4, 9
 # A pair is not looked for that is closer than the closest by this share of its room
 # and this much [m].
 RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6

@@ -33,7 +33,7 @@ class Excess:
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
-            "effort rate", "feedback" or "clearance".
+            "effort rate", "feedback", "clearance" or "duration".
         name: The joint, the frame, or the pair as "one and other".
         time: When [s].
         amount: How far beyond the limit, or from the goal; negative is room left.
@@ -58,6 +58,12 @@ class Excess:
             return f"{self.name} ends {amount} from the goal"
         if self.kind == "speed":
             return f"{self.name} ends {amount} from the velocity of the goal"
+        if self.kind == "duration":
+            longest = self.time - self.amount
+            return (
+                f"{self.name} takes {self.time:.3g} s, and no more than {longest:.3g} "
+                "s can be replayed"
+            )
         if self.kind == "clearance":
             verb = "lack" if self.amount > 0.0 else "have more than"
             return f"{self.name} {verb} {amount} of clearance at {self.time:.3f} s"

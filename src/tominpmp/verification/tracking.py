@@ -158,8 +158,9 @@ def amplification(robot: Robot, trajectory: Trajectory) -> float:
     states = np.concatenate([middle.q, middle.v], axis=1)
     slopes = plant.dynamics.forward_jacobians(states, middle.u).f_x
     scale = np.concatenate([np.ones(n), np.full(n, 0.1)])
-    moves = expm(slopes * np.diff(t)[:, None, None])
-    moves = moves * scale[:, None] / scale
+    with np.errstate(all="ignore"):
+        moves = expm(slopes * np.diff(t)[:, None, None])
+        moves = moves * scale[:, None] / scale
     largest = 1.0
     from_start = np.eye(2 * n)
     with np.errstate(over="ignore", invalid="ignore"):

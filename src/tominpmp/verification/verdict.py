@@ -37,6 +37,7 @@ from tominpmp.verification.replay import (
     Integration,
     Integrator,
     Replay,
+    planned,
     torque_pieces,
 )
 from tominpmp.verification.tracking import (
@@ -49,6 +50,9 @@ from tominpmp.verification.tracking import (
     needed,
     settled,
 )
+
+# Longer motions are not replayed, which would take too many steps [s].
+LONGEST = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +165,8 @@ def verify(
         expect(checker, CollisionChecker, "checker", "a CollisionChecker or None")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    if trajectory.duration > LONGEST:
+        return _too_long(trajectory, tolerances, begin)
     torque = torque_pieces(robot, trajectory)
     integration = Integration(robot, trajectory, torque, integrator)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
@@ -209,6 +215,31 @@ def verify(
         replay=replayed,
         growth=growth,
         feedback=feedback,
+    )
+
+
+def _too_long(
+    trajectory: Trajectory, tolerances: Tolerances, begin: float
+) -> Verification:
+    """Verdict on a motion that takes longer than can be replayed."""
+    T = trajectory.duration
+    beyond = T - LONGEST
+    excess = Excess("duration", "the motion", T, beyond, "s", beyond / LONGEST, True)
+    return Verification(
+        ok=False,
+        goal_error=np.inf,
+        speed_error=np.inf,
+        worst={excess.kind: excess},
+        violations=(excess,),
+        min_clearance=-np.inf,
+        deviation=frozen_array(np.full(trajectory.n, np.inf)),
+        defect=None,
+        integrator="planned",
+        complete=False,
+        tolerances=tolerances,
+        seconds=time.perf_counter() - begin,
+        replay=planned(trajectory, np.inf),
+        growth=np.inf,
     )
 
 

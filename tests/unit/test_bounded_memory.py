@@ -1,0 +1,92 @@
+"""Memory stays bounded whatever the numbers are; what is too long is said to be."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.transcription.exchange import MOST_SAMPLES, _samples
+from tominpmp.verification.replay import MOST_ROWS
+from tominpmp.verification.verdict import LONGEST
+
+GIGABYTE = 1_000_000_000
+
+SLOW = """
+import json, resource, sys
+import tominpmp as tm
+arm = tm.load_robot("ur5", velocity=float(sys.argv[1]))
+start = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0]
+goal = tm.JointGoal([2.7, -0.9, 1.2, 0.1, 0.6, 0.1])
+box = tm.Box("box", size=(0.1, 0.1, 0.1), position=(0.0, 0.0, 1.5),
+             motion=tm.ConstantVelocity((0.0, 0.0, 1e-5)))
+found = tm.plan(tm.Problem(arm, start, goal, scene=tm.Scene([box])),
+                tm.Options(starts=1))
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+rows = found.verification.replay.t.size
+print(json.dumps([peak, rows, found.success, found.message]))
+"""
+
+
+def planned(velocity: str) -> tuple[int, int, bool, str]:
+    done = subprocess.run(
+        [sys.executable, "-c", SLOW, velocity],
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=True,
+    )
+    return tuple(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.slow
+def test_three_quarters_of_an_hour_take_less_than_a_gigabyte() -> None:
+    peak, rows, success, _ = planned("1e-3")
+    assert success
+    assert peak < GIGABYTE
+    assert rows <= 1.1 * MOST_ROWS
+
+
+@pytest.mark.slow
+def test_ten_thousand_years_end_in_a_sentence() -> None:
+    peak, _, success, message = planned("1e-11")
+    assert not success
+    assert peak < GIGABYTE
+    assert "can be replayed" in message
+
+
+def test_motions_that_are_too_long_are_not_replayed() -> None:
+    rail = tm.load_robot("planar3r")
+    problem = tm.Problem(rail, [0.5, 0.1, 0.1], tm.JointGoal([0.6, 0.1, 0.1]))
+    motion = tm.plan(problem).trajectory
+    t = np.array(motion.t) * (2.0 * LONGEST / motion.duration)
+    slow = tm.Trajectory(motion.joint_names, t, motion.q, motion.v, motion.u)
+    found = tm.verify(problem, slow)
+    assert not found.ok
+    assert "can be replayed" in found.message
+    assert found.replay.t.size == t.size
+
+
+def test_instants_between_the_rows_are_bounded_in_number() -> None:
+    for T in (1.0, 1e3, 1e6, 1e12):
+        instants = _samples(np.full(40, T / 40))
+        assert instants.size <= 1.1 * MOST_SAMPLES
+
+
+def test_what_is_remembered_of_pairs_far_away_takes_four_bytes() -> None:
+    arm = tm.load_robot("ur5")
+    far = [tm.Sphere(f"s{k}", radius=0.1, position=(5 + k, 0, 0)) for k in range(40)]
+    checker = tm.Problem(
+        arm, np.full(6, 0.1), tm.JointGoal(np.zeros(6)), scene=tm.Scene(far)
+    ).checker
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    cache = checker.cache(4000)
+    assert len(checker.pairs) > 500
+    del cache
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert (after - before) * 1024 < 6 * 4000 * len(checker.pairs) + 20_000_000

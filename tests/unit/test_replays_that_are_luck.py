@@ -1,0 +1,67 @@
+"""Replays count where tighter tolerances of the integrator change nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.options import Tolerances
+from tominpmp.verification.replay import Integration
+from tominpmp.verification.tracking import doubtful, settled
+
+# Raised slowly, this arm lets errors grow by 2e10.
+START = [-0.872, 2.293, 4.992, 2.843, 1.309, -2.691]
+GOAL = [-0.08, 3.867, 5.097, -0.136, 2.149, -1.747]
+
+
+@pytest.fixture(scope="module")
+def raised() -> tm.Solution:
+    kinova = tm.load_robot("kinova")
+    return tm.plan(tm.Problem(kinova, START, tm.JointGoal(GOAL)))
+
+
+def test_what_a_finer_integration_moves_is_judged_with_feedback(
+    raised: tm.Solution,
+) -> None:
+    problem, motion = raised.problem, raised.trajectory
+    start = np.concatenate([START, np.zeros(6)])
+    ends = [
+        Integration(problem.robot, motion, tightness=tightness).run(start).q[-1]
+        for tightness in (1.0, 10.0)
+    ]
+    moves = float(np.max(np.abs(ends[0] - ends[1])))
+    misses = float(np.max(np.abs(ends[0] - GOAL)))
+    assert 0.0 < moves < 1e-3
+    # Tolerances that the replay keeps, and that the finer one moves by a good share of.
+    strict = Tolerances(goal=max(1.5 * misses, 2.0 * moves))
+    found = tm.verify(problem, motion, strict)
+    assert found.growth > 1e9
+    assert found.feedback is not None
+    assert "feedback" in found.message or not found.ok
+    # With room to spare it counts as it is.
+    loose = tm.verify(problem, motion, Tolerances(goal=max(2 * misses, 50.0 * moves)))
+    assert loose.ok
+    assert loose.feedback is None
+
+
+def test_replays_settle_where_both_end_at_one_place(raised: tm.Solution) -> None:
+    replay, tolerances = raised.verification.replay, Tolerances()
+    assert settled(replay, replay, tolerances)
+    q = np.array(replay.q)
+    q[-1] += 0.05 * tolerances.goal
+    assert settled(replay, replace(replay, q=q), tolerances)
+    q[-1] += 0.1 * tolerances.goal
+    assert not settled(replay, replace(replay, q=q), tolerances)
+    assert not settled(replay, replace(replay, complete=False), tolerances)
+
+
+def test_a_second_replay_is_for_motions_whose_errors_grow() -> None:
+    assert not doubtful(1e4, 1e-3, "LSODA")
+    assert doubtful(1e6, 1e-3, "LSODA")
+    assert not doubtful(1e6, 1e-3, "DOP853")
+    assert doubtful(1e8, 1e-3, "DOP853")
+    assert doubtful(np.inf, 1e-3, "DOP853")
+    assert doubtful(np.nan, 1e-3, "DOP853")
