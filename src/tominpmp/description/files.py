@@ -207,7 +207,7 @@ def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path,
     """
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = [package_dirs]
-    if not isinstance(package_dirs, Iterable) or isinstance(package_dirs, bytes):
+    if not isinstance(package_dirs, Sequence) or isinstance(package_dirs, bytes):
         raise RobotLoadError(
             f"package_dirs is {brief(package_dirs)}, expected paths of folders"
         )

@@ -18,6 +18,8 @@ __all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
 
 # What needs no refinement: planning that was stopped, and a motion that will do.
 DONE = (Status.TIME_LIMIT, Status.INTERRUPTED, Status.FEASIBLE)
+# A motion this short only has a duration since the programs need one [s].
+SHORTEST_MOTION = 1e-5
 
 
 def refine(
@@ -44,6 +46,11 @@ def refine(
     """
     if result.status in DONE:
         return transcription, result
+    if result.best is not None and options.refine is not None:
+        duration = transcription.trajectory(result.best.z).duration
+        if duration < SHORTEST_MOTION:
+            remark = "The start meets the goal: there is nothing to refine."
+            return transcription, replace(result, remark=remark)
     if options.refine == "grid":
         return refine_grid(system, options, transcription, result, lp, watch)
     if options.refine == "switching":

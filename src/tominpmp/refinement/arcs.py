@@ -89,6 +89,8 @@ class Arcs:
     def cleaned(self) -> Arcs:
         """Without arcs of hardly any length, and equal neighbours joined."""
         keep = np.flatnonzero(self.lengths > SHORTEST * self.duration)
+        if not keep.size:  # the motion itself has vanished: one arc remains of it
+            keep = np.argmax(self.lengths, keepdims=True)
         arcs = self.pick(keep, self.lengths[keep])
         same = np.all(
             (arcs.held[1:] == arcs.held[:-1])

@@ -48,7 +48,8 @@ class Mesh(Obstacle):
     def __post_init__(self) -> None:
         """Read the file, check what was read."""
         super().__post_init__()
-        if self.convex not in ("auto", "hull", "none"):
+        ways = ("auto", "hull", "none")
+        if not isinstance(self.convex, str) or self.convex not in ways:
             self._fail(
                 f"convex is {brief(self.convex)}, expected 'auto', 'hull' or 'none'"
             )

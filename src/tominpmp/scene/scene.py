@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from tominpmp.arrays import Record
@@ -22,14 +22,16 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         """Check the obstacles and their names."""
-        if not isinstance(self.obstacles, Iterable):
+        try:
+            items = iter(self.obstacles)
+        except TypeError as error:
             raise SceneError(
                 f"a scene is made from a list of obstacles, not from a "
                 f"{type(self.obstacles).__name__}"
-            )
+            ) from error
         names: set[str] = set()
         found: list[Obstacle] = []
-        for item in self.obstacles:
+        for item in items:
             if not isinstance(item, Obstacle):
                 raise SceneError(
                     "a scene holds obstacles (Sphere, Box, Cylinder, Capsule, Mesh, "
