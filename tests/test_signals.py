@@ -1,0 +1,134 @@
+"""Signals and processes: none stays behind, and what was found is written."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+from tominpmp.seeding.parallel import asked_to_stop, run_parallel
+
+WAIT = 60.0
+
+
+def start(code, *arguments, cwd=None):
+    """Run code in another process that takes Ctrl-C as usual."""
+    usual = "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    return subprocess.Popen(
+        [sys.executable, "-c", usual + textwrap.dedent(code), *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+    )
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as file:
+        return file.read().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks into /proc")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_processes_end_with_their_parent(number):
+    code = """
+        import os, sys, time
+        sys.path.insert(0, sys.argv[1])
+        from parallel_work import sleep_and_tell
+        from tominpmp.seeding.parallel import run_parallel
+        for _ in run_parallel(sleep_and_tell, [300.0, 300.0], 2):
+            pass
+    """
+    folder = os.path.join(os.path.dirname(__file__), "unit")
+    process = start(code, folder)
+    pids = {int(process.stdout.readline()) for _ in range(2)}
+    assert all(alive(pid) for pid in pids)
+    process.send_signal(number)
+    # The end of its output comes when nobody holds it any more.
+    process.communicate(timeout=WAIT)
+    end = time.monotonic() + WAIT
+    while any(alive(pid) for pid in pids) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not any(alive(pid) for pid in pids)
+
+
+def until_asked(seconds):
+    """Wait; tell whether that was asked for."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not asked_to_stop():
+        time.sleep(0.02)
+    return asked_to_stop()
+
+
+def test_an_interrupt_gets_what_processes_have_found():
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    found = []
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            for number, asked in run_parallel(until_asked, [0.0, 200.0, 200.0], 2):
+                found.append((number, asked))
+                if len(found) == 1:
+                    time.sleep(1.0)  # the next ones have begun
+                    os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, former)
+    assert found[0] == (0, False)
+
+
+COMMAND = """
+    import os, signal, sys
+    from tominpmp.cli import planning
+    from tominpmp.cli.app import main
+    from tominpmp.cli.progress import Progress
+    number, count, where = int(sys.argv[1]), [0], sys.argv[2]
+    usual = Progress.__call__
+
+    def told(self, record):
+        usual(self, record)
+        count[0] += record.violation <= 1e-6 or count[0] > 0
+        if where == "planning" and count[0] == 3:
+            os.kill(os.getpid(), number)
+
+    def loading(*arguments):
+        os.kill(os.getpid(), number)
+
+    write = planning.Targets.write
+
+    def writing(self, solution):
+        os.kill(os.getpid(), number)
+        return write(self, solution)
+
+    Progress.__call__ = told
+    if where == "loading":
+        planning.make_options = loading
+    if where == "writing":
+        planning.Targets.write = writing
+    sys.argv[1:] = sys.argv[3:]
+    main()
+"""
+PLAN = "plan planar3r --start 0.5 1.7 -1.7 --goal 2 -1 0.5 -o motion.csv".split()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("where", ["loading", "planning", "writing"])
+def test_the_command_writes_what_was_found(tmp_path, number, where):
+    arguments = [str(int(number)), where, *PLAN]
+    process = start(COMMAND, *arguments, cwd=tmp_path)
+    out, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 128 + number, errors
+    if where == "loading":
+        assert "interrupted" in errors and not os.listdir(tmp_path)
+        return
+    assert "duration" in out
+    rows = (tmp_path / "motion.csv").read_text().splitlines()
+    assert len(rows) > 20 and len(rows[-1].split(",")) == len(rows[-2].split(","))
+    assert os.listdir(tmp_path) == ["motion.csv"]

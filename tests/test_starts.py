@@ -1,0 +1,121 @@
+"""More starts, and more processes, never lose what fewer would find."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.attempts import starts
+from tominpmp.seeding.guess import Guess
+from tominpmp.transcription.system import System
+
+START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
+AROUND = tm.Scene([tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0))])
+
+
+def reach(**changes):
+    robot = tm.load_robot("planar3r")
+    return tm.Problem(robot, START, tm.JointGoal(END), **changes)
+
+
+class Table:
+    """Attempts whose outcomes are drawn beforehand, by the number of the guess."""
+
+    def __init__(self, monkeypatch, seed, finds):
+        rng = np.random.default_rng(seed)
+        draw = rng.uniform(1.0, 3.0, 40)
+        self.outcomes = np.where(rng.uniform(size=40) < finds, draw, np.inf)
+        # Guesses are timed; some promise nothing.
+        self.promised = rng.uniform(1.0, 4.0, 40)
+        self.shot = float(rng.choice([np.inf, rng.uniform(1.0, 3.0)]))
+        self.tried = []
+        monkeypatch.setattr(starts, "initial_guesses", self.guesses)
+        monkeypatch.setattr(starts, "solve_and_verify", self.solve)
+        monkeypatch.setattr(starts, "shots", self.shots)
+
+    def guesses(self, system, count, *rest):
+        for number in range(count):
+            t = np.array([0.0, self.promised[number]])
+            q = np.array([START, END])
+            yield Guess(str(number), t, q, bool(number % 2))
+
+    def solve(self, system, options, guess, watch):
+        self.tried.append(guess.name)
+        return Made(float(self.outcomes[int(guess.name)]))
+
+    def shots(self, system, options, watch):
+        assert options.starts is None
+        self.tried.append("shot")
+        watch.best = min(watch.best, self.shot)
+        yield Made(self.shot)
+
+
+class Made:
+    """An attempt as far as its order is concerned."""
+
+    verification = None
+    history = ()
+
+    def __init__(self, duration):
+        self.duration = duration
+        self.found = bool(np.isfinite(duration))
+
+
+def tries(monkeypatch, seed, finds, number, scene):
+    """Names of the attempts that are made, and the least duration."""
+    table = Table(monkeypatch, seed, finds)
+    options = tm.Options(starts=number)
+    watch = starts.Watch(options)
+    system = System.of(reach(scene=scene))
+    made = starts.make_attempts(system, None, options, watch)
+    durations = [attempt.duration for attempt in made if attempt is not None]
+    return table.tried, min(durations)
+
+
+@pytest.mark.parametrize("scene", [tm.Scene(), AROUND], ids=["alone", "among"])
+@pytest.mark.parametrize("finds", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("seed", range(8))
+def test_more_starts_make_the_same_attempts_first(monkeypatch, seed, finds, scene):
+    former, least = tries(monkeypatch, seed, finds, None, scene)
+    for number in range(1, 13):
+        now, T = tries(monkeypatch, seed, finds, number, scene)
+        assert now[: len(former)] == former
+        assert T <= least
+        former, least = now, T
+
+
+@pytest.mark.parametrize("options", [{}, {"control": "constant"}])
+def test_durations_do_not_rise_with_the_number_of_starts(options):
+    problem = reach(scene=AROUND)
+    options = {"intervals": 20, **options}
+    durations = [tm.plan(problem, **options).T]
+    for number in (1, 3):
+        durations.append(tm.plan(problem, starts=number, **options).T)
+    assert all(b <= a for a, b in pairwise(durations))
+    assert durations[1] == durations[0]  # a goal in the joints has one start
+
+
+def same(one, other):
+    assert one.T.hex() == other.T.hex()
+    for name in ("t", "q", "v", "u"):
+        first = getattr(one.trajectory, name)
+        np.testing.assert_array_equal(first, getattr(other.trajectory, name))
+
+
+def test_one_and_two_processes_find_the_very_same_motion():
+    # Distances depended on former queries, in the last digits, and so did motions.
+    problem = reach(scene=AROUND, margin=0.02)
+    alone = tm.plan(problem, starts=2, intervals=20)
+    many = tm.plan(problem, starts=2, intervals=20, processes=2)
+    same(alone, many)
+    assert alone.iterations == many.iterations
+
+
+def test_a_start_does_not_depend_on_those_before_it():
+    problem = reach(scene=AROUND, margin=0.02)
+    before = tm.plan(problem, starts=1, intervals=20)
+    tm.plan(problem, starts=2, seed=5, intervals=20)
+    same(before, tm.plan(problem, starts=1, intervals=20))
