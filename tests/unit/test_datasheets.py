@@ -216,3 +216,13 @@ def test_loading_with_a_sheet_warns_of_nothing() -> None:
         warnings.simplefilter("error")
         for name in ("panda", "ur3", "ur5", "ur10", "ur5_limited", "xarm7"):
             load_robot(name, limits="datasheet")
+
+
+def test_robots_are_listed_with_them(panda: Robot) -> None:
+    from tominpmp.cli.listing import robot_data
+
+    data = robot_data(panda)
+    assert [joint["acceleration"] for joint in data["joints"]][:2] == [15.0, 7.5]
+    assert data["joints"][0]["effort_rate"] == 1000.0
+    assert data["groups"]["hand"] == ["panda_finger_joint1"]
+    assert "acceleration" not in robot_data(load_robot("ur5"))["joints"][0]

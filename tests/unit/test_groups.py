@@ -10,7 +10,12 @@ import pytest
 from robot_samples import chain, write
 
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import JointNotFound, OptionsError, TominpmpWarning
+from tominpmp.exceptions import (
+    JointNotFound,
+    OptionsError,
+    ProblemError,
+    TominpmpWarning,
+)
 from tominpmp.robot import load_robot
 from tominpmp.scenario.robot_table import read_robot, robot_table
 
@@ -150,3 +155,10 @@ def test_locking_further_joints(tmp_path: Path) -> None:
     assert part.collision_model.ngeoms == expected.collision_model.ngeoms
     with pytest.raises(Exception, match="no joint is left"):
         part.with_locked({"j2": 0.0, "j4": 0.0})
+
+
+def test_dry_friction_stays_where_joints_are_locked(tmp_path: Path) -> None:
+    whole = arm(tmp_path, friction=[1, 2, 3, 4])
+    np.testing.assert_array_equal(whole.with_locked({"j2": 0.0}).friction, [1, 3, 4])
+    with pytest.raises(ProblemError, match="positions is 3, expected positions by"):
+        whole.with_locked(3)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tominpmp.cli.request import RobotRequest
+from tominpmp.motion_limits import UNITS
 from tominpmp.robot import Robot
 
 # Width of the labels of the rows below the table.
@@ -37,12 +38,17 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         "armature": robot.armature,
         "friction": robot.friction,
     }
+    beyond = robot.motion_limits
+    for quantity in UNITS:
+        if beyond is not None and getattr(beyond, quantity) is not None:
+            columns[quantity] = beyond.by_joint(quantity, robot.joint_names)
     joints = [
         {"name": name, "kind": kinds[name]}
         | {key: _finite(column[i]) for key, column in columns.items()}
         for i, name in enumerate(robot.joint_names)
     ]
-    states = {} if robot.srdf is None else robot.srdf.group_states
+    said = robot.srdf
+    states = {} if said is None else said.group_states
     followers = [
         joint.name
         for joint in robot.description.joints
@@ -57,6 +63,10 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         "locked_joints": dict(robot.locked_joints),
         "mimic_joints": followers,
         "passive_joints": list(robot.passive_joints),
+        "groups": {
+            name: list(group.joints)
+            for name, group in ({} if said is None else said.groups.groups).items()
+        },
         "group_states": {name: dict(state) for name, state in states.items()},
         "frames": list(robot.frame_names),
         "collision_geometries": int(robot.collision_model.ngeoms),
@@ -89,6 +99,7 @@ def _text(data: dict[str, Any]) -> str:
         "locked": locked,
         "mimic": data["mimic_joints"],
         "passive": data["passive_joints"],
+        "groups": list(data["groups"]),
         "group states": list(data["group_states"]) or ["none"],
         "collision": [f"{data['collision_geometries']} geometries"],
         "frames": data["frames"],
@@ -128,8 +139,17 @@ def _joint_table(joints: list[dict[str, Any]]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column("joint")
     table.add_column("kind")
-    headings = ("lower", "upper", "velocity", "effort", "damping", "armature")
-    for heading in (*headings, "friction"):
+    headings: tuple[str, ...] = (
+        "lower",
+        "upper",
+        "velocity",
+        "effort",
+        "damping",
+        "armature",
+    )
+    further = [quantity for quantity in UNITS if joints and quantity in joints[0]]
+    headings += ("friction", *(name.replace("_", " ") for name in further))
+    for heading in headings:
         table.add_column(heading, justify="right")
     for joint in joints:
         low, high = joint["effort_lower"], joint["effort_upper"]
@@ -144,6 +164,7 @@ def _joint_table(joints: list[dict[str, Any]]) -> Table:
             _number(joint["damping"]),
             _number(joint["armature"]),
             _number(joint["friction"]),
+            *(_number(joint[quantity]) for quantity in further),
         )
     return table
 

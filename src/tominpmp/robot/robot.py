@@ -27,7 +27,13 @@ from tominpmp.description.model import (
 )
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, brief
+from tominpmp.exceptions import (
+    FrameNotFound,
+    ProblemError,
+    RobotLoadError,
+    brief,
+    expect,
+)
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.payload import Payload, attach
 
@@ -297,6 +303,7 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If no joint is left that moves.
         """
+        expect(positions, Mapping, "positions", "positions by joint name")
         joints = self.description.joints
         mimics = {joint.name for joint in joints if joint.mimic}
         kept = {k: v for k, v in self.locked_joints.items() if k not in mimics}
