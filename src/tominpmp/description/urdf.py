@@ -70,8 +70,9 @@ class JointDescription:
         damping: Viscous friction [N m s/rad or N s/m].
         friction: Dry friction [N m or N].
         mimic: The joint that it follows, if it does.
-        acceleration: Largest acceleration, or deceleration [rad/s^2 or m/s^2].
-        jerk: Largest jerk [rad/s^3 or m/s^3].
+        acceleration: Largest acceleration, or deceleration [rad/s^2 or m/s^2]; infinite
+            if none is given.
+        jerk: Largest jerk [rad/s^3 or m/s^3]; infinite if none is given.
     """
 
     name: str
@@ -83,8 +84,8 @@ class JointDescription:
     damping: float
     friction: float
     mimic: Mimic | None
-    acceleration: float = math.nan
-    jerk: float = math.nan
+    acceleration: float = math.inf
+    jerk: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -299,7 +300,10 @@ def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDesc
     for quantity, value in given.items():
         if value < 0:
             context.fail(f"{where}: limit {quantity}={value:g} is negative")
-    slowing, jerk = further["deceleration"], further["jerk"]
+    known = {
+        quantity: value if value > 0.0 else math.inf  # zero and NaN: not given
+        for quantity, value in further.items()
+    }
     losses = joint.find("dynamics")
     damping = context.number(losses, "damping", where, low=0.0)
     friction = context.number(losses, "friction", where, low=0.0)
@@ -313,14 +317,9 @@ def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDesc
         damping,
         friction,
         _read_mimic(joint, context),
-        # One that is not given (NaN) leaves the other.
-        acceleration=min(further["acceleration"], slowing, key=_or_infinite),
-        jerk=jerk,
+        acceleration=min(known["acceleration"], known["deceleration"]),
+        jerk=known["jerk"],
     )
-
-
-def _or_infinite(value: float) -> float:
-    return math.inf if math.isnan(value) else value
 
 
 def _read_mimic(joint: Element, context: XmlContext) -> Mimic | None:

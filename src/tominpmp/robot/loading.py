@@ -84,7 +84,7 @@ class RobotSource:
         for joint in self.description.joints:
             for quantity, values in described.items():
                 value = getattr(joint, quantity)
-                if 0.0 < value < math.inf:  # zero is how files say "not known"
+                if value < math.inf:
                     values[joint.name] = value
         own = published_limits(described, joint_names)
         theirs = published_limits(published, joint_names)
