@@ -18,6 +18,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.clock_outcome import Clocked, failed, succeeded
 from tominpmp.attempts.guessed import EXCHANGES, FAR, NEARLY, SMOOTHING_SHARE
 from tominpmp.attempts.watch import Watch
 from tominpmp.exceptions import OptionsError
@@ -50,10 +51,6 @@ TRIES = 12
 LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
 # A motion has so many periods at least; the shortest have more than they need.
 FEWEST = 4
-# How a plan ends that has found no motion on the clock.
-NO_CLOCK = (*STOPPED, Status.UNVERIFIED)
-# A lower bound is mentioned if T is above it by less than this share.
-TELLING = 1.0
 # An iteration goes on while its last step has promised this share of what is missing.
 HOPE = 0.5
 # Intervals are halved where it takes more periods than so many more, by their share.
@@ -131,8 +128,8 @@ def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> S
         outcome = Clocked(watch.stopped(stop))
     solution = replace(solution, history=tuple(history), planning_time=watch.seconds)
     if outcome.trajectory is None:
-        return _failed(solution, outcome, period)
-    return _succeeded(solution, outcome, remark, period)
+        return failed(solution, outcome, period)
+    return succeeded(solution, outcome, remark, period)
 
 
 def _numbered(
@@ -213,23 +210,6 @@ def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
         until = min(now + PATIENCE, np.inf if until is None else until)
         options = replace(options, callback=None)
     return Deadline(options, watch, until)
-
-
-@dataclass(frozen=True, eq=False)
-class Clocked:
-    """What the search for a motion on the clock led to.
-
-    Attributes:
-        status: How it ended.
-        trajectory: The motion; None if there is none.
-        verification: Its replay, or that of the last motion that did not pass.
-        history: Records of all iterations.
-    """
-
-    status: Status
-    trajectory: Trajectory | None = None
-    verification: Verification | None = None
-    history: tuple[IterationRecord, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,45 +346,3 @@ def _solve(
         return program, None, result
     worst = np.max(program.rows.violation(program.evaluate(kept)), initial=0.0)
     return program, kept if worst <= options.feasibility else None, result
-
-
-def _succeeded(
-    solution: Solution, outcome: Clocked, remark: str, period: float
-) -> Solution:
-    """The solution with the motion on the clock."""
-    motion, free = outcome.trajectory, solution.trajectory
-    assert motion is not None and free is not None  # noqa: S101
-    T = motion.duration
-    message = (
-        f"{solution.status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
-        f"{period:g} s, {100 * (T / free.duration - 1.0):.2f} % above the motion "
-        "without such a clock"
-    )
-    solution = replace(
-        solution,
-        trajectory=motion,
-        verification=outcome.verification,
-        violations={},
-    )
-    gap = solution.gap
-    if gap is not None and gap < TELLING:
-        message += f" and {100 * gap:.1f} % above what none can beat"
-    return replace(solution, message=f"{message}. {remark}".rstrip())
-
-
-def _failed(solution: Solution, outcome: Clocked, period: float) -> Solution:
-    """The solution as a failure: the motion that it keeps knows no clock."""
-    status = outcome.status if outcome.status in NO_CLOCK else Status.INFEASIBLE
-    reasons = {
-        Status.TIME_LIMIT: "the planning time was used up",
-        Status.INTERRUPTED: "the planning was interrupted",
-    }
-    reason = reasons.get(status, "none of the numbers of periods tried would do")
-    if status is Status.UNVERIFIED and outcome.verification is not None:
-        reason = outcome.verification.message.rstrip(".")
-    message = (
-        f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
-        f"motion that is kept, T = {solution.T:.4f} s, keeps all else, but its knots "
-        "are not on the clock."
-    )
-    return replace(solution, status=status, message=message, feasible=False)
