@@ -221,3 +221,7 @@ def test_nothing_is_judged_where_nothing_was_solved(
         solution.export(tmp_path / "m.yaml", dt=0.1, verify=False)
     with pytest.raises(ProblemError, match="there is no motion"):
         check_export(replace(solution, trajectory=None), tmp_path / "m.yaml")
+    with pytest.raises(ProblemError, match="expected a Solution"):
+        check_export("solution", tmp_path / "m.yaml")  # type: ignore[arg-type]
+    with pytest.raises(ProblemError, match="expected the path of a file"):
+        check_export(solution, 5)  # type: ignore[arg-type]

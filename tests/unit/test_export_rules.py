@@ -216,6 +216,31 @@ def test_what_is_no_message(message: object) -> None:
         controller_refusals(message)
 
 
+@pytest.mark.parametrize("names", [5, "joint1", [None], {"joint1": 1}])
+def test_what_are_no_names(names: Any, motion: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(ProblemError, match="expected a list of names"):
+        controller_refusals(sound(motion, tmp_path), names)
+
+
+def test_messages_with_other_values(motion: Trajectory, tmp_path: Path) -> None:
+    """Arrays will do; whatever else stands there is refused, and nothing raised."""
+    message = sound(motion, tmp_path)
+    for point in message["points"]:
+        for key in ("positions", "velocities"):
+            point[key] = np.array(point[key])
+    assert controller_refusals(message, NAMES) == ()
+    values: list[Any] = [5, "x", None, [], [5], [None], {"a": 1}, [{}], [[1.0]], True]
+    for key in ("header", "joint_names", "points"):
+        for value in values:
+            found = controller_refusals(message | {key: value}, NAMES)
+            assert found or key == "header", (key, value)
+    for key in ("positions", "velocities", "time_from_start"):
+        for value in values:
+            broken = copy.deepcopy(message)
+            broken["points"][2][key] = value
+            assert controller_refusals(broken, NAMES), (key, value)
+
+
 # The definitions of ROS
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ProblemError
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import ProblemError, expect
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.output.export import (
@@ -140,14 +141,15 @@ def check_export(
         What was found.
 
     Raises:
-        ProblemError: If the solution has no motion.
+        ProblemError: If the solution is none or has no motion, or an argument is wrong.
         ScenarioError: If the file cannot be read.
     """
     begin = time.perf_counter()
+    expect(solution, Solution, "solution", "a Solution")
     motion = solution.trajectory
     if motion is None:
         raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
-    path = Path(path)
+    path = checked_path(path)
     broken: tuple[Refusal, ...] = ()
     notes: list[str] = []
     if is_message(path):

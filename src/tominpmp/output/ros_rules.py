@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.description.fields import Field, shown
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.goals import AnyGoal, Goal
 from tominpmp.output.ros import POINT_FIELDS
 from tominpmp.output.ros_reader import find_trajectory
@@ -84,13 +84,17 @@ def controller_refusals(
         the controller takes and follows.
 
     Raises:
-        ProblemError: If the message is no table of fields.
+        ProblemError: If the message is no table of fields, or names are none.
         ScenarioError: If it holds no trajectory, or more than joints.
     """
     if not isinstance(message, Mapping):
         raise ProblemError(
             f"the message is {brief(message)}, expected a table of fields", "message"
         )
+    if joint_names is not None:
+        expect(joint_names, (list, tuple), "joint_names", "a list of names")
+        for name in joint_names:
+            expect(name, str, "joint_names", "a list of names")
     outer = dict(message)
     field = Field(outer, Path("the message"))
     found = find_trajectory(field, mention=False).value
@@ -101,7 +105,9 @@ def controller_refusals(
         return (Refusal("there are no joint names", "joint_names"),)
     if not isinstance(points, list) or not points:
         return (Refusal("there are no points", "points"),)
-    rules = _Rules([str(name) for name in names], points)
+    if not all(isinstance(name, str) for name in names):
+        return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
+    rules = _Rules(names, points)
     broken = [
         *rules.joints(joint_names, partial),
         *_goal(outer, rules.names),
@@ -147,6 +153,8 @@ class _Rules:
     def joints(self, known: Sequence[str] | None, partial: bool) -> Iterator[Refusal]:
         """Names are those of the controller, each once, and all of them."""
         for index, name in enumerate(self.names):
+            if not name:
+                yield Refusal("is empty", "joint_names")
             if name in self.names[:index]:
                 yield Refusal("is named twice", "joint_names", joint=name)
             if known is not None and name not in known:
@@ -226,6 +234,8 @@ class _Rules:
 def _values(point: Any, field: str) -> Any:
     """Numbers of a point; none if it does not say."""
     row = point.get(field) if isinstance(point, Mapping) else None
+    if isinstance(row, np.ndarray):
+        row = row.tolist()
     return [] if row is None else row
 
 
