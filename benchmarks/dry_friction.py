@@ -141,7 +141,7 @@ def sharpness(solutions: list[tuple[str, tm.Solution]]) -> str:
         assert motion is not None
         cells: list[str] = []
         for creep in CREEPS:
-            with mock.patch("tominpmp.verification.plant.CREEP", creep):
+            with mock.patch("tominpmp.verification.replay.CREEP", creep):
                 integration = Integration(problem.robot, motion)
                 start = np.concatenate([motion.q[0], motion.v[0]])
                 end = integration.run(start).q[-1]

@@ -23,12 +23,17 @@ Slope: TypeAlias = Callable[[float, Array], Array]
 
 
 class Plant:
-    """State derivative of a robot under a polynomial of torque, one row at a time."""
+    """State derivative of a robot under a polynomial of torque, one row at a time.
+
+    Attributes:
+        creep: Speed over which dry friction comes up [rad/s or m/s].
+    """
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self.dynamics = RobotDynamics(robot, dry=False)
         self.friction = robot.friction if np.any(robot.friction) else None
+        self.creep = CREEP
         self._exponents = np.zeros(0)
         self.coefficients = np.zeros((robot.n, 0))
         self.begin, self.rate = 0.0, 1.0
@@ -48,13 +53,14 @@ class Plant:
         """What dry friction leaves of the torque, shape (n,)."""
         if self.friction is None:
             return self.torque(t)
-        return np.asarray(self.torque(t) - self.friction * np.tanh(v / CREEP))
+        return np.asarray(self.torque(t) - self.friction * np.tanh(v / self.creep))
 
     def drag(self, v: Array) -> Array:
         """Derivatives of dry friction with respect to velocities, shape (n,)."""
         if self.friction is None:
             return np.zeros(self.robot.n)
-        return np.asarray(self.friction * (1.0 - np.tanh(v / CREEP) ** 2) / CREEP)
+        rise = (1.0 - np.tanh(v / self.creep) ** 2) / self.creep
+        return np.asarray(self.friction * rise)
 
     def slope(self) -> Slope:
         """dx/dt as a function of t and x = (q, v)."""

@@ -23,7 +23,7 @@ from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.pieces import Pieces
-from tominpmp.verification.plant import Plant
+from tominpmp.verification.plant import CREEP, Plant
 
 RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]
@@ -175,7 +175,8 @@ class Integration:
         pieces: Its torques, if they are known already.
         integrator: Which integrator to use; None for what suits the arm.
         plant: What moves under the torques, if not the robot alone.
-        tightness: How many times tighter than usual its tolerances are.
+        tightness: How many times tighter than usual its tolerances are, and sharper
+            the law of dry friction.
 
     Attributes:
         pieces: The torques.
@@ -196,6 +197,7 @@ class Integration:
         self._trajectory = trajectory
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self._plant = Plant(robot) if plant is None else plant
+        self._plant.creep = CREEP / tightness
         self._slope = self._plant.slope()
         self._jacobian = self._plant.jacobian()
         self.integrator = integrator or self._suited()
