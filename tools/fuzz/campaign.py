@@ -35,6 +35,8 @@ SECONDS = {"files": 20.0, "arguments": 20.0, "options": 40.0, "signals": 60.0}
 # Memory of the process that tries them [MB].
 MEMORY = 1000
 LONGEST = 3000
+# Inputs that a process tries before a new one takes its place.
+CHUNK = 500
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -197,7 +199,9 @@ def campaign(shares: dict[str, int], seed: int, out: Path | None) -> list[Any]:
         tally, begin = Tally(Counter(), []), time.perf_counter()
         number = 0
         while number < count:
-            number = attempt(family, seed, number, min(number + 1000, count), tally)
+            number = attempt(family, seed, number, min(number + CHUNK, count), tally)
+            _keep(out, failures + tally.failures)
+            _say(f"{family}: {number} of {count}, {dict(tally.outcomes)}")
         tally.seconds = time.perf_counter() - begin
         failures += tally.failures
         print(
@@ -208,10 +212,20 @@ def campaign(shares: dict[str, int], seed: int, out: Path | None) -> list[Any]:
     for item in failures:
         print(f"FAILED {item['family']} {item['number']}: {item['label']}")
         print(f"       {item['why']}")
+    return failures
+
+
+def _keep(out: Path | None, failures: list[Any]) -> None:
+    """Write what failed so far."""
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "failures.json").write_text(json.dumps(failures, indent=1))
-    return failures
+
+
+def _say(text: str) -> None:
+    """Tell how far it is."""
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
 
 
 def main() -> int:
