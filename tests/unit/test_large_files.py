@@ -1,0 +1,163 @@
+"""Small files that grow, and large ones: refused early, or read in little memory."""
+
+from __future__ import annotations
+
+import io
+import struct
+import tracemalloc
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.output import ros_reader, tables
+from tominpmp.scene import mesh_files
+
+HEAD = b"time,q_a\n"
+
+
+def read(path: Path, content: bytes) -> tm.Samples:
+    path.write_bytes(content)
+    return tm.load_motion(path)
+
+
+@pytest.mark.parametrize("kind", ["<U0", "|S0", "|V0", "<U1"])
+@pytest.mark.parametrize("count", [10**9, 10**8])
+def test_names_of_no_width(kind: str, count: int, tmp_path: Path) -> None:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for key in ("joint_names", "t", "q"):
+            head = io.BytesIO()
+            said = {"descr": kind, "fortran_order": False, "shape": (count,)}
+            np.lib.format.write_array_header_1_0(head, said)
+            archive.writestr(f"{key}.npy", head.getvalue())
+    tracemalloc.start()
+    try:
+        with pytest.raises(tm.ScenarioError, match="says that it holds") as error:
+            read(tmp_path / "a.npz", file.getvalue())
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
+    assert len(str(error.value)) < 500
+
+
+def test_an_archive_of_many_members(tmp_path: Path) -> None:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for number in range(1000):
+            archive.writestr(str(number), b"")
+    with pytest.raises(tm.ScenarioError, match="more than 100 members"):
+        read(tmp_path / "a.npz", file.getvalue())
+
+
+def test_rows_of_a_table_take_little_more_than_their_numbers(tmp_path: Path) -> None:
+    count = 200_000
+    content = HEAD + b"".join(b"%d,0.5\n" % i for i in range(count))
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        found = tm.load_motion(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found.q.shape == (count, 1)
+    assert found.t[-1] == count - 1
+    # The numbers, those that are left out, copies of both, the file, and a batch.
+    assert peak < 12 * 8 * count + len(content) + 2**23
+
+
+def test_tables_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    monkeypatch.setattr(tables, "MAX_ROWS", 1000)
+    rows = b"".join(b"%d,0.5\n" % i for i in range(1000))
+    assert read(path, HEAD + rows).t.size == 1000
+    for more in (b"1000,0.5\n", b"\n"):
+        with pytest.raises(tm.ScenarioError, match=r"line 1002: .* or 1000 rows"):
+            read(path, HEAD + rows + more)
+    monkeypatch.setattr(tables, "MAX_NUMBERS", 1999)
+    with pytest.raises(tm.ScenarioError, match="more than 1999 numbers"):
+        read(path, HEAD + rows)
+    monkeypatch.setattr(tables, "LONGEST_LINE", 100)
+    for content in (b"," * 200, HEAD + b"," * 200, b"a" * 200):
+        with pytest.raises(tm.ScenarioError, match="more than 100 characters"):
+            read(path, content)
+
+
+def test_a_wrong_word_far_down_is_named(tmp_path: Path) -> None:
+    rows = b"".join(b"%d,0.5\n" % i for i in range(25_000))
+    with pytest.raises(tm.ScenarioError, match="line 25002, column q_a: 'x'"):
+        read(tmp_path / "a.csv", HEAD + rows + b"25000,x\n")
+
+
+def test_messages_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_reader, "MAX_VALUES", 1000)
+    for content in (b"[" + b"[]," * 1000 + b"0]", b"[" + b'{"a":0},' * 400 + b"0]"):
+        with pytest.raises(tm.ScenarioError, match="more than 1000 values"):
+            read(tmp_path / "a.json", content)
+
+
+def archive() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as found:
+        found.writestr("a.stl", bytes(10**6))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("ending", [".stl", ".obj", ".ply", ".dae", ".glb", ".zip"])
+@pytest.mark.parametrize("begin", [archive(), b"\x1f\x8b\x08", b"BZh9", b"\xfd7zXZ\0"])
+def test_an_archive_is_no_mesh(ending: str, begin: bytes, tmp_path: Path) -> None:
+    path = tmp_path / f"a{ending}"
+    path.write_bytes(begin)
+    with pytest.raises(tm.SceneError, match="it is an archive"):
+        tm.Mesh("m", path=path)
+
+
+@pytest.mark.parametrize("ending", [".3mf", ".zae", ".txt", ""])
+def test_other_endings_are_not_tried(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{ending}"
+    path.write_bytes(b"solid")
+    with pytest.raises(tm.SceneError, match="meshes are not read from"):
+        tm.Mesh("m", path=path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", b"v 0 0 0\n" + b"f 1 1 1\n" * 20),
+        ("a.obj", b"v 0 0 0\nf" + b" 1" * 30),
+        ("a.obj", b"v 0 0 0\n" * 40),
+        ("a.stl", b"solid\n" + b"vertex 0 0 0\n" * 40),
+        ("a.stl", bytes(80) + struct.pack("<I", 20) + bytes(20 * 50)),
+    ],
+)
+def test_meshes_have_an_end(
+    name: str, content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 10)
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(tm.SceneError, match="more than 10 triangles"):
+        tm.Mesh("m", path=path)
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.obj"])
+def test_empty_lines_cost_nothing(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"solid\n" + b"\n" * 10**7 + b"vertex 0 0\nf 1\n")
+    tracemalloc.start()
+    try:
+        with pytest.raises(tm.SceneError, match=r"line 1000000[23]: "):
+            tm.Mesh("m", path=path)
+        assert tracemalloc.get_traced_memory()[1] < 2 * 10**7 + 2**22
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_line_of_a_mesh_has_an_end(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_bytes(b"v 0 0 0\nf" + b" 1" * 100_000)
+    with pytest.raises(tm.SceneError, match="line 2 is longer"):
+        tm.Mesh("m", path=path)
