@@ -174,13 +174,13 @@ def test_callback_sees_progress_and_can_stop(planar):
 
 def test_time_limit_returns_the_best_so_far(planar):
     def slow(record):
-        time.sleep(0.5)
+        time.sleep(5.5)
 
     problem = tm.Problem(planar, START, REACH, scene=OBSTACLE)
-    options = tm.Options(max_planning_time=0.9, tolerance=1e-9, callback=slow)
+    options = tm.Options(max_planning_time=5.0, tolerance=1e-9, callback=slow)
     solution = tm.plan(problem, options)
     assert solution.status is tm.Status.TIME_LIMIT
-    assert 1 <= solution.iterations <= 2
+    assert solution.iterations == 1
     assert solution.trajectory is not None
     assert not solution.success
     with pytest.raises(tm.PlanningFailed) as caught:
