@@ -4,8 +4,7 @@ Random joint goals of three arms, drawn as in benchmarks/random_goals.py (those 
 touch themselves at an end are left out), with limits of acceleration, jerk and torque
 rate. Each is planned without a clock and for controllers of several periods. What is
 planned for a period is written at that period, as a ROS 2 message and as CSV, and
-judged by `tominpmp verify` as written; beside it, what the same samples of the motion
-without a clock are worth.
+judged by `tominpmp verify` as written.
 
     python -m benchmarks.control_period
     python -m benchmarks.control_period --goals 3 --periods 0.01 --robots ur5
@@ -58,12 +57,9 @@ COLUMNS = (
     "seconds",
     "yaml_ok",
     "csv_ok",
-    "free_csv_ok",
 )
 # Problems that are drawn for each that is wanted: some touch themselves at an end.
 DRAWN = 4
-# The least of so many measurements counts.
-REPEATS = 2
 
 
 def problems(name: str, count: int, seed: int) -> Iterator[tm.Problem]:
@@ -83,12 +79,9 @@ def problems(name: str, count: int, seed: int) -> Iterator[tm.Problem]:
 
 def timed(problem: tm.Problem, period: float | None) -> tuple[tm.Solution, float]:
     """Plan; returns the solution and the processor time it took [s]."""
-    seconds = []
-    for _ in range(REPEATS):
-        begin = time.process_time()
-        solution = tm.plan(problem, control_period=period)
-        seconds.append(time.process_time() - begin)
-    return solution, min(seconds)
+    begin = time.process_time()
+    solution = tm.plan(problem, control_period=period)
+    return solution, time.process_time() - begin
 
 
 def holds(solution: tm.Solution, period: float, kind: str, folder: Path) -> bool:
@@ -113,8 +106,7 @@ def measure(
         assert motion is not None
         with tempfile.TemporaryDirectory() as folder:
             judged = [
-                holds(what, period, kind, Path(folder))
-                for what, kind in ((solution, "yaml"), (solution, "csv"), (free, "csv"))
+                holds(solution, period, kind, Path(folder)) for kind in ("yaml", "csv")
             ]
         values = (
             name,
@@ -151,7 +143,7 @@ def table(sheet: Sheet, robots: list[str], periods: list[float]) -> str:
                     f"{1e3 * period:g}",
                     *(
                         f"{sum(row[key] for row in rows)} / {len(rows)}"
-                        for key in ("yaml_ok", "csv_ok", "free_csv_ok")
+                        for key in ("yaml_ok", "csv_ok")
                     ),
                     f"{statistics.median(above):.2f}" if above else "-",
                     f"{max(above):.2f}" if above else "-",
@@ -164,7 +156,6 @@ def table(sheet: Sheet, robots: list[str], periods: list[float]) -> str:
         "period [ms]",
         "YAML verified",
         "CSV verified",
-        "CSV without a clock",
         "T above [%]: median",
         "most",
         "planning time: median ratio",
