@@ -18,9 +18,11 @@ import pytest
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 import tominpmp as tm
+from tominpmp.attempts import clock
 from tominpmp.exceptions import OptionsError
 from tominpmp.planner import plan
 from tominpmp.transcription.ticks import Ticks, ticks_of
+from tominpmp.verification.excess import Excess
 
 PERIODS = (0.001, 0.004, 0.008)
 # Instants of every period at which the interpolated motion is looked at.
@@ -440,3 +442,44 @@ def test_knots_near_nodes():
     assert ticks_of(1.0, 0.1) == 10
     assert ticks_of(1.0 + 1e-9, 0.1) == 10
     assert ticks_of(1.0 + 1e-4, 0.1) == 11
+
+
+@pytest.mark.parametrize("control", ["constant", "linear"])
+def test_dry_friction(control):
+    """Torques jump where joints turn: between ticks as well as at them."""
+    arm = tm.load_robot("ur5", friction=4.0)
+    problem = ur5_problem(arm)
+    solution = tm.plan(problem, control=control, control_period=0.008)
+    assert solution.success and solution.verification.ok
+    _, q, v, a = as_interpolated(solution.trajectory.sample(0.008), quintic=False)
+    moving = np.abs(v) > 1e-6
+    u = torques(arm, q, v, a) + 4.0 * np.sign(v) * moving
+    # What does not move is held by as much friction as it takes.
+    assert np.all(np.abs(u) <= arm.limits.effort_upper * 1.005 + 4.0 * ~moving)
+    assert solution.T <= 1.03 * tm.plan(problem, control=control).T + 0.008
+
+
+def test_links_that_touch_on_the_clock_are_kept_apart(ur5, monkeypatch):
+    """Rows for links are taken once a motion on the clock touches."""
+    seen = []
+    before = clock._solve
+
+    def solve(system, *rest):
+        seen.append(system.clearance is not None)
+        return before(system, *rest)
+
+    touching = iter([True])
+    monkeypatch.setattr(clock, "_solve", solve)
+    judged = clock.verify
+
+    def verify(*given, **named):
+        found = judged(*given, **named)
+        if not next(touching, False):
+            return found
+        touch = Excess("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
+        return replace(found, ok=False, violations=(touch,))
+
+    monkeypatch.setattr(clock, "verify", verify)
+    solution = tm.plan(ur5_problem(ur5), control_period=0.008)
+    check(solution, 0.008)
+    assert seen[0] is False and seen[-1] is True
