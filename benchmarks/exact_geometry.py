@@ -188,6 +188,11 @@ class Surroundings:
         self._signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         self._build_manager()
 
+    @property
+    def model(self) -> Any:
+        """Pinocchio model of the arm."""
+        return self._arm.model
+
     def _watched(self, one: Body, other: Body) -> bool:
         if one.joint == other.joint:
             return False  # they do not move against each other

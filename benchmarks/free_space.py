@@ -51,6 +51,19 @@ COLUMNS = (
 ALWAYS, SAMPLES = 0.95, 100
 
 
+def widened(model: Any, angles: Array) -> Array:
+    """Configuration of a model from an angle a joint.
+
+    What turns without end has a cosine and a sine.
+    """
+    q = pin.neutral(model)
+    for joint in range(1, model.njoints):
+        item, value = model.joints[joint], angles[model.joints[joint].idx_v]
+        turn = [np.cos(value), np.sin(value)] if item.nq == 2 else [value]
+        q[item.idx_q : item.idx_q + item.nq] = turn
+    return q
+
+
 def judge_of(name: str, robot: Any) -> Surroundings:
     """The exact meshes of an arm, and which of them may touch, told from the files."""
     urdf, srdf = Path(robot.urdf_path), Path(robot.srdf.path)
@@ -80,11 +93,14 @@ def neighbours(urdf: Path, arm: ExactArm) -> set[frozenset[str]]:
 def always_touching(arm: ExactArm, without: set[frozenset[str]]) -> set[frozenset[str]]:
     """Links that overlap at nearly all configurations."""
     model, data = arm.model, arm.model.createData()
-    low = np.clip(model.lowerPositionLimit, -np.pi, np.pi)
-    high = np.clip(model.upperPositionLimit, -np.pi, np.pi)
+    low, high = np.full(model.nv, -np.pi), np.full(model.nv, np.pi)
+    for item in list(model.joints)[1:]:
+        if item.nq == 1:
+            low[item.idx_v] = max(model.lowerPositionLimit[item.idx_q], -np.pi)
+            high[item.idx_v] = min(model.upperPositionLimit[item.idx_q], np.pi)
     rng, count = np.random.default_rng(1), {}
     for _ in range(SAMPLES):
-        pin.forwardKinematics(model, data, rng.uniform(low, high))
+        pin.forwardKinematics(model, data, widened(model, rng.uniform(low, high)))
         for one, other in itertools.combinations(arm.links, 2):
             key = frozenset((one.name, other.name))
             if one.joint != other.joint and key not in without:
@@ -122,7 +138,8 @@ def clearance(judge: Surroundings, solution: Any) -> float:
     if solution.trajectory is None:
         return np.nan
     times = np.append(np.arange(0.0, solution.T, 1e-3), solution.T)
-    return judge.closest(solution.trajectory(times).q).distance
+    path = solution.trajectory(times).q
+    return judge.closest(np.array([widened(judge.model, q) for q in path])).distance
 
 
 def main() -> int:
@@ -139,7 +156,11 @@ def main() -> int:
         robot = load_arm(name)
         judge = judge_of(name, robot)
         drawn = sample_problems(robot, 3 * arguments.motions, arguments.seed)
-        clear = [ends for ends in drawn if all(map(judge.is_free, ends))]
+        clear = [
+            ends
+            for ends in drawn
+            if all(judge.is_free(widened(judge.model, q)) for q in ends)
+        ]
         kept = [ends for ends in clear if taken(robot, ends)]
         refused[name] = len(clear) - len(kept), len(clear)
         for number, ends in enumerate(kept[: arguments.motions]):

@@ -48,7 +48,7 @@ class Tolerances:
         speed: Difference to the velocity at the end [rad/s or m/s].
         limits: Excess over position, velocity and effort limits: relative to the limit,
             for positions and efforts to the range.
-        contact: Clearance that may be missing to the margin [m].
+        contact: Clearance that a pair may lack around a start or goal that touches [m].
     """
 
     goal: float = 1e-3
@@ -116,7 +116,8 @@ class Options(Record):
             a motion may end at, see :class:`Tolerances`.
         speed_tolerance: The same for the velocity at the end [rad/s or m/s].
         limit_tolerance: Relative excess over limits that the replay may have.
-        contact_tolerance: Clearance that it may lack to the margin [m].
+        contact_tolerance: Clearance that a pair may lack around a start or goal that is
+            itself at the margin [m]; elsewhere nothing may be missing.
         trust_region: Initial radius of the trust region [rad].
         step_rule: For "adjoint": "adaptive", or "paper" (fixed steps, every step
             taken).

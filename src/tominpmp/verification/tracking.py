@@ -41,7 +41,7 @@ TRACE = 0.2
 # tolerated at the goal are none of the reasons why it is missed.
 NEGLIGIBLE = 0.1
 # Errors at the end of replays, in shares of the growth times the tolerance of the
-# integrator: at most 0.005 and 0.5 on 60 motions of five arms (docs/verification.md).
+# integrator: at most 0.005 and 0.5 on 30 motions of five arms (docs/verification.md).
 ERRORS = {"DOP853": 0.02}
 # How many times tighter the tolerances are that must change nothing.
 TIGHTER = 10.0
