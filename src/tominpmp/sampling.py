@@ -58,7 +58,8 @@ def multiples(ticks: Array | IntArray, period: float) -> Array:
     Returns:
         Shape (m,) [s].
     """
-    whole = round(period * BILLION)
+    # Of a period as long as this no double knows the nanoseconds, or it overflows.
+    whole = round(period * BILLION) if period < BILLION else 0
     if whole > 0 and whole / BILLION == period:
         return np.asarray(ticks * float(whole) / BILLION)
     return np.asarray(ticks * period, dtype=np.float64)

@@ -202,3 +202,10 @@ def test_random_wrong_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
             assert len(str(error)) <= LONGEST
         except Exception as error:
             pytest.fail(f"{name} raised {error!r}")
+
+
+def test_an_endless_period_is_one_row_and_the_end(world: World, tmp_path: Path) -> None:
+    for dt in (1e300, 1e9, 99.0):
+        path = tmp_path / "a.csv"
+        export(world.trajectory, path, dt=dt)
+        assert tm.load_motion(path).t.size == 2
