@@ -181,7 +181,10 @@ class _Limits:
         friction, v = self.problem.robot.friction, self.replay.v
         if not np.any(friction):
             return np.zeros(1)
-        around = np.vstack([v[:1], 0.5 * (v[1:] + v[:-1]), v[-1:]])
+        # At an end at rest the velocity is rounding, whose sign means nothing, and the
+        # torque is that just before.
+        between = 0.5 * (v[1:] + v[:-1]) if len(v) > 1 else v
+        around = np.vstack([between[:1], between, between[-1:]])
         beside = np.concatenate([around[1:], around[self.ends]])
         return np.asarray(friction * np.tanh(beside / CREEP))
 
