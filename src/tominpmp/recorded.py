@@ -16,20 +16,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array
-from tominpmp.dynamics import RobotDynamics
+from tominpmp.dynamics import STANDSTILL, RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, expect
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.stepwise import stepwise_motion
 from tominpmp.trajectory import Samples, Trajectory
 
 # A locked joint may be this far from its place in a recorded motion [rad or m].
 APART = 1e-3
-# Deviations up to which positions and velocities are what the accelerations make,
-# relative to the largest ones: more than rounding, as jumps may come in pairs.
-EXACT_Q, EXACT_V = 1e-8, 1e-6
-# Times of ROS messages are rounded to this [s].
-NANOSECOND = 1e-9
 # Deviation of a change of velocity from the mean of the accelerations before and after,
 # relative to the largest one, up to which accelerations are taken not to jump.
 SMOOTH = 0.02
@@ -230,13 +226,13 @@ def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
         manner = "spline"
         v = CubicSpline(t, q, bc_type="clamped")(t, 1)
         a = np.full(q.shape, np.nan)
-    stepwise = _stepwise(t, q, v, a)
+    stepwise = stepwise_motion(t, q, v, a)
     if stepwise is not None:
         manner = "steps"
         if stepwise[0].size > t.size:
             u = np.full(stepwise[1].shape, np.nan)
         t, q, v, steps = stepwise
-    elif _holds_torques(rows, robot, dynamics):
+    elif _holds_torques(rows, robot):
         motion = Trajectory(robot.joint_names, t, q, v, u)
         return Joined(motion, "held")
     elif _is_smooth(t, v, a) or not _overshoots(rows, robot):
@@ -311,56 +307,12 @@ def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[in
     return [names.index(name) for name in robot.joint_names]
 
 
-def _stepwise(
-    t: Array, q: Array, v: Array, a: Array
-) -> tuple[Array, Array, Array, Array] | None:
-    """Find the motion whose acceleration is that of the samples, with jumps.
-
-    Where all joints jump at one instant between two samples, from the acceleration of
-    the one to that of the other, that instant follows from the velocities.
-
-    Returns:
-        Times, positions and velocities with those instants, and the acceleration of
-        every interval; None if the samples are not of such a motion.
-    """
-    if np.isnan(a).any():
-        return None
-    h, before, jump = np.diff(t), a[:-1], np.diff(a, axis=0)
-    slack_v = EXACT_V * (1.0 + np.abs(v).max()) + NANOSECOND * np.abs(a).max()
-    slack_q = EXACT_Q * (1.0 + np.abs(q).max()) + NANOSECOND * np.abs(v).max()
-    gap = np.diff(v, axis=0) - h[:, None] * before
-    jumps = np.any(np.abs(gap) > slack_v, axis=1)
-    # Time from the jump to the next sample.
-    rest = np.zeros(h.size)
-    size = np.sum(jump[jumps] ** 2, axis=1)
-    if np.any(size == 0.0):
-        return None
-    rest[jumps] = np.clip(
-        np.sum(gap[jumps] * jump[jumps], axis=1) / size, 0.0, h[jumps]
-    )
-    gap_q = np.diff(q, axis=0) - h[:, None] * (v[:-1] + 0.5 * h[:, None] * before)
-    missed = np.abs(gap - rest[:, None] * jump) > slack_v
-    missed_q = np.abs(gap_q - 0.5 * rest[:, None] ** 2 * jump) > slack_q
-    if np.any(missed) or np.any(missed_q):
-        return None
-    at = np.flatnonzero(jumps)
-    s = (h[at] - rest[at])[:, None]
-    times = np.insert(t, at + 1, t[at] + s[:, 0])
-    if np.any(np.diff(times) <= 0.0):
-        return None
-    return (
-        times,
-        np.insert(q, at + 1, q[at] + s * (v[at] + 0.5 * s * a[at]), axis=0),
-        np.insert(v, at + 1, v[at] + s * a[at], axis=0),
-        np.insert(a, at + 1, a[at + 1], axis=0)[:-1],
-    )
-
-
-def _holds_torques(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> bool:
+def _holds_torques(rows: _Rows, robot: Robot) -> bool:
     """Whether the samples are the nodes of a motion whose torques are held.
 
     Its accelerations are those of the cubics through the nodes, and its torques are not
-    what these cubics take: they are what it was made from.
+    what these cubics take: they are what it was made from. Where a joint stands dry
+    friction may take anything up to its limit, as before a stop and after it.
     """
     t, q, v, a, u = rows
     if not (rows.known("v") and rows.known("a") and rows.known("u")):
@@ -368,7 +320,13 @@ def _holds_torques(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> bool:
     cubic = Trajectory(robot.joint_names, t, q, v, 0.0 * q)(t).a
     if np.any(np.abs(cubic - a) > SAME * np.abs(a).max()):
         return False
-    return bool(np.any(np.abs(dynamics.inverse(q, v, a) - u) > SAME * np.abs(u).max()))
+    rest, friction = (
+        u - RobotDynamics(robot, dry=False).inverse(q, v, a),
+        robot.friction,
+    )
+    standing = np.clip(rest, -friction, friction)
+    dry = np.where(np.abs(v) > STANDSTILL, friction * np.sign(v), standing)
+    return bool(np.any(np.abs(rest - dry) > SAME * np.abs(u).max()))
 
 
 def _overshoots(rows: _Rows, robot: Robot) -> bool:

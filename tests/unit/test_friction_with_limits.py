@@ -1,0 +1,136 @@
+"""Dry friction together with limits of accelerations, jerks, rates and a clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sample_arms import DOWNWARD, make_arm, rod
+
+import tominpmp as tm
+from tominpmp.output.export import load_motion
+from tominpmp.output.export_check import check_export
+from tominpmp.recorded import join
+from tominpmp.verification.excess import limit_excesses
+from tominpmp.verification.replay import torque_pieces
+
+START = (3.05, 0.35, 2.4, 1.2, -2.7, 1.4, 0.6)
+GOAL = (-0.1, 1.85, 3.0, 0.24, 0.02, 1.9, -2.9)
+PERIOD = 0.004
+
+
+def xarm_problem(friction: float | None = None) -> tm.Problem:
+    """A swing of an xArm 7 with the limits of its maker."""
+    robot = tm.load_robot("xarm7", limits="datasheet", friction=friction)
+    return tm.Problem(robot, START, tm.JointGoal(GOAL))
+
+
+def two_links(**limits: float) -> tm.Problem:
+    """A swing of two links that hang, one of which turns on the way."""
+    robot = make_arm(
+        rod(2.0, 0.5),
+        rod(1.0, 0.4),
+        effort=[40.0, 15.0],
+        gravity=DOWNWARD,
+        friction=[2.0, 1.5],
+    )
+    return tm.Problem(
+        robot,
+        [-1.6, 0.0],
+        tm.JointGoal([-0.6, 0.3]),
+        motion_limits=tm.MotionLimits(**limits),
+    )
+
+
+@cache
+def on_a_clock() -> tm.Solution:
+    """The swing of the xArm, planned for a controller."""
+    return tm.plan(xarm_problem(), control_period=PERIOD)
+
+
+def test_arm_with_friction_and_limits_of_accelerations_is_planned() -> None:
+    problem = xarm_problem()
+    assert np.all(problem.robot.friction == 1.0)
+    solution = tm.plan(problem)
+    assert solution.success, solution.message
+    assert solution.verification is not None
+    # Nothing beyond the limit, at the stop either, where rounding has any sign.
+    assert solution.verification.worst["acceleration"].share < 1e-3
+    without = tm.plan(xarm_problem(friction=0.0))
+    assert solution.T == pytest.approx(without.T, rel=1e-2)
+    assert len(solution.history) <= 2 * len(without.history)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_acceleration_at_the_stop_is_that_of_the_motion(sign: float) -> None:
+    # Whichever sign rounding leaves at the end: friction acts against the way there.
+    solution = on_a_clock()
+    motion, found = solution.trajectory, solution.verification
+    assert motion is not None and found is not None
+    v = np.array(found.replay.v)
+    v[-1] = sign * 1e-8
+    robot = solution.problem.robot
+    limits = limit_excesses(
+        solution.problem,
+        replace(found.replay, v=v),
+        torque_pieces(robot, motion),
+        1e-3,
+    )
+    assert [item for item in limits if item.violated] == []
+    assert "acceleration" in {item.kind for item in limits}
+
+
+def test_accelerations_beyond_their_limit_are_still_refused() -> None:
+    robot = tm.load_robot("xarm7")
+    free = tm.plan(tm.Problem(robot, START, tm.JointGoal(GOAL)))
+    assert free.success and free.trajectory is not None
+    found = tm.verify(xarm_problem(), free.trajectory)
+    assert not found.ok
+    assert "acceleration" in {item.kind for item in found.violations}
+
+
+@pytest.mark.parametrize("kind", ["yaml", "csv", "npz"])
+@pytest.mark.parametrize("dt", [PERIOD, 0.001])
+def test_samples_of_a_motion_with_friction_hold(
+    tmp_path: Path, kind: str, dt: float
+) -> None:
+    solution = on_a_clock()
+    assert solution.success, solution.message
+    path = solution.export(tmp_path / f"motion.{kind}", dt=dt, verify=False)
+    check = check_export(solution, path, dt=dt)
+    assert check.ok, check.message
+
+
+@pytest.mark.parametrize("dt", [PERIOD, 0.001])
+def test_ramps_of_accelerations_are_not_taken_for_jumps_or_held_torques(
+    tmp_path: Path, dt: float
+) -> None:
+    solution = on_a_clock()
+    motion = solution.trajectory
+    assert motion is not None
+    solution.export(tmp_path / "motion.csv", dt=dt, verify=False)
+    joined = join(load_motion(tmp_path / "motion.csv"), solution.problem.robot)
+    assert joined.manner not in ("steps", "held")
+    found = tm.verify(solution.problem, joined.trajectory)
+    assert found.ok, found.message
+    times = np.linspace(0.0, motion.duration, 997)
+    ours, theirs = motion(times), joined.trajectory(times)
+    np.testing.assert_allclose(theirs.q, ours.q, atol=1e-11)
+    np.testing.assert_allclose(theirs.a, ours.a, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("limits", "period"),
+    [
+        ({"acceleration": 15.0}, None),
+        ({"acceleration": 15.0, "effort_rate": 400.0}, None),
+    ],
+)
+def test_limits_of_all_kinds_with_friction(
+    limits: dict[str, float], period: float | None
+) -> None:
+    solution = tm.plan(two_links(**limits), control_period=period)
+    assert solution.success, solution.message
