@@ -126,6 +126,8 @@ def test_ramps_of_accelerations_are_not_taken_for_jumps_or_held_torques(
     ("limits", "period"),
     [
         ({"acceleration": 15.0}, None),
+        ({"acceleration": 15.0, "jerk": 400.0}, 0.008),
+        ({"jerk": 300.0}, None),
         ({"acceleration": 15.0, "effort_rate": 400.0}, None),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,9 @@ from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.plant import CREEP
 from tominpmp.verification.replay import TIME_STEP, Replay
 
+# Joints slower than this may stick or not, as errors of the replay have it [rad/s or
+# m/s].
+SLOW = 1e-5
 # Units of the kinds, for turning and sliding joints.
 UNITS = {
     "position": ("rad", "m"),
@@ -184,9 +188,29 @@ class _Limits:
         # At an end at rest the velocity is rounding, whose sign means nothing, and the
         # torque is that just before.
         between = 0.5 * (v[1:] + v[:-1]) if len(v) > 1 else v
-        around = np.vstack([between[:1], between, between[-1:]])
-        beside = np.concatenate([around[1:], around[self.ends]])
-        return np.asarray(friction * np.tanh(beside / CREEP))
+        way = np.where(np.abs(between) > SLOW, np.sign(between), self._way(between))
+        around = np.vstack([way[:1], way, way[-1:]])
+        return np.asarray(friction * np.concatenate([around[1:], around[self.ends]]))
+
+    def _way(self, between: Array) -> Array:
+        """Which way joints move between rows where they hardly do.
+
+        Just before it stops and after it sets out a joint may stick in a replay that is
+        a trace too slow, for microseconds; it is taken to move as in the rest of the
+        piece of torque, in which it does not turn. Where it is as slow all the time,
+        its friction is what the replay has.
+        """
+        out = np.tanh(between / CREEP)
+        stops = np.unique(np.concatenate([[0], self.ends, [len(between)]]))
+        for begin, end in itertools.pairwise(stops.tolist()):
+            part = between[begin:end]
+            if not len(part):
+                continue
+            fastest = part[np.argmax(np.abs(part), axis=0), np.arange(part.shape[1])]
+            out[begin:end, np.abs(fastest) > SLOW] = np.sign(
+                fastest[np.abs(fastest) > SLOW]
+            )
+        return out
 
     def _rate(self, kind: str, values: Array, limit: Array) -> Excess | None:
         """Worst rate of values at the rows; a jump counts as if it took a millisecond.

@@ -30,6 +30,7 @@ from tominpmp.verification.replay import (
     Integration,
     Integrator,
     Replay,
+    torque_curve,
 )
 
 # The feedback is faster than the instability by this, and at least this fast [1/s].
@@ -115,11 +116,14 @@ class Tracking(Integration):
     ) -> None:
         smooth = replace(trajectory, inverse_dynamics=None)
 
+        breaks = torque_breaks(trajectory, robot.friction)
+        torque = torque_curve(robot, trajectory, breaks)
+
         def curve(times: Array) -> Array:
             found = smooth(times)
-            return np.concatenate([trajectory(times).u, found.q, found.v], axis=1)
+            return np.concatenate([torque(times), found.q, found.v], axis=1)
 
-        pieces = Pieces.of(curve, torque_breaks(trajectory, robot.friction))
+        pieces = Pieces.of(curve, breaks)
         self._tracking = TrackingPlant(robot, rate)
         super().__init__(robot, trajectory, pieces, integrator, plant=self._tracking)
 
