@@ -10,7 +10,7 @@ long and gave pieces of thousands of corners.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -191,7 +191,9 @@ class Measure:
         self._shapes = mesh, coal.Sphere(1e-9)
         self._distance = coal.ComputeDistance(*self._shapes)
         self._triangles = triangles
-        self._corners = np.ascontiguousarray(np.moveaxis(triangles, 1, 0))[:, None]
+        # About the middle of the mesh, where the least is lost by rounding.
+        self._seen = _Seen.of(triangles - triangles.mean(axis=(0, 1)))
+        self._middle = triangles.mean(axis=(0, 1))
         self._rng = np.random.default_rng(0)
 
     def part(self, triangles: Array) -> _Part | None:
@@ -251,12 +253,54 @@ class Measure:
         A point inside sees its surface all around, also if it has small holes
         (Jacobson, Kavan and Sorkine-Hornung, 2013).
         """
-        corners = self._corners - points[:, None]  # (3, points, triangles, 3)
-        a, b, c = corners
-        la, lb, lc = np.sqrt(np.einsum("spki,spki->spk", corners, corners))
-        ab, bc, ca = (
-            np.einsum("pki,pki->pk", x, y) for x, y in ((a, b), (b, c), (c, a))
+        from_origin, points = self._seen, points - self._middle
+        squares = np.einsum("pi,pi->p", points, points)[:, None]
+        la, lb, lc = (
+            np.sqrt(np.maximum(own - 2.0 * (points @ corner) + squares, 0.0))
+            for corner, own in zip(from_origin.corners, from_origin.squares, strict=True)
         )
-        volume = np.einsum("pki,pki->pk", a, np.cross(b, c))
+        ab, bc, ca = (
+            own - points @ both + squares
+            for both, own in zip(from_origin.sums, from_origin.products, strict=True)
+        )
+        volume = from_origin.volume - points @ from_origin.normal
         angle = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
         return np.asarray(np.abs(np.sum(angle, axis=1)) > np.pi)
+
+
+class _Seen(NamedTuple):
+    """Triangles as they are seen from points: what does not depend on the point.
+
+    With corners a, b, c and a point p, (a - p) (b - p) = a b - p (a + b) + p p, and
+    the volume of the edges (a - p), (b - p), (c - p) is a (b x c) - p (a x b + b x c +
+    c x a): products of matrices, instead of differences for each point and triangle.
+
+    Attributes:
+        corners: a, b, c, shape (3, k) each [m].
+        squares: Squared lengths of them, shape (k,) each.
+        sums: a + b, b + c, c + a, shape (3, k) each.
+        products: Scalar products a b, b c, c a, shape (k,) each.
+        volume: a (b x c), shape (k,).
+        normal: a x b + b x c + c x a, shape (3, k).
+    """
+
+    corners: tuple[Array, Array, Array]
+    squares: tuple[Array, Array, Array]
+    sums: tuple[Array, Array, Array]
+    products: tuple[Array, Array, Array]
+    volume: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, triangles: Array) -> _Seen:
+        """Make them for triangles of shape (k, 3, 3)."""
+        a, b, c = (np.ascontiguousarray(triangles[:, i].T) for i in range(3))
+        cross = [np.cross(x, y, axis=0) for x, y in ((a, b), (b, c), (c, a))]
+        return cls(
+            (a, b, c),
+            (np.sum(a * a, axis=0), np.sum(b * b, axis=0), np.sum(c * c, axis=0)),
+            (a + b, b + c, c + a),
+            (np.sum(a * b, axis=0), np.sum(b * c, axis=0), np.sum(c * a, axis=0)),
+            np.sum(a * cross[1], axis=0),
+            cross[0] + cross[1] + cross[2],
+        )
