@@ -25,6 +25,7 @@ from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.system import System
+from tominpmp.verification.verdict import LONGEST
 
 # Weight of the total variation, as a share of the duration of the guess; chosen on
 # benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
@@ -92,6 +93,8 @@ def _solve_and_verify(
             break
         if unwatched and attempt.touches:
             break  # a finer grid does not part the links
+        if attempt.trajectory.duration > LONGEST:
+            break  # nor does it make a motion short enough to be replayed
         # Nor will the first motion do on the finer grid: it was too rough.
         options = replace(options, intervals=2 * options.intervals, objective="time")
         guess = replace(former_motion(system, attempt.trajectory), name=attempt.name)
@@ -191,6 +194,8 @@ def solve_smooth(
     for _ in range(EXCHANGES):
         if result.best is None and result.iterate.violation > FAR:
             break
+        if _too_long(result):
+            break
         extra = transcription.inspect(result.iterate.z, OVERLOAD)
         if not extra.found or result.status in STOPPED:
             break
@@ -199,6 +204,11 @@ def solve_smooth(
         result = solver.run(result.iterate.z, after=result)
     result = unrefined(options, result)
     return Attempt.of(guess.name, transcription, start, result)
+
+
+def _too_long(result: SlpResult) -> bool:
+    """Whether nobody will replay the motion: it is not looked at between its nodes."""
+    return bool(result.history) and result.history[-1].duration > LONGEST
 
 
 def exchange(
@@ -221,7 +231,7 @@ def exchange(
     )
     for _ in range(EXCHANGES):
         far = result.best is None and result.iterate.violation > FAR
-        if result.status in STOPPED or (far and settled):
+        if result.status in STOPPED or (far and settled) or _too_long(result):
             break
         if not far:
             extra = transcription.inspect(result.iterate.z, OVERLOAD)
