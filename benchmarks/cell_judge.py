@@ -142,9 +142,7 @@ class Judge:
         off = np.abs(u - need - dry)
         rest = np.abs(v) < RESTING * self.speed
         between = np.maximum(np.abs(u - need) - self.friction, 0.0)
-        # Next to a change of sign the polynomial of the torque cannot follow it.
-        turns = (np.ptp(np.sign(v), axis=0) > 0) & (self.friction > 0.0)
-        return np.where(rest | turns, np.minimum(off, between), off)
+        return np.where(rest, np.minimum(off, between), off)
 
     def replay(self) -> tuple[Array, Array, Array]:
         """Integrate the torques from the start, with a trace of feedback."""

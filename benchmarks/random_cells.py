@@ -39,12 +39,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import tominpmp as tm
 from benchmarks.cell_cases import KINDS, Case, draw_case, draw_problem, has_friction
+from benchmarks.exact_geometry import Array
 
 JUDGE = Path(__file__).with_name("cell_judge.py")
 COLUMNS = (
@@ -63,11 +65,42 @@ def write_motion(solution: tm.Solution, path: Path) -> None:
     assert motion is not None
     held = motion.inverse_dynamics is None
     share = np.array([0.5]) if held else CHEBYSHEV
-    h = np.diff(motion.t)
-    times = motion.t[:-1, None] + share * h[:, None]
+    t, q, v, a = motion.t, motion.q, motion.v, motion.a
+    if not held:
+        t, q, v, a = with_turns(motion, solution.problem.robot.friction > 0.0)
+    h = np.diff(t)
+    times = t[:-1, None] + share * h[:, None]
     u = motion(times.ravel()).u.reshape(len(h), len(share), -1)
-    a = np.zeros(0) if motion.a is None else motion.a
-    np.savez(path, t=motion.t, q=motion.q, v=motion.v, a=a, share=share, u=u, held=held)
+    kept = np.zeros(0) if a is None else a
+    np.savez(path, t=t, q=q, v=v, a=kept, share=share, u=u, held=held)
+
+
+def with_turns(
+    motion: tm.Trajectory, rubbing: Array
+) -> tuple[Array, Array, Array, Array | None]:
+    """Nodes of a motion, and the instants at which joints with friction turn.
+
+    There the torque jumps by twice the friction; between these it is smooth.
+    """
+    share = np.linspace(0.0, 1.0, 65)
+    times = (motion.t[:-1, None] + share * np.diff(motion.t)[:, None]).ravel()
+    turns = []
+    v = motion(times).v
+    for joint in np.flatnonzero(rubbing).tolist():
+        column = v[:, joint]
+        for k in np.flatnonzero(column[:-1] * column[1:] < 0.0).tolist():
+            if times[k + 1] > times[k]:
+                speed = lambda t, joint=joint: float(motion(t).v[joint])  # noqa: E731
+                turns.append(brentq(speed, times[k], times[k + 1], xtol=1e-15))
+    t = np.union1d(motion.t, turns)
+    t = t[np.concatenate([[True], np.diff(t) > 1e-12])]
+    t[-1] = motion.t[-1]
+    state = motion(t)
+    a = motion.a
+    if a is not None:
+        interval = np.searchsorted(motion.t, 0.5 * (t[1:] + t[:-1])) - 1
+        a = state.a if len(a) == len(motion.t) else a[interval]
+    return t, state.q, state.v, a
 
 
 def run_case(seed: int, kind: str, number: int, limit: float, folder: Path) -> Case:

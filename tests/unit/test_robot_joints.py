@@ -322,7 +322,8 @@ def test_links_without_inertia_are_told_of_by_joint(tmp_path: Path) -> None:
         RobotLoadError, match=r"links that j2 move.*armature={'j2': ...}"
     ):
         load(tmp_path, text)
-    arm = load(tmp_path, text, armature={"j2": 0.01})
+    with pytest.warns(TominpmpWarning, match="link l2 behind joint j2 has no mass"):
+        arm = load(tmp_path, text, armature={"j2": 0.01})
     assert np.linalg.eigvalsh(mass_matrix(arm, np.zeros(2))).min() > 1e-3
     with pytest.raises(RobotLoadError, match="links that j2 move"):
         arm.with_changes(armature=0)
