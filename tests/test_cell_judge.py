@@ -133,6 +133,6 @@ def test_a_wrong_motion_is_refuted(
 
 @pytest.mark.slow
 def test_a_short_campaign(tmp_path: Path) -> None:
-    arguments = ["--count", "5", "--seed", "11", "--kinds", "free,clutter,two_arms"]
+    arguments = ["--count", "3", "--seed", "11", "--kinds", "free,friction,two_arms"]
     arguments += ["--csv", str(tmp_path / "a.csv"), "--folder", str(tmp_path)]
     assert random_cells.main(arguments) == 0

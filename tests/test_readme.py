@@ -26,7 +26,7 @@ pytestmark = [
 def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     names: dict[str, Any] = {}
     exec(blocks[0], names)
     for file in ("motion.png", "motion.html", "motion.csv"):
@@ -34,8 +34,12 @@ def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     exec(blocks[1], names)
     assert (tmp_path / "proof.png").stat().st_size > 1000
     problem = names["problem"]
+    on_robot = dict(names, q_start=problem.q_start, goal=problem.goal)
+    exec(blocks[2], on_robot)
+    assert on_robot["solution"].success
+    assert tm.check_export(on_robot["solution"], tmp_path / "goal.yaml").ok
     names["changed_problem"] = replace(problem, margin=0.5 * problem.margin)
-    exec(blocks[2], names)
+    exec(blocks[3], names)
     assert names["quiet"].roughness < names["solution"].roughness
     assert names["again"].success
     assert names["cell"].problem is not None

@@ -90,6 +90,7 @@ class Stopper:
             with self._interruptible():
                 yield
         finally:
+            self.heeded = True
             _present.reset(token)
 
     @contextmanager
@@ -132,15 +133,19 @@ class Stopper:
         if self.requested:
             return False
         self.requested, self.heeded = True, False
+        self._wait()
+        return True
+
+    def _wait(self) -> None:
         timer = threading.Timer(PATIENCE, self._insist)
         timer.daemon = True
         timer.start()
-        return True
 
     def _insist(self) -> None:
-        """Interrupt code that does not heed a request."""
+        """Interrupt code that does not heed a request, again if that is lost."""
         if not self.heeded:
             _thread.interrupt_main()
+            self._wait()
 
 
 _present: ContextVar[Stopper | None] = ContextVar("stopper", default=None)

@@ -215,7 +215,7 @@ def test_goal_behind_a_wall_is_infeasible_with_a_reason():
         for i, a in enumerate(np.linspace(0, 2 * np.pi, 12, endpoint=False))
     ]
     problem = tm.Problem(robot, START, REACH, scene=tm.Scene(ring))
-    solution = tm.plan(problem, tm.Options(starts=1, max_iterations=40))
+    solution = tm.plan(problem, tm.Options(starts=1, max_iterations=12, intervals=20))
     assert not solution.success
     assert solution.status is not tm.Status.CONVERGED
     assert any(word in solution.message for word in ("overlap", "goal", "from"))

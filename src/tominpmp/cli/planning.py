@@ -20,7 +20,7 @@ from tominpmp.cli.request import (
     RobotRequest,
     make_options,
 )
-from tominpmp.cli.signals import heeded_signals
+from tominpmp.cli.signals import Signals, heeded_signals
 from tominpmp.cli.terminal import (
     INTERRUPTED,
     NO_PLAN,
@@ -64,7 +64,9 @@ def run_plan(
     with heeded_signals() as signals:
         try:
             with logged(output.verbose, errors):
-                solution = _solve(robot, motion, options, output, errors, begin)
+                solution = _solve(
+                    robot, motion, options, output, errors, begin, signals
+                )
             signals.writing()
             sound = _write(solution, targets, output)
         except KeyboardInterrupt:
@@ -100,6 +102,7 @@ def _solve(
     output: OutputRequest,
     console: Console,
     begin: float,
+    signals: Signals,
 ) -> Solution:
     """Load and plan; the time for both counts since the beginning."""
     from tominpmp.cli.sources import load_problem
@@ -119,6 +122,7 @@ def _solve(
             chosen = replace(chosen, max_planning_time=max(left, LEAST_TIME))
         former = None if motion.former is None else load_motion(motion.former)
         progress.phase("planning")
+        signals.check()
         if former is None:
             return plan(problem, chosen)
         return plan(problem, chosen, start=former)

@@ -39,6 +39,15 @@ class Signals:
         """Say that what was found is written from now on."""
         self._writing = True
 
+    def check(self) -> None:
+        """End if a signal has come before: loading libraries may swallow the exception.
+
+        Raises:
+            KeyboardInterrupt: If one has.
+        """
+        if self.number is not None:
+            raise KeyboardInterrupt
+
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take a signal."""
         self.number = number if self.number is None else self.number

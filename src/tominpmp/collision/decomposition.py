@@ -253,17 +253,17 @@ class Measure:
         A point inside sees its surface all around, also if it has small holes
         (Jacobson, Kavan and Sorkine-Hornung, 2013).
         """
-        from_origin, points = self._seen, points - self._middle
+        seen, points = self._seen, points - self._middle
         squares = np.einsum("pi,pi->p", points, points)[:, None]
         la, lb, lc = (
             np.sqrt(np.maximum(own - 2.0 * (points @ corner) + squares, 0.0))
-            for corner, own in zip(from_origin.corners, from_origin.squares, strict=True)
+            for corner, own in zip(seen.corners, seen.squares, strict=True)
         )
         ab, bc, ca = (
             own - points @ both + squares
-            for both, own in zip(from_origin.sums, from_origin.products, strict=True)
+            for both, own in zip(seen.sums, seen.products, strict=True)
         )
-        volume = from_origin.volume - points @ from_origin.normal
+        volume = seen.volume - points @ seen.normal
         angle = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
         return np.asarray(np.abs(np.sum(angle, axis=1)) > np.pi)
 
