@@ -39,6 +39,11 @@ def left_behind(group: int) -> list[int]:
     return found
 
 
+def _heed_interrupts() -> None:
+    """Undo what a shell does for jobs in the background, which ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Signals:
     """Runs of the command line that a signal ends, by number."""
 
@@ -71,6 +76,7 @@ class Signals:
             stderr=subprocess.STDOUT,
             start_new_session=True,
             env={**os.environ, "OMP_NUM_THREADS": "1"},
+            preexec_fn=_heed_interrupts,
         )
         try:
             time.sleep(moment)
