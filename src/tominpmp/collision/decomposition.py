@@ -192,8 +192,8 @@ class Measure:
         self._distance = coal.ComputeDistance(*self._shapes)
         self._triangles = triangles
         # About the middle of the mesh, where the least is lost by rounding.
-        self._seen = _Seen.of(triangles - triangles.mean(axis=(0, 1)))
         self._middle = triangles.mean(axis=(0, 1))
+        self._seen = _Seen.of(triangles - self._middle)
         self._rng = np.random.default_rng(0)
 
     def part(self, triangles: Array) -> _Part | None:
