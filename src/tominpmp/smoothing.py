@@ -11,19 +11,17 @@ import numpy as np
 
 from tominpmp.arrays import Array, real_number
 from tominpmp.attempts.attempt import REFINEMENTS
-from tominpmp.attempts.guessed import EXCHANGES
 from tominpmp.attempts.rescue import NUMERICAL
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.options import Options
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import Solution, Status, roughness
 from tominpmp.solvers.quiet import QuietSolver
+from tominpmp.solvers.rounds import ROUNDS
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Transcription
-from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.exchange import OVERLOAD
-from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification import Verification, verify
@@ -157,45 +155,30 @@ def _quieter(
     """Quieter motion in the form of the former one; None if there is none."""
     ticks = None
     if options.control_period is None:
-        transcription, z = _program(system, options, guess, former, intervals)
-        z = transcription.stretch(z, 1.0 + slack)
+        program, z = _program(system, options, guess, former, intervals)
+        z = program.stretch(z, 1.0 + slack)
     else:
         period = options.control_period
         count = ticks_of((1.0 + slack) * former.duration, period)
         ticks = Ticks.near(period, count, former.t, intervals)
         clocked, z = guess.clocked_program(system, ticks)
-        transcription = clocked.inner
+        program = clocked.inner
     best: Array | None = None
-    for _ in range(EXCHANGES):
-        solver = QuietSolver(transcription, options, _times(transcription, z), over)
+    for _ in range(ROUNDS):
+        times = program.transcription.sequence_times(z)
+        solver = QuietSolver(program, options, times, over)
         best = solver.run(z)
         if best is None or over():
             break
         z = best
-        if isinstance(transcription, InverseTranscription):
-            extra = transcription.inspect(z, OVERLOAD)
-            if not extra.size:
-                break
-            transcription = transcription.with_rows(extra)
-        elif isinstance(transcription, BSplineTranscription):
-            more = transcription.inspect(z, OVERLOAD)
-            if not more.found:
-                break
-            transcription = transcription.with_rows(more)
-        else:
+        more = exchanged(program, z)
+        if more is None:
             break
+        program = more
     if best is None:
         return None
-    motion = transcription.trajectory(best)
+    motion = program.trajectory(best)
     return motion if ticks is None else ticks.timed(motion)
-
-
-def _times(transcription: Transcription, z: Array) -> Array:
-    """Instants of the torques that are compared, as shares of T."""
-    if isinstance(transcription, BSplineTranscription):
-        return transcription.sequence_times
-    t = transcription.trajectory(z).t
-    return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
 
 
 def _program(
@@ -204,7 +187,7 @@ def _program(
     guess: FormerMotion,
     former: Trajectory,
     intervals: int,
-) -> tuple[Transcription, Array]:
+) -> tuple[NonlinearProgram, Array]:
     """Program in the form of a motion, and the motion as its iterate."""
     kind = options.grid
     if former.inverse_dynamics is None:

@@ -12,7 +12,7 @@ from tominpmp.problem import Problem
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 from tominpmp.verification.verdict import Verification, verify
 
 # How a solver ends when it was told to.
@@ -53,14 +53,14 @@ class Attempt:
     def of(
         cls,
         name: str,
-        transcription: Transcription,
+        program: Program,
         initial: Array | Trajectory,
         result: SlpResult,
     ) -> Attempt:
         """Attempt from the iterate it began with and the outcome of a solver."""
         feasible = result.best is not None
         iterate = result.iterate if result.best is None else result.best
-        rows = transcription.rows
+        rows = program.rows
         violation = rows.violation(iterate.values)
         violations = {
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
@@ -70,10 +70,8 @@ class Attempt:
             name,
             result.status,
             feasible,
-            transcription.trajectory(iterate.z),
-            initial
-            if isinstance(initial, Trajectory)
-            else transcription.trajectory(initial),
+            program.trajectory(iterate.z),
+            initial if isinstance(initial, Trajectory) else program.trajectory(initial),
             violations,
             result.history,
             remark=result.remark,

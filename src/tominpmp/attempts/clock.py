@@ -19,8 +19,9 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import STOPPED, Attempt
 from tominpmp.attempts.clock_outcome import Clocked, failed, succeeded
-from tominpmp.attempts.guessed import EXCHANGES, FAR, NEARLY, SMOOTHING_SHARE
+from tominpmp.attempts.guessed import NEARLY, SMOOTHING_SHARE
 from tominpmp.attempts.watch import Watch
+from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.exceptions import OptionsError
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
@@ -28,10 +29,10 @@ from tominpmp.problem import Problem
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solution import IterationRecord, Solution, Status
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.rounds import FAR, ROUNDS
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
-from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import ClockedTranscription, Ticks, ticks_of
 from tominpmp.verification.verdict import Verification, verify
@@ -330,7 +331,7 @@ def _solve(
     program, z = guess.clocked_program(system, ticks)
     program = program.with_more_rows(z, -NEARLY) or program
     result: SlpResult | None = None
-    for _ in range(EXCHANGES):
+    for _ in range(ROUNDS):
         solver = SlpSolver(program, near, smoothing, lp, monitor)
         result = solver.run(z, after=result)
         z = result.iterate.z if result.best is None else result.best.z

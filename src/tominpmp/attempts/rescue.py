@@ -85,7 +85,7 @@ def rescued(
     if not watch.kept:
         return None
     first, *_ = watch.kept
-    initial = first.transcription.trajectory(first.iterate.z)
+    initial = first.program.trajectory(first.iterate.z)
     feasible = [item for item in reversed(watch.kept) if item.feasible]
     last: Attempt | None = None
     with watch.saving():
@@ -93,7 +93,7 @@ def rescued(
             best = item.iterate if item.feasible else None
             result = SlpResult(status, item.iterate, best, tuple(watch.records))
             try:
-                attempt = Attempt.of(name, item.transcription, initial, result)
+                attempt = Attempt.of(name, item.program, initial, result)
                 last = last or replace(attempt, unconfirmed=item.feasible)
                 attempt = attempt.verified(problem, options)
             except (Stop, KeyboardInterrupt) as again:

@@ -12,7 +12,6 @@ from tominpmp.arrays import Array
 from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
 from tominpmp.attempts.guessed import with_rows_where_needed
 from tominpmp.attempts.rescue import guarded
-from tominpmp.attempts.turning import solve_turning
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
@@ -20,15 +19,17 @@ from tominpmp.refinement import refine, unrefined
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.solvers.penalty import PenaltySolver
+from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.transcription.adjoint import AdjointTranscription, Instants
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.program import NonlinearProgram, Selection
 from tominpmp.transcription.system import System
 
 # Which instants of path constraints the methods that shoot differentiate.
-INSTANTS: dict[str, Instants] = {
+INSTANTS: dict[str, Selection] = {
     "paper": "exact",
     "adjoint": "near",
     "penalty": "violated",
@@ -119,17 +120,15 @@ def shoot(
     shares = interval_shares(options.grid, options.intervals)
     paper = options.step_rule == "paper" and options.method == "adjoint"
     transcription = AdjointTranscription(
-        system,
-        shares,
-        float(z[-1]),
-        substeps=substeps,
-        instants=INSTANTS["paper" if paper else options.method],
+        system, shares, float(z[-1]), substeps=substeps
     )
+    selection = INSTANTS["paper" if paper else options.method]
+    program = NonlinearProgram.of(transcription, selection)
     lp = make_solver(options.lp_solver)
-    first = transcription.trajectory(z)
+    first = program.trajectory(z)
 
     def solve(
-        program: AdjointTranscription, z: Array, after: SlpResult | None
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         if options.method == "penalty":
             result = PenaltySolver(program, options, watch, watch.keep).run(z)
@@ -142,12 +141,11 @@ def shoot(
         former = () if after is None else after.history
         return replace(result, history=(*former, *result.history))
 
-    transcription, result = solve_turning(transcription, z, solve)
+    program, result = solve_in_rounds(program, z, options, solve)
     found = result.iterate if result.best is None else result.best
     if paper or options.method == "penalty":
-        refined: tuple[Transcription, SlpResult]
-        refined = transcription, unrefined(options, result)
+        refined: tuple[Program, SlpResult] = program, unrefined(options, result)
     else:
-        refined = refine(system, options, transcription, result, lp, watch)
+        refined = refine(system, options, program, result, lp, watch)
     attempt = Attempt.of("shooting", refined[0], first, refined[1])
     return attempt.verified(system.problem, options), found.z

@@ -14,7 +14,7 @@ from tominpmp.options import Options
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Stop, Stopper
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 
 # Of what an attempt has found so many motions are kept, should it be cut short.
 KEPT = 4
@@ -32,12 +32,12 @@ class Kept(NamedTuple):
     """A motion on the way.
 
     Attributes:
-        transcription: Its program.
+        program: Its program.
         iterate: The motion.
         feasible: Whether it keeps all constraints of the program.
     """
 
-    transcription: Transcription
+    program: Program
     iterate: Iterate
     feasible: bool
 
@@ -135,10 +135,10 @@ class Watch:
 
     # -- what was found ----------------------------------------------------------------
 
-    def keep(self, transcription: Transcription, iterate: Iterate) -> None:
+    def keep(self, program: Program, iterate: Iterate) -> None:
         """Keep a motion of the present attempt, should it be cut short."""
-        new = Kept(transcription, iterate, iterate.violation <= self._feasibility)
-        if self.kept and self.kept[-1].transcription is transcription:
+        new = Kept(program, iterate, iterate.violation <= self._feasibility)
+        if self.kept and self.kept[-1].program is program:
             if self.kept[-1].feasible and not new.feasible:
                 return
             self.kept[-1] = new

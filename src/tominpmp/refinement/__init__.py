@@ -11,7 +11,7 @@ from tominpmp.refinement.grid import refine_grid
 from tominpmp.refinement.monitor import Monitor
 from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.system import System
 
 __all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
@@ -25,17 +25,17 @@ SHORTEST_MOTION = 1e-5
 def refine(
     system: System,
     options: Options,
-    transcription: Transcription,
+    program: Program,
     result: SlpResult,
     lp: LpSolver,
     watch: Monitor,
-) -> tuple[Transcription, SlpResult]:
+) -> tuple[Program, SlpResult]:
     """Refine a motion as ``options.refine`` says.
 
     Args:
         system: The functions of the problem.
         options: Options of the plan.
-        transcription: The program of the motion.
+        program: The program of the motion.
         result: Its solution.
         lp: Solver of linear programs.
         watch: Time limit and callback.
@@ -45,17 +45,17 @@ def refine(
         was found. The motion is never slower, unless its replay was not all right.
     """
     if result.status in DONE:
-        return transcription, result
+        return program, result
     if result.best is not None and options.refine is not None:
-        duration = transcription.trajectory(result.best.z).duration
+        duration = program.trajectory(result.best.z).duration
         if duration < SHORTEST_MOTION:
             remark = "The start meets the goal: there is nothing to refine."
-            return transcription, replace(result, remark=remark)
+            return program, replace(result, remark=remark)
     if options.refine == "grid":
-        return refine_grid(system, options, transcription, result, lp, watch)
+        return refine_grid(system, options, program, result, lp, watch)
     if options.refine == "switching":
-        return refine_switching(system, options, transcription, result, lp, watch)
-    return transcription, result
+        return refine_switching(system, options, program, result, lp, watch)
+    return program, result
 
 
 def unrefined(options: Options, result: SlpResult) -> SlpResult:

@@ -25,7 +25,7 @@ from tominpmp.refinement.switching import (
 from tominpmp.solution import Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.system import System
@@ -109,17 +109,17 @@ class Search:
 def refine_switching(
     system: System,
     options: Options,
-    transcription: Transcription,
+    program: Program,
     result: SlpResult,
     lp: LpSolver,
     watch: Monitor,
-) -> tuple[Transcription, SlpResult]:
+) -> tuple[Program, SlpResult]:
     """Place the switches of a motion exactly.
 
     Args:
         system: The functions of the problem.
         options: Options of the plan.
-        transcription: The program of the motion.
+        program: The program of the motion.
         result: Its solution.
         lp: Solver of linear programs.
         watch: Time limit and callback.
@@ -129,11 +129,11 @@ def refine_switching(
         given where no such motion was found that is at least as fast.
     """
     iterate = result.iterate if result.best is None else result.best
-    plan = transcription.trajectory(iterate.z)
+    plan = program.trajectory(iterate.z)
     if system.friction is not None:
         ways = one_way(system, plan)
         if ways is None:
-            return transcription, replace(result, remark=TURNING)
+            return program, replace(result, remark=TURNING)
         granted = replace(system, ways=ways)
     else:
         granted = system
@@ -152,7 +152,7 @@ def refine_switching(
         arcs = _transcribe(sharpen(granted, motion, budget))
         if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
             return arcs[0], _result(*arcs, result, iterate)
-    return transcription, replace(result, remark=KEPT)
+    return program, replace(result, remark=KEPT)
 
 
 def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> None:

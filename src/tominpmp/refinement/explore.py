@@ -27,6 +27,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
 # Grid of torques on which a wild path becomes a motion, and its iterations.
@@ -75,9 +76,10 @@ def on_grid(
     shares = interval_shares("uniform", path.shape[0] - 1)
     grid = CollocationTranscription(system, shares, duration)
     start = grid.start(path, np.array([duration]))
-    found = SlpSolver(grid, options, SMOOTHING * duration, lp, clock).run(start)
+    program = NonlinearProgram.of(grid).at(start)
+    found = SlpSolver(program, options, SMOOTHING * duration, lp, clock).run(start)
     last = found.iterate if found.best is None else found.best
-    return grid.trajectory(last.z)
+    return program.trajectory(last.z)
 
 
 def wild_motions(

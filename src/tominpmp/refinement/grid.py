@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.constraints.friction import interval_signs
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
 from tominpmp.refinement.flow import march
@@ -25,12 +25,12 @@ from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.exchange import OVERLOAD
+from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ways import interval_signs
 from tominpmp.verification.verdict import verify
 
 logger = logging.getLogger(__name__)
@@ -55,23 +55,23 @@ ITERATIONS = 30
 # Weight of the total variation, as a share of the duration.
 SMOOTHING_SHARE = 1e-4
 
-Gridded = TypeVar("Gridded", InverseTranscription, CollocationTranscription)
+Gridded = InverseTranscription | CollocationTranscription
 
 
 def refine_grid(
     system: System,
     options: Options,
-    transcription: Transcription,
+    program: Program,
     result: SlpResult,
     lp: LpSolver,
     watch: Monitor,
-) -> tuple[Transcription, SlpResult]:
+) -> tuple[Program, SlpResult]:
     """Split intervals until the motion is accurate and gains little more.
 
     Args:
         system: The functions of the problem.
         options: Options of the plan.
-        transcription: The program of the motion, "inverse" or "collocation"; others are
+        program: The program of the motion, "inverse" or "collocation"; others are
             handed back with a remark.
         result: Its solution.
         lp: Solver of linear programs.
@@ -80,35 +80,37 @@ def refine_grid(
     Returns:
         Program and solution on the finest grid that brought anything.
     """
-    if isinstance(transcription, InverseTranscription):
-        return _refine(system, options, transcription, result, lp, watch)
-    if isinstance(transcription, CollocationTranscription):
-        return _refine(system, options, transcription, result, lp, watch)
+    if isinstance(program, NonlinearProgram) and isinstance(
+        program.transcription, InverseTranscription | CollocationTranscription
+    ):
+        return _refine(system, options, program, result, lp, watch)
     remark = (
         f"Its grid was not refined: that is not done for method {options.method!r}."
     )
-    return transcription, replace(result, remark=remark)
+    return program, replace(result, remark=remark)
 
 
 def _refine(
     system: System,
     options: Options,
-    transcription: Gridded,
+    program: NonlinearProgram,
     result: SlpResult,
     lp: LpSolver,
     watch: Monitor,
-) -> tuple[Transcription, SlpResult]:
-    best = transcription, result
+) -> tuple[NonlinearProgram, SlpResult]:
+    best = program, result
     for _ in range(ROUNDS):
         kept, outcome = best
         if watch.over or outcome.best is None:
             break
         z, T = outcome.best.z, outcome.best.duration
-        losses = interval_losses(system, kept, z)
+        grid = kept.transcription
+        assert isinstance(grid, Gridded)  # noqa: S101
+        losses = interval_losses(system, grid, z)
         split = worst_intervals(losses, T)
         if not np.any(split):
             break
-        finer, start = split_intervals(kept, z, split)
+        finer, start = split_intervals(grid, z, split)
         refined, found = _solve(finer, start, options, outcome, lp, watch)
         replayed = replayed_well(system, refined.trajectory(_last(found)), options)
         gain = 1.0 - (np.inf if found.best is None else found.best.duration) / T
@@ -145,8 +147,8 @@ def interval_losses(system: System, transcription: Gridded, z: Array) -> Array:
 
     Args:
         system: The functions of the problem.
-        transcription: The program.
-        z: Its iterate.
+        transcription: The parameterisation.
+        z: An iterate of it.
     """
     if isinstance(transcription, InverseTranscription):
         return _spline_losses(system, transcription, z)
@@ -164,7 +166,7 @@ def interval_losses(system: System, transcription: Gridded, z: Array) -> Array:
 def _spline_losses(
     system: System, transcription: InverseTranscription, z: Array
 ) -> Array:
-    spline = transcription.spline(z)
+    spline = transcription.motion(z)
     h, a = spline.h, spline.a
     begin = system.torque(spline.q[:-1], spline.v[:-1], a)
     end = system.torque(spline.q[1:], spline.v[1:], a)
@@ -231,12 +233,12 @@ def split_intervals(
     """Halve intervals, without a change of the motion.
 
     Args:
-        transcription: The program.
-        z: Its iterate.
+        transcription: The parameterisation.
+        z: An iterate of it.
         split: Which intervals to halve, shape (N,).
 
     Returns:
-        The program on the new grid, and its iterate.
+        The parameterisation on the new grid, and the iterate.
     """
     parts = 1 + split.astype(np.int64)
     if isinstance(transcription, InverseTranscription):
@@ -263,7 +265,7 @@ def _split_shares(transcription: Gridded, parts: IntArray) -> Array:
 def _split_spline(
     transcription: InverseTranscription, z: Array, parts: IntArray
 ) -> tuple[InverseTranscription, Array]:
-    spline = transcription.spline(z)
+    spline = transcription.motion(z)
     index = np.repeat(np.arange(parts.size), parts)
     second = np.concatenate([[False], index[1:] == index[:-1]])
     halved = parts[index] == 2
@@ -285,35 +287,23 @@ def _solve(
     before: SlpResult,
     lp: LpSolver,
     watch: Monitor,
-) -> tuple[Gridded, SlpResult]:
+) -> tuple[NonlinearProgram, SlpResult]:
     """Solve on a new grid, with rows between the nodes where they are needed."""
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * before.iterate.duration
     few = replace(options, max_iterations=min(options.max_iterations, ITERATIONS))
-    result = before
-    for round_ in range(1 + EXCHANGES):
-        solver = SlpSolver(transcription, few, smoothing, lp, watch, keep=watch.keep)
-        if round_ == 0:
-            # The rows are others now: only the history goes on.
-            result = solver.run(z)
-            result = replace(result, history=before.history + result.history)
-        else:
-            result = solver.run(result.iterate.z, after=result)
-        stopped = result.status in (Status.TIME_LIMIT, Status.INTERRUPTED)
-        if stopped:
+    program = NonlinearProgram.of(transcription).at(z)
+    # The rows are others now: only the history goes on.
+    result = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep).run(z)
+    result = replace(result, history=before.history + result.history)
+    for _ in range(EXCHANGES):
+        if result.status in (Status.TIME_LIMIT, Status.INTERRUPTED):
             break
-        if round_ == EXCHANGES:
-            break  # the result is one of these rows, and of no others
-        if isinstance(transcription, CollocationTranscription):
-            turned = transcription.turned(result.iterate.z)
-            if turned is None:
-                break
-            transcription, z = turned
-            result = replace(result, iterate=replace(result.iterate, z=z))
-            continue
-        extra = transcription.inspect(result.iterate.z, OVERLOAD)
-        if not extra.size:
+        changed = revised(program, result.iterate.z)
+        if changed is None:
             break
-        transcription = transcription.with_rows(extra)
-    return transcription, result
+        program, z = changed
+        solver = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep)
+        result = solver.run(z, after=result)
+    return program, result

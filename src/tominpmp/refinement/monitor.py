@@ -9,7 +9,7 @@ from typing import Protocol
 from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import check
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 
 # Evaluations of the dynamics for one start at most: some seconds for a small arm.
 EVALUATIONS = 300_000
@@ -34,7 +34,7 @@ class Monitor(Protocol):
     def see(self, record: IterationRecord) -> Status | None:
         """See a record of something on the side; a status ends the iteration."""
 
-    def keep(self, transcription: Transcription, iterate: Iterate) -> None:
+    def keep(self, program: Program, iterate: Iterate) -> None:
         """Keep a motion, should the rest be cut short."""
 
 
@@ -68,9 +68,9 @@ class Clock:
         status = self._watch.see(record)
         return status or (Status.TIME_LIMIT if self.over else None)
 
-    def keep(self, transcription: Transcription, iterate: Iterate) -> None:
+    def keep(self, program: Program, iterate: Iterate) -> None:
         """Keep a motion, should the rest be cut short."""
-        self._watch.keep(transcription, iterate)
+        self._watch.keep(program, iterate)
 
 
 class Budget:

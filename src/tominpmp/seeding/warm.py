@@ -10,22 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.friction import arrival
 from tominpmp.exceptions import ProblemError
 from tominpmp.seeding.guess import Guess
 from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import ClockedTranscription, Ticks
-from tominpmp.transcription.ways import arrival
 
 # Samples for what needs the shape only.
 SAMPLES = 400
@@ -102,7 +105,7 @@ class FormerMotion(Guess):
             return None
         if self.held:
             return motion
-        inverse, a = system.motors.inverse, motion.a
+        inverse, a = system.motor_dynamics.inverse, motion.a
         if self.entry > 0.0:
             if a is None or a.shape[0] == motion.t.size:
                 return None
@@ -140,7 +143,7 @@ class FormerMotion(Guess):
 
     def inverse_program(
         self, system: System, intervals: int, kind: str
-    ) -> tuple[InverseTranscription, Array]:
+    ) -> tuple[NonlinearProgram, Array]:
         """Program in constant accelerations, and the motion as its iterate."""
         T, motion = self.duration, self.trajectory
         nodes = self.grid(intervals)
@@ -149,12 +152,12 @@ class FormerMotion(Guess):
             transcription = InverseTranscription(
                 system, interval_shares(kind, intervals), T
             )
-            return transcription, transcription.start(self.position, T)
+            return _program(transcription, transcription.start(self.position, T))
         return self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
 
     def _inverse_on(
         self, system: System, shares: Array, duration: float
-    ) -> tuple[InverseTranscription, Array]:
+    ) -> tuple[NonlinearProgram, Array]:
         """Program in constant accelerations on intervals of given shares."""
         T = self.duration
         nodes = T * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
@@ -166,11 +169,12 @@ class FormerMotion(Guess):
         v_end = system.final_velocity
         if v_end is None:
             v_end = self.trajectory(self.trajectory.duration).v
-        return transcription, transcription.pack(points, v_end, np.array([duration]))
+        z = transcription.pack(points, v_end, np.array([duration]))
+        return _program(transcription, z)
 
     def spline_program(
         self, system: System, intervals: int, kind: str, degree: int
-    ) -> tuple[BSplineTranscription, Array]:
+    ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline, and the nearest one to the motion."""
         shares = interval_shares(kind, intervals)
         own = np.diff(self.nodes)[:, None] / self.duration
@@ -180,14 +184,14 @@ class FormerMotion(Guess):
 
     def _spline_on(
         self, system: System, shares: Array, duration: float, degree: int
-    ) -> tuple[BSplineTranscription, Array]:
+    ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline on intervals of given shares."""
         transcription = BSplineTranscription(system, shares, degree)
         # As many in each interval, however short: each has a control point.
         starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
         fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
         wanted = self.position(fit * self.duration)
-        return transcription, transcription.fitted(fit, wanted, duration)
+        return _program(transcription, transcription.fitted(fit, wanted, duration))
 
     def clocked_program(
         self, system: System, ticks: Ticks
@@ -198,7 +202,6 @@ class FormerMotion(Guess):
         constant accelerations; the motion is stretched to the time of the ticks.
         """
         motion, T = self.trajectory, ticks.duration
-        inner: InverseTranscription | BSplineTranscription
         if self.continuous:
             degree = 3 if motion.a is None else 5
             inner, z = self._spline_on(system, ticks.shares, T, degree)
@@ -208,7 +211,7 @@ class FormerMotion(Guess):
 
     def lifted_program(
         self, system: System, intervals: int, kind: str
-    ) -> tuple[CollocationTranscription, Array]:
+    ) -> tuple[NonlinearProgram, Array]:
         """Program in states and torques, and the motion as its iterate."""
         T, n = self.duration, system.n
         nodes = self.grid(intervals)
@@ -218,12 +221,12 @@ class FormerMotion(Guess):
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
         q = self.position(nodes)
         if not self.unchanged:
-            return transcription, transcription.start(q, np.array([T]))
+            return _program(transcription, transcription.start(q, np.array([T])))
         v = self.trajectory(self._own(nodes)).v
         u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
         x = np.hstack([q, v])
         assert x.shape == (nodes.size, 2 * n)  # noqa: S101
-        return transcription, transcription.pack(x, u, np.array([T]))
+        return _program(transcription, transcription.pack(x, u, np.array([T])))
 
     def _net_torque(self, system: System, times: Array) -> Array:
         """What dry friction leaves of the torques, shape (k, n)."""
@@ -236,6 +239,12 @@ class FormerMotion(Guess):
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = torque_shares(system, u).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
+
+
+def _program(
+    transcription: Transcription[Any], z: Array
+) -> tuple[NonlinearProgram, Array]:
+    return NonlinearProgram.of(transcription).at(z), z
 
 
 def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
@@ -317,8 +326,8 @@ def _from_samples(system: System, samples: Samples) -> Trajectory:
     a = samples.a if np.all(np.isfinite(samples.a)) else np.gradient(v, t, axis=0)
     u = samples.u
     if not np.all(np.isfinite(u)):
-        u = system.motors.inverse(q, v, a)
-    inverse = system.motors.inverse
+        u = system.motor_dynamics.inverse(q, v, a)
+    inverse = system.motor_dynamics.inverse
     return Trajectory(samples.joint_names, t - t[0], q, v, u, holding=inverse)
 
 

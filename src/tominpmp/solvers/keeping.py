@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.base import Program
 
-Keep = Callable[[Transcription, Iterate], None]
+Keep = Callable[[Program, Iterate], None]
 
 
-def keep_nothing(transcription: Transcription, iterate: Iterate) -> None:
+def keep_nothing(program: Program, iterate: Iterate) -> None:
     """Let a motion on the way go."""

@@ -28,6 +28,7 @@ from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Linearization, StepBounds
+from tominpmp.transcription.program import NonlinearProgram
 
 # Weight of the elastic variables, in shares of T; far above the multipliers, so that
 # violations are reduced as fast as the steps allow before the duration counts.
@@ -44,14 +45,14 @@ class PaperSolver:
     """The paper's fixed-step iteration on the adjoint transcription.
 
     Attributes:
-        transcription: The nonlinear program.
+        nlp: The nonlinear program.
         options: ``control_step`` (rho), ``time_step`` (epsilon), limits and tolerances.
         lp: Solver of the linear programs.
         monitor: Sees every record; a status ends the iteration.
         keep: Is given the best motion so far, or the present one.
     """
 
-    transcription: AdjointTranscription
+    nlp: NonlinearProgram
     options: Options
     lp: LpSolver
     monitor: Monitor = field(default=lambda record: None)
@@ -71,7 +72,7 @@ class PaperSolver:
         """
         begin = time.perf_counter()
         iterate = self.init(z)
-        self.keep(self.transcription, iterate)
+        self.keep(self.nlp, iterate)
         best: Iterate | None = None
         history: list[IterationRecord] = []
         status: Status | None = None
@@ -84,7 +85,7 @@ class PaperSolver:
                 break
             iterate = following
             best = self.better(best, iterate)
-            self.keep(self.transcription, best or iterate)
+            self.keep(self.nlp, best or iterate)
             record = self.record(len(history), iterate, effort, begin)
             history.append(record)
             status = self.terminate(history) or self.monitor(record)
@@ -92,7 +93,7 @@ class PaperSolver:
 
     def init(self, z: Array) -> Iterate:
         """Iterate at the start."""
-        nlp = self.transcription
+        nlp = self.nlp
         weights = np.full(len(nlp.rows.kinds), ELASTIC_WEIGHT * float(nlp.cost @ z))
         merit = Merit(nlp.cost, nlp.rows, 0.0, weights)
         return Iterate(
@@ -101,8 +102,10 @@ class PaperSolver:
 
     def step(self, iterate: Iterate, effort: Effort) -> Iterate | None:
         """One linear program, its step taken; None if it could not be solved."""
-        nlp, z, options = self.transcription, iterate.z, self.options
-        steps = nlp.fixed_steps(z, options.control_step, options.time_step)
+        nlp, z, options = self.nlp, iterate.z, self.options
+        torques = nlp.transcription
+        assert isinstance(torques, AdjointTranscription)  # noqa: S101
+        steps = torques.fixed_steps(z, options.control_step, options.time_step)
         linearization = nlp.linearize(z, iterate.values, steps)
         program = build_program(iterate.merit, iterate.values, linearization, steps)
         solution = effort.add(self.lp.solve(program))

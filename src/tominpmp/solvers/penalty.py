@@ -28,6 +28,7 @@ from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.program import NonlinearProgram
 
 # The first weight K, in shares of T, and its growth from round to round. From a smaller
 # one the motions end faster, up to 7 % on the paper's example, and take twice as long.
@@ -67,13 +68,13 @@ class PenaltySolver:
     """Exterior penalty function method on the adjoint transcription.
 
     Attributes:
-        transcription: The nonlinear program.
+        nlp: The nonlinear program.
         options: Tolerances and limits.
         monitor: Sees every record; a status ends the iteration.
         keep: Is given the best motion so far, or the present one.
     """
 
-    transcription: AdjointTranscription
+    nlp: NonlinearProgram
     options: Options
     monitor: Monitor = field(default=lambda record: None)
     keep: Keep = keep_nothing
@@ -110,7 +111,7 @@ class _Run:
     """One run: the present iterate, the best one and the history."""
 
     def __init__(self, solver: PenaltySolver, z: Array) -> None:
-        nlp = solver.transcription
+        nlp = solver.nlp
         self.solver, self.nlp = solver, nlp
         self.begin = time.perf_counter()
         self.history: list[IterationRecord] = []
@@ -120,17 +121,19 @@ class _Run:
         counts = np.bincount(self.rows.group)
         goal = self.rows.kind == self.rows.kinds.index("goal")
         self.share = np.where(goal, 1.0, 1.0 / counts[self.rows.group])
-        intervals, columns = nlp.shares.shape
+        transcription = nlp.transcription
+        assert isinstance(transcription, AdjointTranscription)  # noqa: S101
+        intervals, columns = transcription.shares.shape
         torques = z.size - columns
         # The torques as functions of time: one of an interval counts by its length.
         # With these units the iterations end 6 % to 10 % lower than with each torque
         # in its range, in the same time.
-        lengths = nlp.shares @ z[torques:]
+        lengths = transcription.shares @ z[torques:]
         unit = np.sqrt(lengths.sum() / lengths)
         units = np.repeat(unit, torques // intervals)
         rest = np.ones(columns)
         self.scale = np.concatenate([units, z[torques:]])
-        lower, upper = nlp.torque_bounds
+        lower, upper = transcription.torque_bounds
         self.lower = np.concatenate([lower / units, DURATIONS[0] * rest])
         self.upper = np.concatenate([upper / units, DURATIONS[1] * rest])
         self.iterate = self.make(z, nlp.evaluate(z))
@@ -162,9 +165,11 @@ class _Run:
             total += weight * float(self.share @ excess**2)
             self.trial = z, values, total
             gradient = self.nlp.cost
-            if self.nlp.motion(z).finite:  # else the line search turns back
+            if self.nlp.transcription.motion(
+                z
+            ).finite:  # else the line search turns back
                 force = 2.0 * weight * self.share * excess
-                gradient = gradient + self.nlp.pull_back(z, force)
+                gradient = gradient + self.nlp.gradient(z, force)
             return total, gradient * self.scale
 
         def callback(y: Array) -> None:

@@ -29,7 +29,8 @@ from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
 from tominpmp.stopping import check
-from tominpmp.transcription.base import Linearization, Transcription, Variation
+from tominpmp.transcription.base import Linearization, Variation
+from tominpmp.transcription.program import NonlinearProgram
 
 # Solver of the quadratic programs, and its tolerances: looser where it fails.
 QP_SOLVER = "piqp"
@@ -76,13 +77,13 @@ class QuietSolver:
     """Sequential quadratic programming on any transcription, with T fixed.
 
     Attributes:
-        transcription: The nonlinear program.
+        nlp: The nonlinear program.
         options: Tolerances, limits and the trust region.
         times: Instants of the sequence of torques as shares of T, shape (k,).
         over: Tells whether the time is up.
     """
 
-    transcription: Transcription
+    nlp: NonlinearProgram
     options: Options
     times: Array
     over: Callable[[], bool] = field(default=lambda: False)
@@ -116,7 +117,7 @@ class QuietSolver:
 
     def init(self, z: Array) -> QuietState:
         """State at the start."""
-        nlp = self.transcription
+        nlp = self.nlp
         weights = np.full(len(nlp.rows.kinds), FIRST_WEIGHT)
         merit = Merit(np.zeros(z.size), nlp.rows, 0.0, weights)
         return QuietState(z, nlp.evaluate(z), merit, TrustRegion())
@@ -127,7 +128,7 @@ class QuietSolver:
         Returns:
             The next state, and by how much the program promised to lower the merit.
         """
-        nlp, z, values = self.transcription, state.z, state.values
+        nlp, z, values = self.nlp, state.z, state.values
         radius = self.options.trust_region * state.region.radius
         bounds = nlp.step_bounds(z, radius)
         timed = nlp.cost != 0.0
@@ -203,7 +204,7 @@ class QuietSolver:
         """Weighted differences of neighbouring torques in full ranges."""
         torques = self._of_torques
         if torques is None:
-            variation = self.transcription.variation(z)
+            variation = self.nlp.variation(z)
             return np.asarray(self._of_jumps(variation) @ z)
         return np.asarray(torques @ values[self._torque_rows])
 
@@ -213,7 +214,7 @@ class QuietSolver:
         """The same as a linear function near z."""
         torques = self._of_torques
         if torques is None:
-            matrix = self._of_jumps(self.transcription.variation(z))
+            matrix = self._of_jumps(self.nlp.variation(z))
             return Variation(matrix, np.zeros(matrix.shape[0]))
         # All torque rows are linearised, in order.
         among = np.isin(linearization.rows, self._torque_rows)
@@ -222,7 +223,7 @@ class QuietSolver:
 
     @cached_property
     def _torque_rows(self) -> IntArray:
-        rows = self.transcription.rows
+        rows = self.nlp.rows
         return np.flatnonzero(rows.kind == rows.kinds.index("torque"))
 
     @cached_property
@@ -234,8 +235,7 @@ class QuietSolver:
     @cached_property
     def _of_torques(self) -> sp.csr_matrix | None:
         """Unevenness from the torque rows; None where torques are unknowns."""
-        sequence: sp.csr_matrix | None
-        sequence = getattr(self.transcription, "torque_sequence", None)
+        sequence = self.nlp.transcription.torque_sequence
         if sequence is None:
             return None
         count = sequence.shape[0]
@@ -263,7 +263,7 @@ class QuietSolver:
 
     def violation(self, trial: Trial) -> float:
         """Largest violation at a trial."""
-        rows = self.transcription.rows
+        rows = self.nlp.rows
         return float(np.max(rows.violation(trial.values), initial=0.0))
 
     def model(

@@ -28,16 +28,15 @@ from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
 from tominpmp.stopping import Stop, check, grace
-from tominpmp.transcription.base import Transcription, Variation
+from tominpmp.transcription.base import Program, Variation
 
 # Trust region radius of a start that is nearly optimal, as a share of the usual one.
 WARM_RADIUS = 0.1
 # Violations below this are removed by slowing down at the end.
 RESTORABLE = 1e-2
 RESTORATIONS = 8
-# Where any motion will do: how much slower one may be made, and what that can cure.
+# Where any motion will do: how much slower one may be made.
 SLOWER = (1.0, 1.02, 1.05, 1.1, 1.2)
-CURABLE = frozenset(("torque", "velocity", "acceleration", "jerk", "torque rate"))
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
 # can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
 FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
@@ -75,7 +74,7 @@ class SlpSolver:
     """Sequential linear programming on any transcription.
 
     Attributes:
-        transcription: The nonlinear program.
+        nlp: The nonlinear program.
         options: Tolerances, limits and the trust region.
         smoothing: Weight of the total variation [s].
         lp: Solver of the linear programs.
@@ -86,7 +85,7 @@ class SlpSolver:
             the iteration may be told to stop at any time.
     """
 
-    transcription: Transcription
+    nlp: Program
     options: Options
     smoothing: float
     lp: LpSolver
@@ -109,7 +108,7 @@ class SlpSolver:
         """
         begin = time.perf_counter()
         iterate = self.init(z)
-        self.keep(self.transcription, iterate)
+        self.keep(self.nlp, iterate)
         history: list[IterationRecord] = []
         if after is not None:
             history += after.history
@@ -123,7 +122,7 @@ class SlpSolver:
                 effort = Effort()
                 iterate, outcome = self.step(iterate, effort)
                 best = self.slowed(iterate) or self.better(best, iterate)
-                self.keep(self.transcription, best or iterate)
+                self.keep(self.nlp, best or iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
                 status = self.terminate(iterate, outcome, len(history) - former)
@@ -133,7 +132,7 @@ class SlpSolver:
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
                 last = self.better(best, self.restored(iterate))
-                self.keep(self.transcription, last or iterate)
+                self.keep(self.nlp, last or iterate)
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
@@ -146,7 +145,7 @@ class SlpSolver:
 
     def init(self, z: Array) -> Iterate:
         """Iterate at the start."""
-        nlp = self.transcription
+        nlp = self.nlp
         duration = float(nlp.cost @ z)
         shares = [FIRST_WEIGHTS.get(kind, OTHER_WEIGHT) for kind in nlp.rows.kinds]
         merit = Merit(nlp.cost, nlp.rows, self.smoothing, duration * np.array(shares))
@@ -155,7 +154,7 @@ class SlpSolver:
 
     def step(self, iterate: Iterate, effort: Effort) -> tuple[Iterate, Outcome | None]:
         """One iteration: linearise, solve, correct, search, accept or shrink."""
-        nlp, z, merit = self.transcription, iterate.z, iterate.merit
+        nlp, z, merit = self.nlp, iterate.z, iterate.merit
         radius = self.options.trust_region * iterate.region.radius
         steps = nlp.step_bounds(z, radius)
         variation = nlp.variation(z) if self.smoothing > 0.0 else None
@@ -228,7 +227,7 @@ class SlpSolver:
 
     def restorable(self, iterate: Iterate) -> bool:
         """Whether slowing down can remove what violation is left: not of equations."""
-        rows = self.transcription.rows
+        rows = self.nlp.rows
         violation = rows.violation(iterate.values)
         equations = violation[rows.lower == rows.upper]
         return bool(
@@ -248,8 +247,8 @@ class SlpSolver:
         best, low, high = iterate, 1.0, 1.0 + iterate.violation
         for _ in range(RESTORATIONS):
             factor = high if best is iterate else 0.5 * (low + high)
-            z = self.transcription.stretch(iterate.z, factor)
-            trial = replace(iterate, z=z, values=self.transcription.evaluate(z))
+            z = self.nlp.stretch(iterate.z, factor)
+            trial = replace(iterate, z=z, values=self.nlp.evaluate(z))
             if trial.violation <= limit:
                 best, high = trial, factor
             elif best is iterate:
@@ -265,9 +264,9 @@ class SlpSolver:
         """
         if self.options.objective != "feasible":
             return None
-        nlp, limit = self.transcription, self.options.feasibility
+        nlp, limit = self.nlp, self.options.feasibility
         rows = nlp.rows
-        curable = np.array([kind in CURABLE for kind in rows.kinds])[rows.kind]
+        curable = rows.curable[rows.kind]
         if np.any(rows.violation(iterate.values)[~curable] > limit):
             return None
         for factor in SLOWER:
@@ -286,7 +285,7 @@ class SlpSolver:
         effort: Effort,
     ) -> Outcome:
         """Full step, second-order correction, then a line search on the merit."""
-        nlp, merit = self.transcription, iterate.merit
+        nlp, merit = self.nlp, iterate.merit
 
         def attempt(step: Array, damping: float = 1.0) -> Trial:
             check()
@@ -345,9 +344,7 @@ class SlpSolver:
 
     def violation(self, trial: Trial) -> float:
         """Largest violation at a trial."""
-        return float(
-            np.max(self.transcription.rows.violation(trial.values), initial=0.0)
-        )
+        return float(np.max(self.nlp.rows.violation(trial.values), initial=0.0))
 
     def better(self, best: Iterate | None, iterate: Iterate) -> Iterate | None:
         """The faster of two iterates without violation."""

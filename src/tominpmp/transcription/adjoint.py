@@ -10,15 +10,18 @@ everything else is a bound on a variable.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.constraints import Partials, States
+from tominpmp.constraints.friction import Ways
+from tominpmp.dynamics import Dynamics
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.base import StepBounds, Transcription, Variation
 from tominpmp.transcription.controls import (
     driving_torque,
     motor_torques,
@@ -27,10 +30,15 @@ from tominpmp.transcription.controls import (
     torque_shares,
     turned_ways,
 )
-from tominpmp.transcription.integrator import Rollout, differentiate_rollout, rollout
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.integrator import (
+    Rollout,
+    Sensitivities,
+    differentiate_rollout,
+    rollout,
+)
 from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ways import Ways
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -39,19 +47,45 @@ LENGTH_STEP = 0.3
 CONTROL_FACTOR = 2.0
 # Typical velocities are this times the scale of positions over the duration.
 SPEED_FACTOR = 5.0
-# Value of the rows of a motion that could not be integrated to its end.
-BROKEN = 1e3
 # A step leaves at least this share of the duration (the paper: T + dT >= 0).
 SHORTEST = 0.1
-# Instants attain the maximum of a constraint if they come this close to it.
-ATTAINED = 1e-4
 # Clearances above this share of the arm's reach are left out of a linear program.
 NEAR = 0.2
 
-Instants = Literal["near", "exact", "violated"]
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A motion integrated forward.
+
+    Attributes:
+        dynamics: Equations of motion.
+        rollout: The motion, step by step.
+        u: Torques of the intervals, shape (N, n) [N m or N].
+        h: Lengths of the intervals [s], shape (N,).
+    """
+
+    dynamics: Dynamics
+    rollout: Rollout
+    u: Array
+    h: Array
+
+    @property
+    def finite(self) -> bool:
+        """Whether it could be integrated to its end."""
+        return self.rollout.finite
+
+    @property
+    def x(self) -> Array:
+        """States at the nodes, shape (N + 1, 2n)."""
+        return self.rollout.nodes
+
+    @cached_property
+    def sensitivities(self) -> Sensitivities:
+        """Derivatives of each interval."""
+        return differentiate_rollout(self.dynamics, self.rollout)
 
 
-class AdjointTranscription:
+class AdjointTranscription(Transcription[Shot]):
     """A problem in torques and lengths of intervals.
 
     The unknowns are stacked as z = (torques, lengths): torques of N intervals as shares
@@ -61,14 +95,17 @@ class AdjointTranscription:
     Attributes:
         system: The functions of the problem.
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
-        instants: Which instants of path constraints become rows: "exact" those that
-            attain the maximum (the paper's S), "near" all that a step can bring to
-            their bound, "violated" those beyond it.
+        duration: Duration that scales velocities [s].
         substeps: Integration steps an interval.
+        ways: Which way joints with dry friction move on the intervals; None without
+            friction, and at first, when it is left out.
 
-    Torques are those that dry friction leaves of the motors'. Which way joints move is
-    given as ``ways``; without it, at first it is left out.
+    Torques are those that dry friction leaves of the motors'.
     """
+
+    kept = frozenset({"u"})
+    by_component = True
+    states_between = False
 
     def __init__(
         self,
@@ -76,21 +113,15 @@ class AdjointTranscription:
         shares: Array,
         duration: float,
         *,
-        instants: Instants = "near",
         substeps: int = 1,
         ways: Ways | None = None,
     ) -> None:
-        self.system, self._ways = system, ways
-        self.shares = shares
-        self.instants = instants
-        self.substeps = substeps
+        self.system, self.shares, self.duration = system, shares, duration
+        self.substeps, self.ways = substeps, ways
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
-        self._speed = SPEED_FACTOR / duration
-        problem = system.problem
-        self._start = np.concatenate([problem.q_start, system.v_start])
-        self._last: tuple[Array, Rollout] | None = None
-        self._rows = self._build_rows()
+        self._start = np.concatenate([system.problem.q_start, system.v_start])
+        self._last: tuple[Array, Shot] | None = None
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -98,18 +129,6 @@ class AdjointTranscription:
     def size(self) -> int:
         """Number of unknowns."""
         return self._N * self._n + self._m
-
-    @property
-    def rows(self) -> Rows:
-        """What the rows are."""
-        return self._rows
-
-    @property
-    def cost(self) -> Array:
-        """Gradient of the duration."""
-        cost = np.zeros(self.size)
-        cost[-self._m :] = self.shares.sum(axis=0)
-        return cost
 
     def pack(self, u: Array, eta: Array) -> Array:
         """Stack torques and lengths into z.
@@ -131,19 +150,24 @@ class AdjointTranscription:
     @property
     def torque_bounds(self) -> tuple[Array, Array]:
         """Bounds of the torque shares, shape (N n,) each."""
-        if self._ways is None:
+        if self.ways is None:
             ones = np.ones(self._N * self._n)
             return -ones, ones
-        return self._ways.lower.ravel(), self._ways.upper.ravel()
+        return self.ways.lower.ravel(), self.ways.upper.ravel()
 
-    def motion(self, z: Array) -> Rollout:
-        """The motion of an iterate, integrated forward."""
+    def motion(self, z: Array) -> Shot:
+        """The motion of an iterate, integrated forward.
+
+        Newton's iteration begins with the last motion that was asked for and goes on to
+        rounding, so that the outcome is the same.
+        """
         if self._last is not None and np.array_equal(self._last[0], z):
             return self._last[1]
         u, h = self.split(z)
-        guess = None if self._last is None else self._last[1]
+        guess = None if self._last is None else self._last[1].rollout
         dynamics = self.system.dynamics
-        motion = rollout(dynamics, self._start, u, h, self.substeps, guess)
+        steps = rollout(dynamics, self._start, u, h, self.substeps, guess)
+        motion = Shot(dynamics, steps, u, h)
         if motion.finite:
             self._last = z.copy(), motion
         return motion
@@ -153,7 +177,7 @@ class AdjointTranscription:
         share = z[: -self._m].reshape(self._N, self._n)
         reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
         reaches = np.full(self._n, reach)
-        lower, upper = share_steps(self.system, share, reaches, self._ways)
+        lower, upper = share_steps(self.system, share, reaches, self.ways)
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), -length]),
@@ -172,7 +196,7 @@ class AdjointTranscription:
         """
         share = z[: -self._m].reshape(self._N, self._n)
         lower, upper = share_steps(
-            self.system, share, control_step / self.system.effort_half, self._ways
+            self.system, share, control_step / self.system.effort_half, self.ways
         )
         duration = float(self.cost @ z)
         factor = time_step / duration
@@ -191,178 +215,103 @@ class AdjointTranscription:
         if system.friction is None or not motion.finite:
             return None
         share = z[: -self._m].reshape(self._N, n)
-        found = turned_ways(system, self._ways, motion.nodes[:, n:], share)
+        found = turned_ways(system, self.ways, motion.x[:, n:], share)
         if found is None:
             return None
         z = np.concatenate([found[1].ravel(), z[-self._m :]])
-        same: dict[str, Any] = {"instants": self.instants, "substeps": self.substeps}
-        duration = float(self.cost @ z)
-        changed = type(self)(system, self.shares, duration, ways=found[0], **same)
-        return changed, z
+        duration, ways = float(self.cost @ z), found[0]
+        shares, substeps = self.shares, self.substeps
+        return type(self)(system, shares, duration, substeps=substeps, ways=ways), z
 
-    # -- rows --------------------------------------------------------------------------
+    # -- states ------------------------------------------------------------------------
 
-    def _build_rows(self) -> Rows:
-        system, N = self.system, self._N
-        limits = system.problem.robot.limits
-        finite = np.isfinite(limits.position_lower) | np.isfinite(limits.position_upper)
-        self._placed = np.flatnonzero(finite)
-        self._limited = np.flatnonzero(np.isfinite(limits.velocity))
-        lower, upper = (bound / self._goal_scale for bound in system.goal_bounds)
-        scale = system.step_scale[self._placed]
-        low = np.tile(limits.position_lower[self._placed] / scale, N)
-        high = np.tile(limits.position_upper[self._placed] / scale, N)
-        speed = np.ones(N * self._limited.size)
-        count = 0 if system.clearance is None else system.clearance.count
-        none = np.full(N * count, -np.inf)
-        # The paper's h is the maximum of a constraint over all instants, so that these
-        # form a group; so do the goal residuals, which vanish in proportion.
-        return Rows.stack(
-            [
-                ("goal", lower, upper, np.zeros(lower.size, dtype=np.int64)),
-                ("position", low, high, np.tile(np.arange(scale.size), N)),
-                ("velocity", -speed, speed, np.tile(np.arange(self._limited.size), N)),
-                ("clearance", none, np.zeros(N * count), np.tile(np.arange(count), N)),
-            ]
-        )
-
-    def _goal(self, x: Array) -> tuple[Array, Array]:
-        """Goal residual, scaled, and its gradients with respect to the final state."""
-        goal, n = self.system.problem.goal, self._n
-        value, by_q, by_v = goal.residual(self.system.kinematics, x[:n], x[n:])
-        scale = self._goal_scale
-        return value / scale, np.hstack([by_q, by_v]) / scale[:, None]
-
-    @cached_property
-    def _goal_scale(self) -> Array:
+    @property
+    def goal_scale(self) -> Array:
         """What goal rows are divided by; velocities, of joints or a frame, are last."""
         scale = np.ones(self.system.goal_bounds[0].size)
+        speed = SPEED_FACTOR / self.duration
         if self.system.problem.goal.fixes_velocity:
-            scale[-self._n :] = self._speed * self.system.step_scale
+            scale[-self._n :] = speed * self.system.step_scale
         else:
-            scale[-3:] = self._speed
+            scale[-3:] = speed
         return scale
 
-    def evaluate(self, z: Array) -> Array:
-        """Row values."""
-        motion, n = self.motion(z), self._n
-        if not motion.finite:
-            return np.full(self._rows.size, BROKEN)
-        x = motion.nodes[1:]
-        limits = self.system.problem.robot.limits
-        scale = self.system.step_scale[self._placed]
-        parts = [
-            self._goal(x[-1])[0],
-            (x[:, self._placed] / scale).ravel(),
-            (x[:, n + self._limited] / limits.velocity[self._limited]).ravel(),
-        ]
-        if self.system.clearance is not None:
-            times = np.cumsum(self.split(z)[1])
-            values = self.system.clearance.values(x[:, :n], times=times)
-            parts.append(values.ravel())
-        return np.concatenate(parts)
+    def instants(self, order: int, field: str) -> Instants:
+        """Nodes; both ends of the intervals for accelerations, which jump there."""
+        return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
 
-    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
-        """Jacobian of the goal rows and of path constraints at active instants."""
-        motion = self.motion(z)
-        if not motion.finite:
-            # Nothing can be said of it; without rows, the program makes it shorter.
-            return Linearization(
-                np.zeros(0, dtype=np.int64), sp.csr_matrix((0, self.size))
-            )
-        chosen = self.active(values)
-        nodes, seeds, rates = self._seeds(motion.nodes, z, chosen)
-        by = differentiate_rollout(self.system.dynamics, motion)
-        by_control, by_length = sweep_adjoint(by, nodes, seeds)
-        by_length += rates[:, None] * self._before[nodes]
-        by_share = (by_control * self.system.effort_half).reshape(chosen.size, -1)
-        matrix = sp.csr_matrix(np.hstack([by_share, by_length @ self.shares]))
-        return Linearization(chosen, matrix)
+    def states(self, motion: Shot, at: Instants, order: int) -> States:
+        """States at nodes; between them roughly, on straight lines."""
+        n, k, share = self._n, at.interval, at.share[:, None]
+        x, u = motion.x, motion.u[k]
+        x = np.where(share >= 1.0, x[k + 1], (1.0 - share) * x[k] + share * x[k + 1])
+        a = np.zeros((0, n))
+        if order >= 2:
+            a = self.system.dynamics.forward(x, u)[:, n:]
+        return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
 
-    def pull_back(self, z: Array, weights: Array) -> Array:
-        """Gradient of a weighted sum of rows, by one sweep for all of them.
+    def pull_back(
+        self, motion: Shot, at: Instants, partials: Partials
+    ) -> sp.csr_matrix:
+        """Derivatives by the unknowns: one costate sweep for all rows together."""
+        which = partials.at
+        nodes, seeds, direct = self._seeds(motion, at, partials)
+        by_control, by_length = sweep_adjoint(motion.sensitivities, nodes, seeds)
+        by_control[np.arange(which.size), at.interval[which]] += direct
+        if partials.by_t is not None:
+            by_length += partials.by_t[:, None] * at.over(which, self._N)
+        by_share = (by_control * self.system.effort_half).reshape(which.size, -1)
+        return sp.csr_matrix(np.hstack([by_share, by_length @ self.shares]))
 
-        Args:
-            z: Iterate.
-            weights: Weight of each row, shape (m,).
-
-        Returns:
-            Jacobian transposed times weights, shape (size,).
-        """
-        motion = self.motion(z)
-        chosen = np.flatnonzero(weights)
-        nodes, seeds, rates = self._seeds(motion.nodes, z, chosen)
-        by = differentiate_rollout(self.system.dynamics, motion)
-        push = np.zeros_like(motion.nodes)
-        np.add.at(push, nodes, weights[chosen, None] * seeds)
+    def pull_back_sum(
+        self, motion: Shot, at: Instants, partials: Partials, weights: Array
+    ) -> Array:
+        """Gradient of a weighted sum of values, by one sweep for the sum."""
+        which, by = partials.at, motion.sensitivities
+        nodes, seeds, direct = self._seeds(motion, at, partials)
+        push = np.zeros_like(motion.x)
+        np.add.at(push, nodes, weights[:, None] * seeds)
         by_control, by_length = np.empty((self._N, self._n)), np.empty(self._N)
         costate = np.zeros(2 * self._n)
         for j in range(self._N - 1, -1, -1):
             costate = costate + push[j + 1]
             by_control[j], by_length[j] = costate @ by.B[j], costate @ by.c[j]
             costate = costate @ by.A[j]
-        by_length += (weights[chosen] * rates) @ self._before[nodes]
+        np.add.at(by_control, at.interval[which], weights[:, None] * direct)
+        if partials.by_t is not None:
+            by_length += (weights * partials.by_t) @ at.over(which, self._N)
         by_share = by_control * self.system.effort_half
         return np.concatenate([by_share.ravel(), by_length @ self.shares])
 
-    @cached_property
-    def _before(self) -> Array:
-        """Which intervals are over at each node, shape (N + 1, N)."""
-        return np.tri(self._N + 1, self._N, -1)
-
-    def active(self, values: Array) -> IntArray:
-        """Indices of the goal rows and of path constraints at active instants.
-
-        Args:
-            values: Row values, shape (m,).
-        """
-        rows = self._rows
-        path = np.flatnonzero(rows.kind > 0)
-        if self.instants == "near":
-            # Distances are costly to differentiate; the others are left to the builder
-            # of the linear program, which knows what a step can do to them.
-            clearance = rows.kind == rows.kinds.index("clearance")
-            return np.flatnonzero(~clearance | (values > -NEAR))
-        if self.instants == "violated":
-            return np.flatnonzero((rows.kind == 0) | (rows.violation(values) > 0.0))
-        chosen = np.zeros(rows.size, dtype=bool)
-        chosen[rows.kind == 0] = True
-        for excess in (values - rows.upper, rows.lower - values):
-            largest = np.full(int(rows.group.max()) + 1, -np.inf)
-            np.maximum.at(largest, rows.group, excess)
-            attained = excess >= largest[rows.group] - ATTAINED
-            chosen[path] |= attained[path] & np.isfinite(excess[path])
-        return np.flatnonzero(chosen)
-
     def _seeds(
-        self, x: Array, z: Array, chosen: IntArray
+        self, motion: Shot, at: Instants, partials: Partials
     ) -> tuple[IntArray, Array, Array]:
-        """Nodes of some rows, and their derivatives by the state and the time there."""
-        rows, n, system = self._rows, self._n, self.system
-        limits = system.problem.robot.limits
-        first = np.searchsorted(rows.kind, np.arange(len(rows.kinds)))
-        place = chosen - first[rows.kind[chosen]]
-        nodes = np.full(chosen.size, self._N)
-        seeds, rates = np.zeros((chosen.size, 2 * n)), np.zeros(chosen.size)
-        kind = rows.kind[chosen]
-        goal, position, velocity, clearance = (kind == i for i in range(4))
-        seeds[goal] = self._goal(x[-1])[1][place[goal]]
-        k, i = np.divmod(place[position], max(self._placed.size, 1))
-        joint = self._placed[i]
-        nodes[position] = 1 + k
-        seeds[np.flatnonzero(position), joint] = 1.0 / system.step_scale[joint]
-        k, i = np.divmod(place[velocity], max(self._limited.size, 1))
-        joint = self._limited[i]
-        nodes[velocity] = 1 + k
-        seeds[np.flatnonzero(velocity), n + joint] = 1.0 / limits.velocity[joint]
-        if system.clearance is not None and np.any(clearance):
-            k, pair = np.divmod(place[clearance], system.clearance.count)
-            nodes[clearance] = 1 + k
-            times = np.cumsum(self.split(z)[1])
-            seeds[clearance, :n], rates[clearance] = system.clearance.derivatives_at(
-                x[1:, :n], k, pair, times
-            )
-        return nodes, seeds, rates
+        """Nodes of values, and their derivatives by the state and the torque there."""
+        n, which = self._n, partials.at
+        nodes = at.interval[which] + (at.share[which] >= 1.0)
+        seeds, direct = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
+        for part, target in (
+            (partials.by_q, seeds[:, :n]),
+            (partials.by_v, seeds[:, n:]),
+            (partials.by_u, direct),
+        ):
+            if part is not None:
+                target += part
+        if partials.by_a is not None:
+            u = motion.u[at.interval[which]]
+            slopes = self.system.dynamics.forward_jacobians(motion.x[nodes], u)
+            seeds += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[:, n:])
+            direct += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[:, n:])
+        return nodes, seeds, direct
+
+    def attention(self, steps: StepBounds | None) -> float:
+        """Distances are costly to differentiate; the others wait."""
+        return NEAR
+
+    @property
+    def moving_attention(self) -> float:
+        """The same."""
+        return NEAR
 
     # -- the rest of the interface -----------------------------------------------------
 
@@ -375,7 +324,7 @@ class AdjointTranscription:
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The torques for about the same configurations, traversed slower."""
-        x, n = self.motion(z).nodes, self._n
+        x, n = self.motion(z).x, self._n
         eta = z[-self._m :] * factor
         u = driving_torque(self.system, x[:, :n], x[:, n:] / factor, self.shares @ eta)
         return self.pack(u, eta)
@@ -383,7 +332,7 @@ class AdjointTranscription:
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate, joined by Hermite polynomials between nodes."""
         u, h = self.split(z)
-        x, n = self.motion(z).nodes, self._n
+        x, n = self.motion(z).x, self._n
         motion = Trajectory(
             self.system.problem.robot.joint_names,
             np.concatenate([[0.0], np.cumsum(h)]),
@@ -391,4 +340,4 @@ class AdjointTranscription:
             u=np.concatenate([u, u[-1:]]),
             holding=self.system.dynamics.inverse,
         )
-        return motor_torques(self.system, motion, self._ways)
+        return motor_torques(self.system, motion, self.ways)

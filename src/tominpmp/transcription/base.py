@@ -1,20 +1,27 @@
-"""The small interface between a transcription and the solvers.
+"""What transcriptions are, and the programs that solvers see.
 
-A transcription turns a problem into a nonlinear program in a vector z, with an
-objective that is linear in z (the duration) and rows lower <= g(z) <= upper, scaled so
-that a violation of 1 means about "by 100 %". The solvers know nothing else of robots.
+A transcription is a parameterisation of motions by a vector z: it gives states at
+instants and pulls derivatives by them back to z. With constraints at instants it makes
+a nonlinear program (:mod:`~tominpmp.transcription.program`), whose objective is linear
+in z (the duration) and whose rows lower <= g(z) <= upper are scaled so that a violation
+of 1 means about "by 100 %". The solvers know nothing else of robots.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.system import System
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,8 @@ class Rows:
         kind: Index into ``kinds`` for each row, shape (m,).
         group: Rows of one group share an elastic variable, shape (m,).
         kinds: Names of the kinds, for reports.
+        curable: Kinds that a slower motion along the same path violates less, shape
+            (kinds,).
     """
 
     lower: Array
@@ -34,6 +43,7 @@ class Rows:
     kind: IntArray
     group: IntArray
     kinds: tuple[str, ...]
+    curable: BoolArray
 
     @property
     def size(self) -> int:
@@ -61,12 +71,16 @@ class Rows:
         return out
 
     @staticmethod
-    def stack(parts: list[tuple[str, Array, Array, IntArray]]) -> Rows:
+    def stack(
+        parts: list[tuple[str, Array, Array, IntArray]],
+        curable: Collection[str] = frozenset(),
+    ) -> Rows:
         """Join blocks of rows.
 
         Args:
             parts: For each block: name of its kind, lower and upper bounds, and groups
                 counted from 0 within the block.
+            curable: Names of kinds that a slower motion violates less.
 
         Returns:
             The rows of all blocks, in order.
@@ -86,6 +100,7 @@ class Rows:
             np.concatenate(kind),
             np.concatenate(group),
             kinds,
+            np.array([kind in curable for kind in kinds], dtype=bool),
         )
 
 
@@ -129,8 +144,8 @@ class Variation(NamedTuple):
         return float(np.abs(self.matrix @ z + self.offset).sum())
 
 
-class Transcription(Protocol):
-    """A problem as a nonlinear program; see the module."""
+class Program(Protocol):
+    """A nonlinear program, as the solvers see it."""
 
     @property
     def size(self) -> int:
@@ -161,3 +176,175 @@ class Transcription(Protocol):
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
+
+
+class Motion(Protocol):
+    """A motion of a transcription, ready to be asked for its states."""
+
+    @property
+    def h(self) -> Array:
+        """Lengths of the intervals [s], shape (N,)."""
+
+    @property
+    def finite(self) -> bool:
+        """Whether there is a motion: an integration may fail."""
+
+
+M = TypeVar("M", bound=Motion)
+
+
+class Hull(ABC, Generic[M]):
+    """Rows that keep a derivative of the positions within bounds at all times.
+
+    Attributes:
+        lower: Lower bounds, shape (m,).
+        upper: Upper bounds, shape (m,).
+    """
+
+    lower: Array
+    upper: Array
+
+    @abstractmethod
+    def values(self, motion: M) -> Array:
+        """Row values, shape (m,)."""
+
+    @abstractmethod
+    def jacobian(self, motion: M) -> sp.csr_matrix:
+        """Their Jacobian, shape (m, size)."""
+
+
+class Transcription(ABC, Generic[M]):
+    """A parameterisation of motions: gives states, pulls derivatives back to unknowns.
+
+    It knows no constraint but the bounds of its own unknowns.
+
+    Attributes:
+        system: The functions of the problem.
+        shares: Lengths of the intervals by the last unknowns, shape (N, m).
+        kept: Fields of joint limits that are kept by bounds of unknowns.
+        by_component: Whether an elastic variable is for one value at all instants (the
+            paper's maximum over time) instead of all values at one instant.
+        states_between: Whether there are states at other instants than the nodes.
+        inspected: Shares of intervals at which what jumps at the nodes is looked at
+            between its rows, by parts of an interval.
+        highest: Highest order of constraints that can be kept: 3 where accelerations
+            do not jump.
+    """
+
+    system: System
+    shares: Array
+    kept: frozenset[str] = frozenset()
+    by_component: bool = False
+    states_between: bool = True
+    inspected: tuple[tuple[float, ...], ...] = ()
+    highest: int = 2
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of unknowns."""
+
+    @property
+    def intervals(self) -> int:
+        """Number N of intervals."""
+        return int(self.shares.shape[0])
+
+    @property
+    def cost(self) -> Array:
+        """Gradient of the duration."""
+        columns = self.shares.shape[1]
+        cost = np.zeros(self.size)
+        cost[-columns:] = self.shares.sum(axis=0)
+        return cost
+
+    @property
+    def goal_scale(self) -> Array | None:
+        """What residuals of the goal are divided by; None if it is kept anyway."""
+        return np.ones(self.system.goal_bounds[0].size)
+
+    @abstractmethod
+    def motion(self, z: Array) -> M:
+        """The motion of an iterate."""
+
+    @abstractmethod
+    def states(self, motion: M, at: Instants, order: int) -> States:
+        """States at instants, with derivatives up to an order."""
+
+    @abstractmethod
+    def pull_back(self, motion: M, at: Instants, partials: Partials) -> sp.csr_matrix:
+        """Derivatives by the unknowns, shape (k, size), from those by the states."""
+
+    def pull_back_sum(
+        self, motion: M, at: Instants, partials: Partials, weights: Array
+    ) -> Array:
+        """Gradient of a weighted sum of values, shape (size,)."""
+        return np.asarray(weights @ self.pull_back(motion, at, partials))
+
+    @abstractmethod
+    def instants(self, order: int, field: str) -> Instants:
+        """Instants at which a constraint of an order is looked at to begin with."""
+
+    @property
+    def torque_sequence(self) -> sp.csr_matrix | None:
+        """What picks a sequence of torques from those that are rows to begin with.
+
+        None where torques are unknowns.
+        """
+        return None
+
+    def sequence_times(self, z: Array) -> Array:
+        """Instants of that sequence as shares of T; the middles of the intervals."""
+        t = np.concatenate([[0.0], np.cumsum(self.motion(z).h)])
+        return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
+
+    def hull(self, limit: JointLimit) -> Hull[M] | None:
+        """Rows that keep a joint limit at all times, if it has any."""
+        return None
+
+    @property
+    def equations(self) -> Hull[M] | None:
+        """Rows that make the unknowns a motion at all, if it needs any."""
+        return None
+
+    def attention(self, steps: StepBounds | None) -> float:
+        """How far below their bounds gradual constraints matter to steps of a box."""
+        return np.inf
+
+    @property
+    def moving_attention(self) -> float:
+        """The same for those that depend on time, however small the steps."""
+        return np.inf
+
+    @property
+    def cutoff(self) -> float:
+        """Values of gradual constraints further below their bounds are not exact."""
+        return np.inf
+
+    @abstractmethod
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Box of steps: the trust region of a radius [rad] within the bounds of z."""
+
+    @abstractmethod
+    def variation(self, z: Array) -> Variation:
+        """Differences of the controls, as a linear function near z."""
+
+    @abstractmethod
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The same path, slower by a factor."""
+
+    @abstractmethod
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate."""
+
+    def scaled_at(self, z: Array) -> Transcription[M]:
+        """The same with scales of the controls from a motion."""
+        return self
+
+    def turned(self, z: Array) -> tuple[Transcription[M], Array] | None:
+        """The same with bounds of torques for the way that joints move in an iterate.
+
+        Returns:
+            The transcription, and the iterate within its bounds; None if joints with
+            dry friction move as was assumed.
+        """
+        return None

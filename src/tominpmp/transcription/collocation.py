@@ -14,12 +14,18 @@ condensed (:mod:`tominpmp.transcription.integrator`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.constraints import Partials, States
+from tominpmp.constraints.friction import Ways
+from tominpmp.dynamics import Dynamics, ForwardJacobians
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
 from tominpmp.transcription.controls import (
     driving_torque,
     first_ways,
@@ -29,14 +35,16 @@ from tominpmp.transcription.controls import (
     torque_shares,
     turned_ways,
 )
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import (
+    NODES,
+    DefectJacobians,
     Stage,
     differentiate_defects,
     evaluate_defects,
     solve_inner_stage,
 )
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ways import Ways
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -44,9 +52,75 @@ LENGTH_STEP = 0.3
 SPEED_FACTOR = 5.0
 # Value of the defects of an interval whose inner stage cannot be solved for.
 BROKEN = 1e3
+# Clearances above this, per rad of trust region and in shares of the reach, wait.
+ATTENTION = 2.0
 
 
-class CollocationTranscription:
+@dataclass(frozen=True, eq=False)
+class LiftedMotion:
+    """States and torques of an iterate, which need not be a motion yet.
+
+    Attributes:
+        dynamics: Equations of motion.
+        x: States at the nodes, shape (N + 1, 2n).
+        u: Torques of the intervals, shape (N, n) [N m or N].
+        h: Lengths of the intervals [s], shape (N,).
+    """
+
+    dynamics: Dynamics
+    x: Array
+    u: Array
+    h: Array
+    finite: bool = True
+
+    @cached_property
+    def stage(self) -> Stage:
+        """Inner stages of the steps."""
+        return solve_inner_stage(self.dynamics, self.x[:-1], self.x[1:], self.u, self.h)
+
+    @cached_property
+    def defects(self) -> Array:
+        """Defects of the steps, shape (N, 2n)."""
+        return evaluate_defects(
+            self.dynamics, self.x[:-1], self.x[1:], self.u, self.h, self.stage.x
+        )
+
+    @cached_property
+    def derivatives(self) -> DefectJacobians:
+        """Derivatives of defects and inner stages."""
+        return differentiate_defects(
+            self.dynamics, self.x[:-1], self.x[1:], self.u, self.h, self.stage.x
+        )
+
+    def weights(self, at: Instants) -> Array:
+        """Weights of start, inner stage and end of the intervals, shape (m, 3).
+
+        Those of the polynomial through them, which the collocation is named for.
+        """
+        s, c = at.share, NODES[0]
+        return np.stack(
+            [
+                (s - c) * (s - 1.0) / c,
+                s * (s - 1.0) / (c * (c - 1.0)),
+                s * (s - c) / (1.0 - c),
+            ],
+            axis=1,
+        )
+
+    def states(self, at: Instants) -> Array:
+        """States at instants, shape (m, 2n)."""
+        weights, k = self.weights(at), at.interval
+        x = weights[:, :1] * self.x[k] + weights[:, 2:] * self.x[k + 1]
+        if np.any(weights[:, 1]):
+            x = x + weights[:, 1:2] * self.stage.x[k]
+        return np.asarray(x)
+
+    def slopes(self, at: Instants) -> ForwardJacobians:
+        """Derivatives of the states at instants, and theirs."""
+        return self.dynamics.forward_jacobians(self.states(at), self.u[at.interval])
+
+
+class CollocationTranscription(Transcription[LiftedMotion]):
     """A problem in states and torques.
 
     The unknowns are z = (states, torques, lengths): states (q, v) at N + 1 nodes,
@@ -56,23 +130,24 @@ class CollocationTranscription:
     Attributes:
         system: The functions of the problem.
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+        duration: Duration that scales velocities [s].
+        ways: Which way joints with dry friction move on the intervals; None without
+            friction, or before a motion was looked at.
 
-    Torques are those that dry friction leaves; ways come from the first iterate.
+    Torques are those that dry friction leaves.
     """
+
+    kept = frozenset({"q", "u"})
 
     def __init__(
         self, system: System, shares: Array, duration: float, ways: Ways | None = None
     ) -> None:
-        self.system, self._ways = system, ways
-        self.shares = shares
+        self.system, self.shares, self.duration = system, shares, duration
+        self.ways = ways
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         velocity = SPEED_FACTOR / duration * system.step_scale
-        self._scale = np.concatenate([system.step_scale, velocity])
-        limit = system.problem.robot.limits.velocity
-        self._limited = np.flatnonzero(np.isfinite(limit))
-        self._speed_limit = limit[self._limited]
-        self._rows = self._build_rows()
+        self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
 
     # -- unknowns ----------------------------------------------------------------------
@@ -81,18 +156,6 @@ class CollocationTranscription:
     def size(self) -> int:
         """Number of unknowns."""
         return (self._N + 1) * 2 * self._n + self._N * self._n + self._m
-
-    @property
-    def rows(self) -> Rows:
-        """What the rows are."""
-        return self._rows
-
-    @property
-    def cost(self) -> Array:
-        """Gradient of the duration."""
-        cost = np.zeros(self.size)
-        cost[-self._m :] = self.shares.sum(axis=0)
-        return cost
 
     def pack(self, x: Array, u: Array, eta: Array) -> Array:
         """Stack states, torques and lengths into z.
@@ -175,7 +238,7 @@ class CollocationTranscription:
         if system.final_velocity is not None:
             lower[-1, n:] = upper[-1, n:] = 0.0
         share = z[x.size : x.size + N * n].reshape(N, n)
-        less, more = share_steps(system, share, np.full(n, 2.0), self._given_ways(z))
+        less, more = share_steps(system, share, np.full(n, 2.0), self.ways)
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), less.ravel(), -length]),
@@ -184,102 +247,111 @@ class CollocationTranscription:
 
     # -- dry friction ------------------------------------------------------------------
 
-    def _given_ways(self, z: Array) -> Ways | None:
-        """Which way joints with friction move: as in the first motion looked at."""
-        if self.system.friction is not None and self._ways is None:
-            self._ways = first_ways(self.system, self.split(z)[0][:, self._n :])
-        return self._ways
+    def scaled_at(self, z: Array) -> CollocationTranscription:
+        """The same with the way that joints with dry friction move in a motion."""
+        if self.system.friction is None or self.ways is not None:
+            return self
+        ways = first_ways(self.system, self.split(z)[0][:, self._n :])
+        return CollocationTranscription(self.system, self.shares, self.duration, ways)
 
     def turned(self, z: Array) -> tuple[CollocationTranscription, Array] | None:
-        """The program with the ways that joints move in an iterate, and the iterate.
+        """With the way that joints move in an iterate, and the iterate within limits.
 
-        None if those that were assumed will do.
+        None if what was assumed will do.
         """
-        given, N, n = self._given_ways(z), self._N, self._n
-        if given is None:
+        known, N, n = self.scaled_at(z), self._N, self._n
+        if known.ways is None:
             return None
         x, states = self.split(z)[0], (N + 1) * 2 * n
         share = z[states : states + N * n].reshape(N, n)
-        found = turned_ways(self.system, given, x[:, n:], share)
+        found = turned_ways(self.system, known.ways, x[:, n:], share)
         if found is None:
             return None
         z = np.concatenate([x.ravel(), found[1].ravel(), z[-self._m :]])
-        return type(self)(self.system, self.shares, float(self.cost @ z), found[0]), z
+        duration = float(self.cost @ z)
+        return type(self)(self.system, self.shares, duration, found[0]), z
 
-    # -- rows --------------------------------------------------------------------------
+    # -- states ------------------------------------------------------------------------
 
-    def _build_rows(self) -> Rows:
-        system, N, n = self.system, self._N, self._n
-        defects = np.zeros(N * 2 * n)
-        # One group: all defects shrink in proportion, which took half the iterations
-        # of a group for each interval on the paper's example.
-        groups = np.zeros(defects.size, dtype=np.int64)
-        limit = np.ones(N * self._limited.size)
-        whole = np.zeros(limit.size, dtype=np.int64)
+    @property
+    def goal_scale(self) -> Array | None:
+        """None for a configuration, which is a bound."""
+        return None if self.system.joint_goal is not None else super().goal_scale
+
+    def motion(self, z: Array) -> LiftedMotion:
+        """States and torques of an iterate."""
+        return LiftedMotion(self.system.dynamics, *self.split(z))
+
+    @property
+    def equations(self) -> Hull[LiftedMotion]:
+        """The dynamics."""
+        return Defects(self)
+
+    def instants(self, order: int, field: str) -> Instants:
+        """Nodes; the inner stages for velocities, which are bounded at the nodes.
+
+        Both ends of the intervals for accelerations, which jump at the nodes.
+        """
+        if field == "v":
+            return Instants.spread(self._N, (float(NODES[0]),))
+        return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
+
+    def states(self, motion: LiftedMotion, at: Instants, order: int) -> States:
+        """States at instants."""
+        n, x, u = self._n, motion.states(at), motion.u[at.interval]
+        a = np.zeros((0, n))
+        if order >= 2:
+            a = self.system.dynamics.forward(x, u)[:, n:]
+        return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
+
+    def pull_back(
+        self, motion: LiftedMotion, at: Instants, partials: Partials
+    ) -> sp.csr_matrix:
+        """Derivatives by the unknowns from those by the states."""
+        n, which = self._n, partials.at
+        k, count = at.interval[which], which.size
+        by_x, by_u = np.zeros((count, 2 * n)), np.zeros((count, n))
+        for part, target in (
+            (partials.by_q, by_x[:, :n]),
+            (partials.by_v, by_x[:, n:]),
+            (partials.by_u, by_u),
+        ):
+            if part is not None:
+                target += part
+        if partials.by_a is not None:
+            slopes = motion.slopes(at)
+            by_x += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[which, n:])
+            by_u += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[which, n:])
+        weights = motion.weights(at)[which]
         parts = [
-            ("dynamics", defects, defects, groups),
-            ("velocity", -limit, limit, whole),
+            weights[:, :1] * by_x,
+            weights[:, 2:] * by_x,
+            by_u,
+            np.zeros((count, 1)),
         ]
-        if system.clearance is not None:
-            count = system.clearance.count
-            parts.append(
-                (
-                    "clearance",
-                    np.full(N * count, -np.inf),
-                    np.zeros(N * count),
-                    np.repeat(np.arange(N), count),
-                )
-            )
-        if system.joint_goal is None:
-            lower, upper = system.goal_bounds
-            parts.append(("goal", lower, upper, np.zeros(lower.size, dtype=np.int64)))
-        return Rows.stack(parts)
+        data = np.concatenate(parts, axis=1)
+        if np.any(weights[:, 1]):
+            inner = motion.derivatives.inner[k]
+            data += weights[:, 1:2] * np.einsum("kj,kji->ki", by_x, inner)
+        matrix = self.interval_rows(data, k)
+        if partials.by_t is None:
+            return matrix
+        by_eta = partials.by_t[:, None] * (at.over(which, self._N) @ self.shares)
+        empty = sp.csr_matrix((count, self.size - self._m))
+        return sp.csr_matrix(matrix + sp.hstack([empty, by_eta]))
 
-    def _goal(self, x: Array) -> tuple[Array, Array, Array]:
-        problem, n = self.system.problem, self._n
-        return problem.goal.residual(self.system.kinematics, x[:n], x[n:])
+    def attention(self, steps: StepBounds | None) -> float:
+        """What a step of the states can use up."""
+        if steps is None:
+            return np.inf
+        states = steps.upper[: (self._N + 1) * 2 * self._n]
+        boxes = states.reshape(self._N + 1, -1)[:, : self._n]
+        return ATTENTION * float(np.max(boxes / self.system.step_scale, initial=0.0))
 
-    def _inner(self, x: Array, u: Array, h: Array) -> Stage:
-        return solve_inner_stage(self.system.dynamics, x[:-1], x[1:], u, h)
-
-    def evaluate(self, z: Array) -> Array:
-        """Row values."""
-        system = self.system
-        x, u, h = self.split(z)
-        stage = self._inner(x, u, h)
-        defects = evaluate_defects(system.dynamics, x[:-1], x[1:], u, h, stage.x)
-        solved = stage.solved[:, None]
-        defects = np.where(solved, defects / self._scale, BROKEN)
-        speeds = stage.x[:, self._n + self._limited] / self._speed_limit
-        parts = [defects.ravel(), np.where(solved, speeds, BROKEN).ravel()]
-        if system.clearance is not None:
-            times = np.cumsum(h)
-            values = system.clearance.values(x[1:, : self._n], times=times)
-            parts.append(values.ravel())
-        if system.joint_goal is None:
-            parts.append(self._goal(x[-1])[0])
-        return np.concatenate(parts)
-
-    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
-        """Jacobian of the rows that can become active within a box of steps."""
-        rows = self._rows
-        x, u, h = self.split(z)
-        blocks = [self._interval_jacobian(x, u, h)]
-        chosen = [np.flatnonzero(rows.kind <= 1)]
-        if self.system.clearance is not None:
-            index = np.flatnonzero(rows.kind == rows.kinds.index("clearance"))
-            boxes = steps.upper[: x.size].reshape(x.shape)[:, : self._n]
-            radius = float(np.max(boxes / self.system.step_scale, initial=0.0))
-            if self.system.clearance.moving:
-                radius = max(radius, 1.0)  # obstacles come closer as time goes by
-            near = index[values[index] > -2.0 * radius]
-            blocks.append(self._clearance_jacobian(x, h, near - index[0]))
-            chosen.append(near)
-        if self.system.joint_goal is None:
-            blocks.append(self._goal_jacobian(x[-1]))
-            chosen.append(np.flatnonzero(rows.kind == rows.kinds.index("goal")))
-        matrix = sp.vstack(blocks, format="csr") if len(blocks) > 1 else blocks[0]
-        return Linearization(np.concatenate(chosen), matrix)
+    @property
+    def moving_attention(self) -> float:
+        """Obstacles come closer as time goes by."""
+        return ATTENTION
 
     def _interval_columns(self) -> IntArray:
         """Unknowns that an interval depends on, shape (N, 5n + m)."""
@@ -295,76 +367,27 @@ class CollocationTranscription:
             axis=1,
         )
 
-    def _interval_jacobian(self, x: Array, u: Array, h: Array) -> sp.csr_matrix:
-        """Jacobian of the defects and of the velocities at the inner stages."""
-        n, system = self._n, self.system
-        inner = self._inner(x, u, h).x
-        by = differentiate_defects(system.dynamics, x[:-1], x[1:], u, h, inner)
-        defects = np.concatenate(
-            [by.by_start, by.by_end, by.by_control, by.by_length[..., None]], axis=2
-        )
-        speeds = by.inner[:, n + self._limited] / self._speed_limit[:, None]
-        return sp.vstack(
-            [
-                self._interval_rows(defects / self._scale[:, None]),
-                self._interval_rows(speeds),
-            ],
-            format="csr",
-        )
-
-    def _interval_rows(self, entries: Array) -> sp.csr_matrix:
-        """Rows of intervals from derivatives with respect to (ends, torques, length).
+    def interval_rows(self, entries: Array, interval: IntArray) -> sp.csr_matrix:
+        """Rows from derivatives with respect to (ends, torques, length) of an interval.
 
         Args:
-            entries: Shape (N, k, 5n + 1).
+            entries: Shape (k, 5n + 1).
+            interval: The intervals, shape (k,).
 
         Returns:
-            Shape (N k, size).
+            Shape (k, size).
         """
-        n, count = self._n, entries.shape[1]
-        entries[..., 4 * n : 5 * n] *= self.system.effort_half
-        by_eta = entries[..., 5 * n :] * self.shares[:, None, :]
-        entries = np.concatenate([entries[..., : 5 * n], by_eta], axis=2)
-        columns = np.repeat(self._columns, count, axis=0)
-        ends = np.arange(self._N * count + 1) * columns.shape[1]
+        n = self._n
+        entries[:, 4 * n : 5 * n] *= self.system.effort_half
+        by_eta = entries[:, 5 * n :] * self.shares[interval]
+        entries = np.concatenate([entries[:, : 5 * n], by_eta], axis=1)
+        columns = self._columns[interval]
+        ends = np.arange(interval.size + 1) * columns.shape[1]
         matrix = sp.csr_matrix(
-            (entries.ravel(), columns.ravel(), ends),
-            shape=(self._N * count, self.size),
+            (entries.ravel(), columns.ravel(), ends), shape=(interval.size, self.size)
         )
         matrix.eliminate_zeros()
         return matrix
-
-    def _clearance_jacobian(
-        self, x: Array, h: Array, chosen: IntArray
-    ) -> sp.csr_matrix:
-        clearance, n = self.system.clearance, self._n
-        if clearance is None or not chosen.size:
-            return sp.csr_matrix((0, self.size))
-        node, pair = 1 + chosen // clearance.count, chosen % clearance.count
-        entries, rates = clearance.derivatives_at(
-            x[1:, :n], node - 1, pair, np.cumsum(h)
-        )
-        columns = node[:, None] * 2 * n + np.arange(n)
-        shape = (chosen.size, self.size)
-        if clearance.moving:
-            # The time of a node is the sum of the lengths before it.
-            by_eta = rates[:, None] * np.cumsum(self.shares, axis=0)[node - 1]
-            places = self.size - self._m + np.arange(self._m)
-            places = np.broadcast_to(places, by_eta.shape)
-            entries = np.concatenate([entries, by_eta], axis=1)
-            columns = np.concatenate([columns, places], axis=1)
-        ends = np.arange(chosen.size + 1) * columns.shape[1]
-        return sp.csr_matrix((entries.ravel(), columns.ravel(), ends), shape=shape)
-
-    def _goal_jacobian(self, x: Array) -> sp.csr_matrix:
-        _, by_q, by_v = self._goal(x)
-        k, n = by_q.shape
-        jacobian = sp.csr_matrix(np.hstack([by_q, by_v]))
-        before, after = self._N * 2 * n, self._N * n + self._m
-        return sp.hstack(
-            [sp.csr_matrix((k, before)), jacobian, sp.csr_matrix((k, after))],
-            format="csr",
-        )
 
     # -- the rest of the interface -----------------------------------------------------
 
@@ -397,4 +420,31 @@ class CollocationTranscription:
             u=np.concatenate([u, u[-1:]]),
             holding=self.system.dynamics.inverse,
         )
-        return motor_torques(self.system, motion, self._given_ways(z))
+        return motor_torques(self.system, motion, self.ways)
+
+
+class Defects(Hull[LiftedMotion]):
+    """Defects of the steps, which are zero for a motion, over the scale of states.
+
+    They are one group: all shrink in proportion, which took half the iterations of a
+    group for each interval on the paper's example.
+    """
+
+    def __init__(self, of: CollocationTranscription) -> None:
+        self._of = of
+        self.lower = self.upper = np.zeros(of.intervals * of.scale.size)
+
+    def values(self, motion: LiftedMotion) -> Array:
+        """Defects; of intervals without a stage something large."""
+        solved = motion.stage.solved[:, None]
+        return np.where(solved, motion.defects / self._of.scale, BROKEN).ravel()
+
+    def jacobian(self, motion: LiftedMotion) -> sp.csr_matrix:
+        """By the unknowns."""
+        by, scale = motion.derivatives, self._of.scale
+        entries = np.concatenate(
+            [by.by_start, by.by_end, by.by_control, by.by_length[..., None]], axis=2
+        )
+        N, size, width = entries.shape
+        entries = (entries / scale[:, None]).reshape(N * size, width)
+        return self._of.interval_rows(entries, np.repeat(np.arange(N), size))

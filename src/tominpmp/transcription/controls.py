@@ -12,12 +12,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.reversals import reversals
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.exchange import OVERLOAD
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ways import NEAR, Ways, interval_signs
 
 
 def driven_joints(system: System) -> IntArray:

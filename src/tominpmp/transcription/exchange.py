@@ -1,41 +1,32 @@
 """Semi-infinite exchange: rows where a motion breaks its limits between the rows.
 
-Torques and clearances are rows at chosen instants only. After a solve the motion is
-inspected between them, and the worst instants become rows of the next program (Hettich
-and Kortanek, 1993), until an inspection finds nothing.
+Constraints are rows at chosen instants only. After a solve the motion is looked at
+between them, and the worst instants become rows of the next program (Hettich and
+Kortanek, 1993), until nothing is found. What a constraint takes for granted of the
+motion is put right at the same time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.transcription.spline import Spline
-from tominpmp.transcription.spline_rows import Instants
-from tominpmp.transcription.system import System
-from tominpmp.transcription.ways import Ways
+from tominpmp.constraints import Constraint
+from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.transcription.base import Motion, Transcription
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.program import Block, NonlinearProgram, Sampled
 
-# Instants at which torques are looked at between the rows.
-TORQUE_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
-# Relative torque excess between the rows that is let pass.
-OVERLOAD = 2e-3
-# Clearances are looked at this often [s], and this often an interval at least.
-CLEARANCE_STEP = 2e-3
-CLEARANCE_SAMPLES = 4
+# What is continuous is looked at this often [s], and this often an interval at least.
+STEP = 2e-3
+SAMPLES = 4
 # Pairs closer than this beyond what is asked for are looked at more closely [m], at
-# these places around an instant, in shares of the step.
-CLOSE = 1e-3
+# these places around an instant, in shares of the step; of other constraints, values.
+CLOSE, CLOSE_VALUE = 1e-3, 1e-2
 DIPS = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
-# Share of the padding that may be used up between the rows, and what may be missing
-# without any padding, as a share of the reach.
-GRAZE = 0.8
-LEAST_GRAZE = 1e-5
-# Share of what is left of the padding that may be missing beyond that.
-REST = 0.5
 # Instants closer than this share of an interval are one; where obstacles move, only if
 # they are closer than this, too [s].
 APART = 0.03
@@ -49,231 +40,241 @@ SPLIT = 4
 # No more instants than this are looked at, nor this many more closely at a time: they
 # take memory, and the verification looks again.
 MOST_SAMPLES, MOST_SPLIT = 20_000, 4_000
-# Share of the padding that may be used up there.
-GRAZE_MOVING = 0.5
+# Where nothing is padded, a trace may be missing.
+LEAST = 1e-5
 
 
-def no_instants() -> Instants:
-    """No instants at all."""
-    return Instants(np.zeros(0, dtype=np.int64), np.zeros(0))
-
-
-@dataclass(frozen=True, eq=False)
-class Extra:
-    """Instants that have become rows.
-
-    Attributes:
-        torque: Where torques are rows beside the ends of the intervals.
-        clearance: Where clearances are rows beside the regular instants.
-        ways: Which way joints with dry friction move at all rows of torques; None
-            without friction, or where it is not known yet.
-        turned: Number of joints and instants whose way is another than was assumed,
-            where that matters.
-    """
-
-    torque: Instants = field(default_factory=no_instants)
-    clearance: Instants = field(default_factory=no_instants)
-    ways: Ways | None = None
-    turned: int = 0
-
-    @property
-    def size(self) -> int:
-        """Number of instants that are other than in the program."""
-        return self.torque.size + self.clearance.size + self.turned
-
-    def joined(self, other: Extra) -> Extra:
-        """These instants and others, which know the way at all of them."""
-        return Extra(
-            self.torque.joined(other.torque),
-            self.clearance.joined(other.clearance),
-            other.ways,
-        )
-
-
-class SplineExtra(NamedTuple):
-    """Instants that have become rows, as shares of T.
-
-    Attributes:
-        clearance: Where clearances are rows beside the regular instants.
-        torque: Where torques are.
-        ways: Which way joints with dry friction move at all rows of torques; None
-            without friction, or where it is not known yet.
-        turned: Number of joints and instants whose way is another than was assumed,
-            where that matters.
-    """
-
-    clearance: Array = np.zeros(0)
-    torque: Array = np.zeros(0)
-    ways: Ways | None = None
-    turned: int = 0
-
-    @property
-    def found(self) -> bool:
-        """Whether anything is other than in the program."""
-        return bool(self.clearance.size or self.torque.size or self.turned)
-
-
-def overloaded(system: System, spline: Spline, tolerance: float) -> Instants:
-    """Instants between the rows at which torques exceed their limits.
+def revised(
+    program: NonlinearProgram, z: Array, overload: float = OVERLOAD
+) -> tuple[NonlinearProgram, Array] | None:
+    """The program with all that a motion shows to be missing, and the iterate.
 
     Args:
-        system: Dynamics and limits.
-        spline: The motion.
-        tolerance: Relative excess that is let pass.
+        program: The program.
+        z: Its iterate.
+        overload: Relative excess of torques that is let pass; below zero, room that is
+            let pass.
 
     Returns:
-        For each interval and joint the worst of the inspected instants, if it is
-        overloaded; without repetitions.
+        The program and the iterate within its bounds; None if nothing is missing.
     """
-    N, count = spline.h.size, len(TORQUE_SHARES)
-    at = Instants(np.tile(np.arange(N), count), np.repeat(TORQUE_SHARES, N))
-    load = np.abs(system.torque(*at.states(spline)))
-    load = load.reshape(count, N, -1)
-    worst = np.argmax(load, axis=0)  # (N, n)
-    over = np.max(load, axis=0) > 1.0 + tolerance
-    pairs = sorted({(int(k), int(worst[k, j])) for k, j in np.argwhere(over)})
-    return Instants(
-        np.array([k for k, _ in pairs], dtype=np.int64),
-        np.array([TORQUE_SHARES[i] for _, i in pairs]),
-    )
+    turned = program.transcription.turned(z)
+    if turned is not None:
+        program, z = replace(program, transcription=turned[0]), turned[1]
+    more = exchanged(program, z, overload)
+    if more is None and turned is None:
+        return None
+    return more or program, z
 
 
-def grazing(system: System, spline: Spline, known: Instants) -> Instants:
-    """Instants at which links come closer to something than they may.
+def exchanged(
+    program: NonlinearProgram, z: Array, overload: float = OVERLOAD
+) -> NonlinearProgram | None:
+    """The program with rows where a motion breaks limits between its rows.
 
     Args:
-        system: Clearances.
-        spline: The motion.
-        known: Instants that are rows already.
+        program: The program.
+        z: Its iterate.
+        overload: Relative excess of torques that is let pass; below zero, room that is
+            let pass.
 
     Returns:
-        For each interval and pair the closest of the inspected instants, if it is too
-        close; those near others are left out.
+        The program; None if nothing is to be changed.
     """
-    if system.clearance is None:
-        return no_instants()
-    at = _samples(spline.h)
-    at, values = _closer(system, spline, at)
-    if system.clearance.moving:
-        more, there = _finer(system, spline, _samples(spline.h))
-        at, values = at.joined(more), np.concatenate([values, there])
-    missing = values - _usable(system)
-    worst = np.max(missing, axis=1)
-    found: list[tuple[int, float]] = []
-    taken: dict[int, list[float]] = {}
-    for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):
-        taken.setdefault(k, []).append(share)
-    for k in np.unique(at.interval[worst > 0.0]).tolist():
-        inside = np.flatnonzero(at.interval == k)
-        block = missing[inside]
-        pairs = np.flatnonzero(block.max(axis=0) > 0.0)
-        peaks = inside[np.argmax(block[:, pairs], axis=0)]
-        for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
-            share = float(at.share[index])
-            near = taken.setdefault(k, [])
-            apart = APART
-            if system.clearance.moving:
-                apart = min(APART, APART_MOVING / float(spline.h[k]))
-            if all(abs(share - other) > apart for other in near):
-                near.append(share)
-                found.append((k, share))
+    of = program.transcription
+    motion = of.motion(z)
+    blocks: list[Block] = list(program.blocks)
+    changes = 0
+    for index, block in enumerate(blocks):
+        if isinstance(block, Sampled):
+            blocks[index], count = _exchanged(block, of, motion, overload)
+            changes += count
+    return replace(program, blocks=tuple(blocks)) if changes else None
+
+
+def _exchanged(
+    block: Sampled, of: Transcription[Any], motion: Motion, overload: float
+) -> tuple[Sampled, int]:
+    """A block with what its constraint takes for granted put right, and more instants.
+
+    Returns:
+        The block, and how much was changed.
+    """
+    at, states = block.states(of, motion)
+    beside = of.states(motion, at.middles, 1).v
+    constraint, count = block.constraint.corrected(states, beside, overload)
+    more = _violated(block, of, motion, overload)
+    if more.size:
+        states = of.states(motion, more, constraint.order)
+        beside = of.states(motion, more.middles, 1).v
+        constraint = constraint.joined(constraint.assumed(states, beside))
+    return Sampled(constraint, block.fixed.joined(more)), count + more.size
+
+
+def _violated(
+    block: Sampled, of: Transcription[Any], motion: Motion, overload: float
+) -> Instants:
+    """Instants between the rows of a constraint at which it is violated."""
+    constraint = block.constraint
+    if constraint.usable is None or not of.states_between:
+        return Instants.none()
+    if constraint.order >= 2:
+        return _jumping(constraint, of, motion, overload)
+    return _Continuous(constraint, of, motion).violated(block.instants(motion.h))
+
+
+def _excess(
+    constraint: Constraint,
+    of: Transcription[Any],
+    motion: Motion,
+    at: Instants,
+    attention: float = np.inf,
+) -> Array:
+    """What values are beyond their bounds at other instants than the rows', (m, p)."""
+    states = of.states(motion, at, constraint.order)
+    if not constraint.informed or constraint.order >= 2:
+        beside = of.states(motion, at.middles, 1).v
+        constraint = constraint.assumed(states, beside)
+    values = constraint.evaluate(states, attention)
+    lower, upper = constraint.bounds(at.size)
+    if np.all(np.isinf(lower)):
+        return np.asarray(values - upper)
+    return np.maximum(values - upper, lower - values)
+
+
+def _jumping(
+    constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
+) -> Instants:
+    """Instants for what may jump at the nodes: torques, and what depends on them.
+
+    For each part of an interval and value the worst of the instants that are looked at,
+    without repetitions.
+    """
+    found: set[tuple[int, float]] = set()
+    for shares in of.inspected:
+        at = Instants.spread(of.intervals, shares)
+        excess = _excess(constraint, of, motion, at)
+        excess = excess.reshape(of.intervals, len(shares), -1)
+        worst = np.argmax(excess, axis=1)
+        over = np.max(excess, axis=1) > tolerance
+        found |= {(int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
+    return _listed(sorted(found))
+
+
+def _listed(found: list[tuple[int, float]]) -> Instants:
     return Instants(
         np.array([k for k, _ in found], dtype=np.int64),
         np.array([share for _, share in found]),
     )
 
 
-def _usable(system: System) -> Array:
-    """How much closer than the rows ask for pairs may come between them.
+class _Continuous:
+    """Looks for the instants at which something continuous is violated."""
 
-    The rows keep links a little farther away than need be, and some of it may be used,
-    never all: what verifies the motion lets nothing be missing to the margin. Only
-    where a motion begins or ends at the margin there is nothing to be used, and a trace
-    may be missing.
+    def __init__(
+        self, constraint: Constraint, of: Transcription[Any], motion: Motion
+    ) -> None:
+        self._constraint, self._of, self._motion = constraint, of, motion
+        assert constraint.usable is not None  # noqa: S101
+        self._usable = constraint.usable
+        self._close = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
 
-    Returns:
-        Shares of the reach, shape (pairs,).
-    """
-    assert system.clearance is not None  # noqa: S101
-    share = GRAZE_MOVING if system.clearance.moving else GRAZE
-    padding = np.asarray(system.padding)
-    rest = REST * (1.0 - share) * padding
-    least = np.where(padding > 0.0, np.minimum(LEAST_GRAZE, rest), LEAST_GRAZE)
-    return np.asarray(share * padding + least)
+    def violated(self, known: Instants) -> Instants:
+        """For each interval and value the worst instant, if it is violated there.
 
+        Those near others are left out.
+        """
+        h, moving = self._motion.h, self._constraint.moving
+        at, missing = self._closer(_samples(h))
+        if moving:
+            more, there = self._finer(_samples(h))
+            at, missing = at.joined(more), np.concatenate([missing, there])
+        worst = np.max(missing, axis=1)
+        found: list[tuple[int, float]] = []
+        taken: dict[int, list[float]] = {}
+        for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):
+            taken.setdefault(k, []).append(share)
+        for k in np.unique(at.interval[worst > 0.0]).tolist():
+            inside = np.flatnonzero(at.interval == k)
+            block = missing[inside]
+            pairs = np.flatnonzero(block.max(axis=0) > 0.0)
+            peaks = inside[np.argmax(block[:, pairs], axis=0)]
+            apart = min(APART, APART_MOVING / float(h[k])) if moving else APART
+            for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
+                share = float(at.share[index])
+                near = taken.setdefault(k, [])
+                if all(abs(share - other) > apart for other in near):
+                    near.append(share)
+                    found.append((k, share))
+        return _listed(found)
 
-def _closer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
-    """More instants around those between which links may come too close.
+    def _missing(self, at: Instants, attention: float) -> Array:
+        """What is beyond the bounds and what may be used beyond them, shape (m, p)."""
+        excess = _excess(self._constraint, self._of, self._motion, at, attention)
+        return np.asarray(excess - self._usable)
 
-    Returns:
-        The instants, and the values there.
-    """
-    clearance = system.clearance
-    assert clearance is not None  # noqa: S101
-    close = CLOSE / system.reach
+    def _closer(self, at: Instants) -> tuple[Instants, Array]:
+        """More instants around those between which bounds may be broken.
 
-    def values_at(instants: Instants, attention: float) -> Array:
-        times = instants.times(spline.h)
-        return clearance.values(instants.states(spline)[0], attention, times)
+        Returns:
+            The instants, and what is missing there.
+        """
+        missing = self._missing(at, self._close)
+        near = dipping(missing, 0.0, self._close)
+        if not near.size:
+            return at, missing
+        count = np.bincount(at.interval, minlength=self._motion.h.size)
+        width = 1.0 / count[at.interval[near]]
+        share = at.share[near, None] + DIPS * width[:, None]
+        more = Instants(np.repeat(at.interval[near], DIPS.size), share.ravel())
+        return at.joined(more), np.concatenate([missing, self._missing(more, 0.0)])
 
-    values = values_at(at, close)
-    near = dipping(values - _usable(system), 0.0, close)
-    if not near.size:
-        return at, values
-    width = 1.0 / np.bincount(at.interval, minlength=spline.h.size)[at.interval[near]]
-    share = at.share[near, None] + DIPS * width[:, None]
-    more = Instants(np.repeat(at.interval[near], DIPS.size), share.ravel())
-    return at.joined(more), np.concatenate([values, values_at(more, 0.0)])
+    def _finer(self, at: Instants) -> tuple[Instants, Array]:
+        """Instants between given ones at which something that moves comes too close.
 
-
-def grazing_times(
-    system: System,
-    nodes: Array,
-    duration: float,
-    position: Callable[[Array], Array],
-) -> Array:
-    """As :func:`grazing`, for motions of any form.
-
-    Args:
-        system: Clearances.
-        nodes: Nodes, as shares of the duration.
-        duration: Duration of the motion [s].
-        position: Configurations at shares of the duration.
-
-    Returns:
-        The instants, as shares of the duration.
-    """
-    clearance = system.clearance
-    if clearance is None:
-        return np.zeros(0)
-
-    def missing_at(times: Array, attention: float) -> Array:
-        values = clearance.values(position(times), attention, times=duration * times)
-        return np.asarray(values - _usable(system))
-
-    close = CLOSE / system.reach
-    count = int(np.clip(duration / CLEARANCE_STEP, 100, MOST_SAMPLES))
-    times = np.linspace(0.0, 1.0, count)[1:-1]
-    missing = missing_at(times, close)
-    near = dipping(missing, 0.0, close)
-    if near.size:
-        more = (times[near, None] + DIPS * (times[1] - times[0])).ravel()
-        missing = np.concatenate([missing, missing_at(more, 0.0)])
-        times = np.concatenate([times, more])
-    inside = np.searchsorted(nodes, times) - 1
-    found: list[float] = []
-    for pair in np.flatnonzero(missing.max(axis=0) > 0.0):
-        for k in np.unique(inside[missing[:, pair] > 0.0]):
-            block = np.flatnonzero(inside == k)
-            found.append(float(times[block[np.argmax(missing[block, pair])]]))
-    return np.unique(np.round(found, 4))
+        Returns:
+            The instants, and what is missing there.
+        """
+        h = self._motion.h
+        width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
+        rises = self._constraint.rises(float(h.sum()))
+        rise = float(np.max(rises, initial=0.0))
+        room = FINE * float(np.max(self._constraint.room, initial=0.0)) + LEAST
+        longest = float(np.max(width * h[at.interval]))
+        parts = min(max(longest * rise / room, 1.0), float(FINEST))
+        found, lacking = Instants.none(), []
+        while True:
+            # Between instants a step apart a value rises by this much, seen from the
+            # nearer one: only where that matters is it worth while to look closer. What
+            # does not move is no reason to.
+            step = 0.5 * width * h[at.interval]
+            attention = float(np.max(step)) * rise if parts > 1.0 else 0.0
+            missing = self._missing(at, attention)
+            over = np.flatnonzero(np.max(missing, axis=1) > 0.0)
+            found = found.joined(Instants(at.interval[over], at.share[over]))
+            lacking.append(missing[over])
+            moved = np.where(
+                rises > 0.0, missing + self._usable + step[:, None] * rises, -np.inf
+            )
+            moved = np.max(moved, axis=1)
+            near = np.flatnonzero(moved > 0.0)
+            if parts <= 1.0 or not near.size:
+                return found, np.concatenate(lacking)
+            split = min(int(np.ceil(parts)), SPLIT)
+            if near.size > MOST_SPLIT:
+                order = np.argsort(-moved[near], kind="stable")
+                near = np.sort(near[order[:MOST_SPLIT]])
+            places = (np.arange(split) + 0.5) / split - 0.5
+            share = at.share[near, None] + places * width[near, None]
+            at = Instants(np.repeat(at.interval[near], split), share.ravel())
+            width, parts = np.repeat(width[near] / split, split), parts / split
 
 
 def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
     """Instants around which what is missing may pass a tolerance between the samples.
 
     Args:
-        missing: By instant and pair, in the order of time, shape (m, count).
+        missing: By instant and value, in the order of time, shape (m, count).
         tolerance: What is let pass.
         close: Values below minus this are upper bounds, and not looked at.
 
@@ -288,57 +289,10 @@ def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
     return np.flatnonzero(np.any(dips, axis=1))
 
 
-def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
-    """Instants between given ones at which something that moves comes too close.
-
-    Returns:
-        The instants, and the values there.
-    """
-    clearance, h = system.clearance, spline.h
-    assert clearance is not None  # noqa: S101
-    usable = _usable(system)
-    width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
-    rises = clearance.rises(float(h.sum()))
-    rise = float(np.max(rises, initial=0.0))
-    room = FINE * float(np.max(system.padding)) + LEAST_GRAZE
-    parts = float(np.clip(rise * np.max(width * h[at.interval]) / room, 1.0, FINEST))
-    found, lacking = [], []
-    while True:
-        # Between instants a step apart a value rises by this much, seen from the
-        # nearer one: only where that matters is it worth while to look closer. What
-        # does not move is no reason to.
-        step = 0.5 * width * h[at.interval]
-        attention = float(np.max(step)) * rise if parts > 1.0 else 0.0
-        times, q = at.times(h), at.states(spline)[0]
-        values = clearance.values(q, attention=attention, times=times)
-        worst = np.max(values - usable, axis=1)
-        over = np.flatnonzero(worst > 0.0)
-        found.append(Instants(at.interval[over], at.share[over]))
-        lacking.append(values[over])
-        moved = np.where(rises > 0.0, values + step[:, None] * rises, -np.inf)
-        moved = np.max(moved, axis=1)
-        near = np.flatnonzero(moved > 0.0)
-        if parts <= 1.0 or not near.size:
-            break
-        split = min(int(np.ceil(parts)), SPLIT)
-        if near.size > MOST_SPLIT:
-            near = np.sort(near[np.argsort(-moved[near], kind="stable")[:MOST_SPLIT]])
-        places = (np.arange(split) + 0.5) / split - 0.5
-        share = at.share[near, None] + places * width[near, None]
-        at = Instants(np.repeat(at.interval[near], split), share.ravel())
-        width, parts = np.repeat(width[near] / split, split), parts / split
-    every = no_instants()
-    for more in found:
-        every = every.joined(more)
-    return every, np.concatenate(lacking)
-
-
 def _samples(h: Array) -> Instants:
-    """Instants at which clearances are looked at; fewer a second in long motions."""
-    apart = max(CLEARANCE_STEP, float(h.sum()) / MOST_SAMPLES)
-    counts: IntArray = np.maximum(
-        np.ceil(h / apart).astype(np.int64), CLEARANCE_SAMPLES
-    )
+    """Instants at which to look at what is continuous; fewer a second if T is long."""
+    apart = max(STEP, float(h.sum()) / MOST_SAMPLES)
+    counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)
     interval = np.repeat(np.arange(h.size), counts)
     first = np.repeat(np.cumsum(counts) - counts, counts)
     step = np.arange(interval.size) - first

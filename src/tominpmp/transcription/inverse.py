@@ -9,17 +9,18 @@ section 4) for the control v = acceleration: u_l <= u(q, v, a) <= u_u.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.constraints import JointLimit, Partials, States
+from tominpmp.constraints.friction import arrival
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
-from tominpmp.transcription.clearance_rows import ClearanceRows
-from tominpmp.transcription.exchange import Extra, grazing, overloaded
+from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.spline import (
     Spline,
     SplineDerivatives,
@@ -30,15 +31,12 @@ from tominpmp.transcription.spline import (
 from tominpmp.transcription.spline_rows import (
     Columns,
     Entries,
-    Instants,
-    StateDerivatives,
+    pull_back,
     speed_jacobian,
     speed_values,
-    torque_jacobian,
+    states_at,
 )
-from tominpmp.transcription.spline_ways import SplineWays
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ways import arrival
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -47,9 +45,52 @@ LENGTH_STEP = 0.3
 ATTENTION = 0.07
 # However far it reaches; beyond this clearances are not exact.
 MAX_ATTENTION = 0.05
+# Where constraints are looked at to begin with: those on accelerations, which jump at
+# the nodes, and the others.
+JUMPING, SMOOTH = (0.0, 1.0), (0.5, 1.0)
 
 
-class InverseTranscription:
+@dataclass(frozen=True)
+class SplineMotion(Spline):
+    """A quadratic spline of an iterate, with what is asked for more than once.
+
+    Attributes:
+        shares: Lengths of the intervals by the last unknowns, shape (N, m).
+    """
+
+    shares: Array
+
+    finite = True
+
+    @cached_property
+    def chain(self) -> sp.csr_matrix:
+        """Derivative of (points, lengths, final q, final v) by the unknowns."""
+        (N, n), m = self.points.shape, self.shares.shape[1]
+        columns = Columns(N, n)
+        points, end = N * n, N * n + n
+        every, joints = np.arange(points), np.arange(n)
+        lengths, final = end + np.arange(m), columns.final_position
+        chain = Entries(columns.count, end + m)
+        chain.add(every, every, np.ones(points))
+        chain.add(final, points - n + joints, np.ones(n))
+        chain.add(final + n, points + joints, np.ones(n))
+        chain.add(points + np.arange(N)[:, None], lengths, self.shares)
+        # The first and the last point hang on the velocities and lengths beside them.
+        last = points - n + joints
+        chain.add(last, points + joints, np.full(n, -0.5 * self.h[-1]))
+        by_start = 0.5 * np.outer(self.v_ends[0], self.shares[0])
+        by_end = -0.5 * np.outer(self.v_ends[1], self.shares[-1])
+        chain.add(joints[:, None], lengths, by_start)
+        chain.add(last[:, None], lengths, by_end)
+        return chain.matrix()
+
+    @cached_property
+    def derivatives(self) -> SplineDerivatives:
+        """Derivatives by points and lengths."""
+        return differentiate(self)
+
+
+class InverseTranscription(Transcription[SplineMotion]):
     """A problem in the points of a spline.
 
     The unknowns are stacked as z = (points, final velocity, lengths): N points of n
@@ -60,33 +101,26 @@ class InverseTranscription:
     Attributes:
         system: The functions of the problem.
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
-
-    Torques are rows at both ends of every interval, and at extra instants.
+        duration: Duration that scales the rows of velocities [s].
+        acceleration_range: What the full torque range of each joint can bring about,
+            shape (n,), which controls are measured in; None before a motion was looked
+            at.
     """
+
+    inspected = ((0.2, 0.35, 0.5, 0.65, 0.8),)
 
     def __init__(
         self,
         system: System,
         shares: Array,
         duration: float,
-        extra: Extra | None = None,
+        acceleration_range: Array | None = None,
     ) -> None:
-        self.system = system
-        self.shares = shares
+        self.system, self.shares, self.duration = system, shares, duration
+        self.acceleration_range = acceleration_range
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
-        every = np.arange(self._N)
-        ends = Instants(np.tile(every, 2), np.repeat([0.0, 1.0], self._N))
-        self._extra = extra = Extra() if extra is None else extra
-        self._at = ends.joined(extra.torque)
-        self._clear: ClearanceRows | None = None
-        if system.clearance is not None:
-            self._clear = ClearanceRows.on(system.clearance, self._N, extra.clearance)
-        self._columns = Columns(self._N, self._n)
-        self._reference = duration / self._N  # scales the velocity rows [s]
-        self._rows = self._build_rows()
-        self._acceleration_range: Array | None = None
-        self._torques = SplineWays(system, self._at, extra.ways)
+        self.columns = Columns(self._N, self._n)
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -94,18 +128,6 @@ class InverseTranscription:
     def size(self) -> int:
         """Number of unknowns."""
         return self._N * self._n + self._n + self._m
-
-    @property
-    def rows(self) -> Rows:
-        """What the rows are."""
-        return self._rows
-
-    @property
-    def cost(self) -> Array:
-        """Gradient of the duration."""
-        cost = np.zeros(self.size)
-        cost[-self._m :] = self.shares.sum(axis=0)
-        return cost
 
     def pack(self, points: Array, v_end: Array, eta: Array) -> Array:
         """Stack points, of which the last is the final configuration, into z."""
@@ -119,7 +141,7 @@ class InverseTranscription:
             duration: T of the iterate [s]; the guess is sampled over its own duration,
                 which the first argument of the constructor gave.
         """
-        guessed = self._reference * self._N
+        guessed = self.duration
         share = self.shares.sum(axis=1)
         nodes = np.concatenate([[0.0], np.cumsum(share)]) / share.sum()
         points = position(0.5 * (nodes[1:] + nodes[:-1]) * guessed)
@@ -130,7 +152,7 @@ class InverseTranscription:
         eta = np.full(self._m, duration / share.sum())
         return self.pack(points, v_end, eta)
 
-    def spline(self, z: Array) -> Spline:
+    def motion(self, z: Array) -> SplineMotion:
         """Spline of an iterate."""
         N, n = self._N, self._n
         points = z[: N * n].reshape(N, n).copy()
@@ -139,27 +161,7 @@ class InverseTranscription:
         ends = np.stack([self.system.problem.q_start, points[-1]])
         points[0] += 0.5 * h[0] * v_start
         points[-1] -= 0.5 * h[-1] * v_end
-        return Spline(points, h, ends, np.stack([v_start, v_end]))
-
-    def _chain(self, z: Array, spline: Spline) -> sp.csr_matrix:
-        """Derivative of (points, lengths, final q, final v) with respect to z."""
-        N, n, m = self._N, self._n, self._m
-        points, end = N * n, N * n + n
-        every, joints = np.arange(points), np.arange(n)
-        lengths, final = end + np.arange(m), self._columns.final_position
-        chain = Entries(self._columns.count, self.size)
-        chain.add(every, every, np.ones(points))
-        chain.add(final, points - n + joints, np.ones(n))
-        chain.add(final + n, points + joints, np.ones(n))
-        chain.add(points + np.arange(N)[:, None], lengths, self.shares)
-        # The first and the last point hang on the velocities and lengths beside them.
-        last = points - n + joints
-        chain.add(last, points + joints, np.full(n, -0.5 * spline.h[-1]))
-        by_start = 0.5 * np.outer(spline.v_ends[0], self.shares[0])
-        by_end = -0.5 * np.outer(spline.v_ends[1], self.shares[-1])
-        chain.add(joints[:, None], lengths, by_start)
-        chain.add(last[:, None], lengths, by_end)
-        return chain.matrix()
+        return SplineMotion(points, h, ends, np.stack([v_start, v_end]), self.shares)
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within position limits, fixed ends and positive lengths."""
@@ -185,175 +187,80 @@ class InverseTranscription:
             np.concatenate([upper.ravel(), v_upper, length]),
         )
 
-    # -- rows --------------------------------------------------------------------------
+    # -- states ------------------------------------------------------------------------
 
-    def _build_rows(self) -> Rows:
-        system, N, n = self.system, self._N, self._n
-        limits = system.problem.robot.limits
-        self._limited = np.flatnonzero(np.isfinite(limits.velocity))
-        speeds = 2 * (N - 1) * self._limited.size
-        none = np.full(speeds, -np.inf)
-        most = np.ones(self._at.size * n)
-        if self._extra.ways is not None:
-            most = self._extra.ways.bound.ravel()
-        parts = [
-            ("torque", -most, most, np.zeros(most.size, dtype=np.int64)),
-            ("velocity", none, np.zeros(speeds), np.zeros(speeds, dtype=np.int64)),
-        ]
-        self._end_points = bool(np.any(system.v_start)) or (
-            system.final_velocity is None or bool(np.any(system.final_velocity))
-        )
-        if self._end_points:
-            parts.append(
-                (
-                    "position",
-                    np.tile(limits.position_lower, 2),
-                    np.tile(limits.position_upper, 2),
-                    np.zeros(2 * n, dtype=np.int64),
-                )
-            )
-        if self._clear is not None:
-            count, instants = self._clear.constraint.count, self._clear.size
-            parts.append(
-                (
-                    "clearance",
-                    np.full(instants * count, -np.inf),
-                    np.zeros(instants * count),
-                    np.repeat(np.arange(instants), count),
-                )
-            )
-        if system.joint_goal is None:
-            lower, upper = system.goal_bounds
-            parts.append(("goal", lower, upper, np.zeros(lower.size, dtype=np.int64)))
-        return Rows.stack(parts)
+    @property
+    def goal_scale(self) -> Array | None:
+        """None for a configuration, which is a bound."""
+        return None if self.system.joint_goal is not None else super().goal_scale
 
-    def _goal(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        return self.system.problem.goal.residual(self.system.kinematics, q, v)
+    def instants(self, order: int, field: str) -> Instants:
+        """Both ends of every interval for what jumps; else their middles and ends."""
+        if order < 2:
+            return Instants.spread(self._N, SMOOTH)
+        every = np.arange(self._N)
+        return Instants(np.tile(every, 2), np.repeat(JUMPING, self._N))
 
-    def evaluate(self, z: Array) -> Array:
-        """Row values."""
-        system, spline = self.system, self.spline(z)
-        q, v = spline.q, spline.v
-        parts = [
-            self._torques.loads(spline).ravel(),
-            speed_values(
-                spline,
-                system.problem.robot.limits.velocity[self._limited],
-                self._limited,
-                self._reference,
-            ),
-        ]
-        if self._end_points:
-            parts.append(spline.points[[0, -1]].ravel())
-        if self._clear is not None:
-            parts.append(self._clear.values(spline, MAX_ATTENTION).ravel())
-        if system.joint_goal is None:
-            parts.append(self._goal(q[-1], v[-1])[0])
-        return np.concatenate(parts)
+    def states(self, motion: SplineMotion, at: Instants, order: int) -> States:
+        """States at instants."""
+        return states_at(motion, at)
 
-    def inspect(self, z: Array, overload: float) -> Extra:
-        """Instants between the rows at which an iterate breaks its limits.
-
-        Args:
-            z: Iterate.
-            overload: Relative excess of torques that is let pass.
-        """
-        spline = self.spline(z)
-        torque = overloaded(self.system, spline, overload)
-        extra = self._torques.turned(spline, torque, overload)
-        if self._clear is None:
-            return extra
-        known = self._clear.instants(spline.h)
-        return replace(extra, clearance=grazing(self.system, spline, known))
-
-    def with_rows(self, extra: Extra) -> InverseTranscription:
-        """The same problem with rows at more instants."""
-        duration = self._reference * self._N
-        extra = self._extra.joined(extra)
-        return InverseTranscription(self.system, self.shares, duration, extra)
-
-    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
-        """Jacobian of the rows that can become active within a box of steps."""
-        spline = self.spline(z)
-        coefficients = differentiate(spline)
-        count = self._rows
-        blocks = [
-            self._torque_jacobian(spline, coefficients),
-            self._speed_jacobian,
-        ]
-        chosen = [np.flatnonzero(count.kind <= 1)]
-        if self._end_points:
-            blocks.append(self._end_point_jacobian())
-            chosen.append(np.flatnonzero(count.kind == count.kinds.index("position")))
-        if self._clear is not None:
-            rows = np.flatnonzero(count.kind == count.kinds.index("clearance"))
-            radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
-            attention = min(ATTENTION * radius, MAX_ATTENTION)
-            if self._clear.constraint.moving:
-                attention = MAX_ATTENTION  # obstacles come closer as time goes by
-            near = rows[values[rows] > -attention]
-            blocks.append(
-                self._clear.jacobian(
-                    near - rows[0], spline, coefficients, self._columns
-                )
-            )
-            chosen.append(near)
-        if self.system.joint_goal is None:
-            blocks.append(self._goal_jacobian(spline))
-            chosen.append(np.flatnonzero(count.kind == count.kinds.index("goal")))
-        matrix = sp.vstack(blocks, format="csr") @ self._chain(z, spline)
-        return Linearization(np.concatenate(chosen), matrix)
-
-    def _torque_jacobian(
-        self, spline: Spline, coefficients: SplineDerivatives
+    def pull_back(
+        self, motion: SplineMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
-        by = StateDerivatives.of(self._at, coefficients)
-        parts = self.system.dynamics.inverse_jacobians(*self._at.states(spline))
-        half = self.system.effort_half
-        if self._acceleration_range is None:
-            # A change of acceleration that lasts an interval takes inertia and
-            # friction.
-            h = spline.h[self._at.interval, None]
-            mass = np.einsum("mii->mi", parts.tau_a)
-            drag = np.abs(np.einsum("mii->mi", parts.tau_v)) * h
-            mean = np.mean(mass + drag, axis=0) / half
-            self._acceleration_range = 2.0 / np.maximum(mean, 1e-12)
-        return torque_jacobian(self._at, parts, half, by, spline, self._columns)
+        """Derivatives by the unknowns from those by the states."""
+        matrix = pull_back(motion, motion.derivatives, at, partials, self.columns)
+        return matrix @ motion.chain
 
-    @cached_property
-    def _speed_jacobian(self) -> sp.csr_matrix:
-        limit = self.system.problem.robot.limits.velocity[self._limited]
-        return speed_jacobian(limit, self._limited, self._reference, self._columns)
+    def hull(self, limit: JointLimit) -> Hull[SplineMotion] | None:
+        """Positions are held by the points, velocities by the nodes between them."""
+        if limit.derivative == 0:
+            return EndPoints(self, limit)
+        return Speeds(self, limit) if limit.derivative == 1 else None
 
-    def _end_point_jacobian(self) -> sp.csr_matrix:
-        n, entries = self._n, Entries(2 * self._n, self._columns.count)
-        both = np.concatenate([np.arange(n), (self._N - 1) * n + np.arange(n)])
-        entries.add(np.arange(2 * n), both, np.ones(2 * n))
-        return entries.matrix()
+    def attention(self, steps: StepBounds | None) -> float:
+        """What a step of the points can use up."""
+        if steps is None:
+            return MAX_ATTENTION
+        radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
+        return min(ATTENTION * radius, MAX_ATTENTION)
 
-    def _goal_jacobian(self, spline: Spline) -> sp.csr_matrix:
-        _, by_q, by_v = self._goal(spline.q_ends[1], spline.v_ends[1])
-        entries = Entries(by_q.shape[0], self._columns.count)
-        rows, final = np.arange(by_q.shape[0])[:, None], self._columns.final_position
-        entries.add(rows, final, by_q)
-        entries.add(rows, final + self._n, by_v)
-        return entries.matrix()
+    @property
+    def cutoff(self) -> float:
+        """Clearances beyond this are not exact."""
+        return MAX_ATTENTION
+
+    @property
+    def moving_attention(self) -> float:
+        """Obstacles come closer as time goes by."""
+        return MAX_ATTENTION
 
     # -- the rest of the interface -----------------------------------------------------
 
-    def variation(self, z: Array) -> Variation:
-        """Jumps of the accelerations between intervals, in full ranges.
+    def scaled_at(self, z: Array) -> InverseTranscription:
+        """The same with the range of accelerations at a motion.
 
         The full range of a joint's acceleration is what its full torque range can bring
         about for an interval against its own inertia and friction, averaged over the
-        first motion that was linearized.
+        motion.
         """
-        spline = self.spline(z)
-        scale = self._acceleration_range
+        if self.acceleration_range is not None:
+            return self
+        spline = self.motion(z)
+        at = self.instants(2, "")
+        _, q, v, a, _ = self.states(spline, at, 2)
+        by = self.system.dynamics.inverse_jacobians(q, v, a)
+        mass = np.einsum("mii->mi", by.tau_a)
+        drag = np.abs(np.einsum("mii->mi", by.tau_v)) * spline.h[at.interval, None]
+        mean = np.mean(mass + drag, axis=0) / self.system.effort_half
+        scale = 2.0 / np.maximum(mean, 1e-12)
+        return InverseTranscription(self.system, self.shares, self.duration, scale)
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps of the accelerations between intervals, in full ranges."""
+        spline, scale = self.motion(z), self.acceleration_range
         if scale is None:
-            self._torque_jacobian(spline, differentiate(spline))
-            scale = self._acceleration_range
-        assert scale is not None  # noqa: S101
+            scale = np.ones(self._n)
         jumps = acceleration_jumps(spline.h)
         data = (jumps.data[:, None] / scale).ravel()
         rows = (jumps.row[:, None] * self._n + np.arange(self._n)).ravel()
@@ -372,9 +279,10 @@ class InverseTranscription:
 
     @property
     def torque_sequence(self) -> sp.csr_matrix:
-        """Mean torques of the intervals, from the instants of the torque rows."""
-        means = sp.diags([0.5, 0.5], [0, self._N], shape=(self._N, self._at.size))
-        return sp.csr_matrix(means)
+        """Mean torques of the intervals, from those at both ends of them."""
+        return sp.csr_matrix(
+            sp.diags([0.5, 0.5], [0, self._N], shape=(self._N, 2 * self._N))
+        )
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The same points, traversed slower."""
@@ -384,9 +292,9 @@ class InverseTranscription:
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""
-        spline = self.spline(z)
+        spline = self.motion(z)
         q, v, a = spline.q, spline.v, spline.a
-        dynamics = self.system.motors
+        dynamics = self.system.motor_dynamics
         tau = dynamics.inverse(q, v, np.concatenate([a, a[-1:]]))
         tau[-1] += arrival(self.system.problem.robot.friction, v[-1], a[-1])
         return Trajectory(
@@ -398,3 +306,58 @@ class InverseTranscription:
             a=a,
             inverse_dynamics=dynamics.inverse,
         )
+
+
+class EndPoints(Hull[SplineMotion]):
+    """Positions of the points that hang on the velocities at the ends.
+
+    The others are unknowns, whose bounds keep the limits: the curve lies in the convex
+    hull of all points.
+    """
+
+    def __init__(self, of: InverseTranscription, limit: JointLimit) -> None:
+        system = of.system
+        v_end = system.final_velocity
+        moving = bool(np.any(system.v_start)) or v_end is None or bool(np.any(v_end))
+        self._of, self._limit = of, limit
+        self._points = np.array([0, of.intervals - 1] if moving else [], dtype=np.int64)
+        self.lower = np.tile(limit.lower / limit.scale, self._points.size)
+        self.upper = np.tile(limit.upper / limit.scale, self._points.size)
+
+    def values(self, motion: SplineMotion) -> Array:
+        """Positions over their scale."""
+        limit = self._limit
+        points = motion.points[self._points][:, limit.joints]
+        return np.asarray(points / limit.scale).ravel()
+
+    def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
+        """By the unknowns."""
+        limit, n = self._limit, self._of.system.n
+        rows = np.arange(self.lower.size)
+        places = (self._points[:, None] * n + limit.joints).ravel()
+        entries = Entries(rows.size, self._of.columns.count)
+        entries.add(rows, places, np.tile(1.0 / limit.scale, self._points.size))
+        return entries.matrix() @ motion.chain
+
+
+class Speeds(Hull[SplineMotion]):
+    """Speeds at the inner nodes, between which they are linear.
+
+    |v_k| <= v_max times h_{k-1} + h_k is linear in points and lengths.
+    """
+
+    def __init__(self, of: InverseTranscription, limit: JointLimit) -> None:
+        self._of, self._limit = of, limit
+        self._unit = of.duration / of.intervals
+        size = 2 * (of.intervals - 1) * limit.count
+        self.lower, self.upper = np.full(size, -np.inf), np.zeros(size)
+        self._matrix = speed_jacobian(limit.upper, limit.joints, self._unit, of.columns)
+
+    def values(self, motion: SplineMotion) -> Array:
+        """Speeds beyond their limits, either way."""
+        limit = self._limit
+        return speed_values(motion, limit.upper, limit.joints, self._unit)
+
+    def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
+        """By the unknowns."""
+        return self._matrix @ motion.chain

@@ -1,6 +1,6 @@
-"""Rows of the inverse transcription as blocks: values and sparse Jacobians.
+"""States of quadratic splines at instants, and their derivatives by the unknowns.
 
-The Jacobians are with respect to (points, lengths, final position, final velocity) of
+Jacobians are with respect to (points, lengths, final position, final velocity) of
 the spline, stacked in this order; the transcription multiplies them by the derivative
 of these with respect to its unknowns.
 """
@@ -13,49 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.dynamics import InverseJacobians
+from tominpmp.constraints import Partials, States
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.spline import Spline, SplineDerivatives
-
-
-@dataclass(frozen=True, eq=False)
-class Instants:
-    """Instants within intervals.
-
-    Attributes:
-        interval: Index of the interval, shape (m,).
-        share: Where in it, from 0 to 1, shape (m,).
-    """
-
-    interval: IntArray
-    share: Array
-
-    def joined(self, other: Instants) -> Instants:
-        """These instants and others."""
-        return Instants(
-            np.concatenate([self.interval, other.interval]),
-            np.concatenate([self.share, other.share]),
-        )
-
-    @property
-    def size(self) -> int:
-        """Number of instants."""
-        return int(self.interval.size)
-
-    def times(self, h: Array) -> Array:
-        """Times of the instants [s], shape (m,).
-
-        Args:
-            h: Lengths of the intervals [s], shape (N,).
-        """
-        nodes = np.cumsum(h) - h
-        return np.asarray(nodes[self.interval] + self.share * h[self.interval])
-
-    def states(self, spline: Spline) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations there, shape (m, n) each."""
-        k, r = self.interval, self.share[:, None]
-        q, v = spline.q, spline.v
-        position = (1 - r) ** 2 * q[k] + 2 * r * (1 - r) * spline.points[k]
-        return position + r**2 * q[k + 1], (1 - r) * v[k] + r * v[k + 1], spline.a[k]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,53 +145,76 @@ class Entries:
         return sp.csr_matrix((data, (rows, columns)), shape=(self.rows, self.columns))
 
 
-def torque_jacobian(
-    at: Instants,
-    parts: InverseJacobians,
-    scale: Array,
-    by: StateDerivatives,
+def states_at(spline: Spline, at: Instants) -> States:
+    """States at instants."""
+    k, r = at.interval, at.share[:, None]
+    q, v = spline.q, spline.v
+    position = (1 - r) ** 2 * q[k] + 2 * r * (1 - r) * spline.points[k]
+    position = position + r**2 * q[k + 1]
+    speed = (1 - r) * v[k] + r * v[k + 1]
+    return States(at.times(spline.h), position, speed, spline.a[k])
+
+
+def pull_back(
     spline: Spline,
+    by: SplineDerivatives,
+    at: Instants,
+    partials: Partials,
     columns: Columns,
 ) -> sp.csr_matrix:
-    """Jacobian of torques at instants.
+    """Derivatives by points, lengths and final state from those by states.
 
     Args:
-        at: The instants, m of them.
-        parts: Derivatives of the inverse dynamics there.
-        scale: Torques are divided by this, shape (n,).
-        by: Derivatives of the states there.
         spline: The motion.
+        by: Its derivatives.
+        at: The instants.
+        partials: Partial derivatives of k values by the states there.
         columns: Where the unknowns stand.
 
     Returns:
-        Shape (m n, columns), rows by instant, then joint.
+        Shape (k, columns).
     """
-    n, N = columns.joints, columns.intervals
-    tau_q, tau_v, tau_a = (
-        part / scale[:, None] for part in (parts.tau_q, parts.tau_v, parts.tau_a)
-    )
-    by_point = (
-        tau_q[:, :, None, :] * by.q_points[:, None, :, None]
-        + tau_v[:, :, None, :] * by.v_points[:, None, :, None]
-        + tau_a[:, :, None, :] * by.a_points[:, None, :, None]
-    ).reshape(at.size, n, 3 * n)
-    by_length = (
-        tau_q @ np.swapaxes(by.q_lengths, 1, 2)
-        + tau_v @ np.swapaxes(by.v_lengths, 1, 2)
-        + tau_a @ np.swapaxes(by.a_lengths, 1, 2)
-    )
-    entries = Entries(at.size * n, columns.count)
-    rows = np.arange(at.size * n).reshape(at.size, n, 1)
+    n, which = columns.joints, partials.at
+    state = StateDerivatives.of(at, by)
+    by_point = np.zeros((which.size, 3, n))
+    by_length = np.zeros((which.size, 3))
+    for part, points, lengths in (
+        (partials.by_q, state.q_points, state.q_lengths),
+        (partials.by_v, state.v_points, state.v_lengths),
+        (partials.by_a, state.a_points, state.a_lengths),
+    ):
+        if part is not None:
+            by_point += points[which][:, :, None] * part[:, None, :]
+            by_length += np.einsum("kjn,kn->kj", lengths[which], part)
+    entries = Entries(which.size, columns.count)
+    rows = np.arange(which.size)[:, None]
     places, valid = columns.around(at.interval)
-    data = np.concatenate([by_point, by_length], axis=2)
-    entries.add(rows, places[:, None, :], data, valid[:, None, :])
-    # In the last interval the final q and v are unknowns of their own.
-    last = np.flatnonzero(at.interval == N - 1)
-    weight, final = at.share[last, None, None], columns.final_position
-    entries.add(rows[last], final, weight**2 * tau_q[last])
-    by_velocity = weight * tau_v[last] + tau_a[last] / spline.h[-1]
-    entries.add(rows[last], final + n, by_velocity)
+    data = np.concatenate([by_point.reshape(which.size, -1), by_length], axis=1)
+    entries.add(rows, places[which], data, valid[which])
+    _add_final_state(entries, spline, at, partials, columns)
+    if partials.by_t is not None:
+        over = at.over(which, columns.intervals)
+        entries.add(rows, columns.lengths, partials.by_t[:, None] * over)
     return entries.matrix()
+
+
+def _add_final_state(
+    entries: Entries, spline: Spline, at: Instants, partials: Partials, columns: Columns
+) -> None:
+    """In the last interval the final q and v are unknowns of their own."""
+    n, which = columns.joints, partials.at
+    last = np.flatnonzero(at.interval[which] == columns.intervals - 1)
+    if not last.size:
+        return
+    share, final = at.share[which[last], None], columns.final_position
+    rows, by_velocity = last[:, None], np.zeros((last.size, n))
+    if partials.by_q is not None:
+        entries.add(rows, final, share**2 * partials.by_q[last])
+    if partials.by_v is not None:
+        by_velocity += share * partials.by_v[last]
+    if partials.by_a is not None:
+        by_velocity += partials.by_a[last] / spline.h[-1]
+    entries.add(rows, final + n, by_velocity)
 
 
 def speed_values(spline: Spline, limit: Array, joints: IntArray, unit: float) -> Array:

@@ -9,10 +9,22 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
-from tominpmp.constraints import ClearanceConstraint, PathConstraint
+from tominpmp.constraints import (
+    AccelerationLimit,
+    ClearanceConstraint,
+    Constraint,
+    JerkLimit,
+    Motors,
+    PositionLimit,
+    TorqueLimit,
+    TorqueOverSpeed,
+    TorqueRate,
+    VelocityLimit,
+)
 from tominpmp.dynamics import Dynamics, RobotDynamics
 from tominpmp.goals import JointGoal
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 
 # Most that is asked for beyond the margin [m], and its share of what there is at the
@@ -60,7 +72,7 @@ class System:
     problem: Problem
     dynamics: Dynamics
     kinematics: RobotKinematics
-    clearance: PathConstraint | None
+    clearance: ClearanceConstraint | None
     reach: float
     padding: Array
     ways: Array | None = None
@@ -73,7 +85,9 @@ class System:
         checker = problem.checker
         padding = _padding(problem, checker)
         clearance = (
-            ClearanceConstraint(checker, problem.margins + padding, reach)
+            ClearanceConstraint(
+                checker, problem.margins + padding, reach, padding=padding / reach
+            )
             if checker.pairs
             else None
         )
@@ -114,8 +128,46 @@ class System:
         digit, nor on the process that makes it.
         """
         self.problem.checker.forget()
-        if isinstance(self.clearance, ClearanceConstraint):
+        if self.clearance is not None:
             self.clearance.forget()
+
+    @cached_property
+    def motors(self) -> Motors:
+        """Torques as shares of their limits."""
+        middle, half = self.effort_middle, self.effort_half
+        return Motors(self.dynamics, middle, half, self.friction)
+
+    @cached_property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """All that holds along a motion."""
+        problem, names = self.problem, self.problem.robot.joint_names
+        limits, extra = problem.robot.limits, problem.motion_limits
+        lower, upper = limits.position_lower, limits.position_upper
+        found: list[Constraint | None] = [TorqueLimit(self.motors)]
+        if extra is not None:
+            found += self._motor_limits(extra)
+        found.append(VelocityLimit.symmetric(limits.velocity))
+        if extra is not None:
+            acceleration = extra.by_joint("acceleration", names)
+            found.append(AccelerationLimit.symmetric(acceleration))
+            found.append(JerkLimit.symmetric(extra.by_joint("jerk", names)))
+        found.append(PositionLimit.between(lower, upper, self.step_scale))
+        found.append(self.clearance)
+        return tuple(item for item in found if item is not None)
+
+    def _motor_limits(self, limits: MotionLimits) -> list[Constraint | None]:
+        names = self.problem.robot.joint_names
+        found: list[Constraint | None] = []
+        rate = limits.by_joint("effort_rate", names)
+        rated = np.flatnonzero(np.isfinite(rate))
+        if rated.size:
+            found.append(TorqueRate(self.motors, rated, rate[rated]))
+        curves = sorted((limits.effort_curves or {}).items())
+        if curves:
+            joints = np.array([names.index(joint) for joint, _ in curves])
+            every = tuple(curve for _, curve in curves)
+            found.append(TorqueOverSpeed(self.motors, joints, every))
+        return found
 
     @property
     def n(self) -> int:
@@ -168,7 +220,7 @@ class System:
         return np.asarray(self.problem.robot.friction * ways)
 
     @cached_property
-    def motors(self) -> Dynamics:
+    def motor_dynamics(self) -> Dynamics:
         """Equations of motion with dry friction: torques are those of the motors."""
         motors = RobotDynamics(self.problem.robot)
         plain = motors.friction is None or self.ways is not None
@@ -198,5 +250,5 @@ class System:
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Torque as a share of its limits, in [-1, 1] where allowed, shape (m, n)."""
-        tau = self.motors.inverse(q, v, a)
+        tau = self.motor_dynamics.inverse(q, v, a)
         return (tau - self.effort_middle) / self.effort_half

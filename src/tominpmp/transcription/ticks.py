@@ -16,8 +16,8 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.sampling import multiples
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
-from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.program import NonlinearProgram
 
 # Durations that are a multiple of the period but for this share of it are one.
 ROUNDING = 1e-6
@@ -106,7 +106,7 @@ class ClockedTranscription:
         ticks: The knots.
     """
 
-    inner: InverseTranscription | BSplineTranscription
+    inner: NonlinearProgram
     ticks: Ticks
 
     @property
@@ -168,15 +168,8 @@ class ClockedTranscription:
         Returns:
             The program; None if there is no need of more rows.
         """
-        inner = self.inner
-        if isinstance(inner, InverseTranscription):
-            extra = inner.inspect(z, room)
-            more = inner.with_rows(extra) if extra.size else None
-            return None if more is None else ClockedTranscription(more, self.ticks)
-        instants = inner.inspect(z, room)
-        if not instants.found:
-            return None
-        return ClockedTranscription(inner.with_rows(instants), self.ticks)
+        more = exchanged(self.inner, z, room)
+        return None if more is None else replace(self, inner=more)
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""

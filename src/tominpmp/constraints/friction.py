@@ -21,6 +21,8 @@ from tominpmp.dynamics import STANDSTILL, directions
 
 # Loads this close to their limits would change if the sign did.
 NEAR = 1e-2
+# Relative excess of torques between the rows that is let pass.
+OVERLOAD = 2e-3
 # Signs that change this often are taken either way.
 TURNS = 2
 

@@ -1,4 +1,4 @@
-"""Path constraints b(q, t) <= 0 (paper, equations 6 and 9).
+"""Clearance of the links: a path constraint b(q, t) <= 0 (paper, equations 6 and 9).
 
 Time t is real time [s]: obstacles may move. With t = tau T the term of the paper for it
 is db/dT = db/dt * tau.
@@ -7,62 +7,28 @@ is db/dT = db/dt * tau.
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision import CollisionChecker, Derivatives, DistanceCache
+from tominpmp.constraints.base import Constraint, Partials, States
 
 # Numbers of instants for which distances are remembered: a transcription looks at the
 # instants of its rows, and at those between them.
 CACHES = 3
 # Pairs at instants beyond which nothing is remembered, as that would take memory.
 MOST_KEPT = 4_000_000
+# Share of the padding that may be used up between the instants, the same where
+# obstacles move, and what may be missing without any padding, in units of the length.
+GRAZE, GRAZE_MOVING = 0.8, 0.5
+LEAST_GRAZE = 1e-5
+# Share of what is left of the padding that may be missing beyond that.
+REST = 0.5
 
 
-class PathConstraint(Protocol):
-    """Inequalities on the configuration that hold at all times."""
-
-    @property
-    def count(self) -> int:
-        """Number of inequalities at an instant."""
-
-    @property
-    def moving(self) -> bool:
-        """Whether the values depend on time."""
-
-    @property
-    def kinks(self) -> Array:
-        """Times at which values may have a kink at any q [s], shape (k,)."""
-
-    def rises(self, duration: float) -> Array:
-        """Fastest rises of values with time [1/s] before a time [s], shape (count,)."""
-
-    def values(
-        self, q: Array, attention: float | None = None, times: Array | None = None
-    ) -> Array:
-        """Values b(q, t), <= 0 where satisfied, shapes (m, n), (m,) to (m, count).
-
-        Values below -attention may be upper bounds that are below it too.
-        """
-
-    def is_kept(self, q: Array) -> bool:
-        """Whether all inequalities hold at one q of shape (n,)."""
-
-    def gradients(self, q: Array, which: IntArray) -> Array:
-        """Gradients of some inequalities at one q of shape (n,), shape (k, n)."""
-
-    def gradients_at(self, q: Array, instants: IntArray, which: IntArray) -> Array:
-        """Gradients of inequalities ``which`` at q[instants], shape (k, n)."""
-
-    def derivatives_at(
-        self, q: Array, instants: IntArray, which: IntArray, times: Array | None = None
-    ) -> Derivatives:
-        """Derivatives of inequalities ``which`` by q, shape (k, n), and t, (k,)."""
-
-
-class ClearanceConstraint:
+class ClearanceConstraint(Constraint):
     """Keep every link farther than a margin from all that it is watched against.
 
     Attributes:
@@ -72,7 +38,13 @@ class ClearanceConstraint:
         attention: Values below minus this need not be exact: there is more room than
             anyone asks for, and a bound on it is enough, which is faster. In units of
             the length; infinite for exact values throughout.
+        padding: What the margin contains beyond what has to be kept, in units of the
+            length, one for all pairs or by pair.
     """
+
+    name = "clearance"
+    shared = False
+    gradual = True
 
     def __init__(
         self,
@@ -80,9 +52,12 @@ class ClearanceConstraint:
         margin: float | Array,
         length: float,
         attention: float = math.inf,
+        padding: float | Array = 0.0,
     ) -> None:
         self.checker, self.margin, self.length = checker, margin, length
         self.attention = attention
+        self.padding = np.broadcast_to(padding, len(checker.pairs))
+        self.moving = checker.moving
         self._caches: dict[int, DistanceCache] = {}
 
     def forget(self) -> None:
@@ -98,11 +73,6 @@ class ClearanceConstraint:
     def count(self) -> int:
         """Number of pairs."""
         return len(self.checker.pairs)
-
-    @property
-    def moving(self) -> bool:
-        """Whether an obstacle moves, so that the values depend on time."""
-        return self.checker.moving
 
     @property
     def kinks(self) -> Array:
@@ -190,3 +160,35 @@ class ClearanceConstraint:
         """
         found = self.checker.derivatives_at(q, instants, np.asarray(which), times)
         return Derivatives(*(-part / self.length for part in found))
+
+    # -- as a constraint on states -----------------------------------------------------
+
+    @property
+    def room(self) -> Array:
+        """The padding."""
+        return np.asarray(self.padding)
+
+    @property
+    def usable(self) -> Array:
+        """How much closer than the rows ask for pairs may come between the instants.
+
+        The rows keep links a little farther away than need be, and some of it may be
+        used, never all: what verifies the motion lets nothing be missing to the margin.
+        Only where a motion begins or ends at the margin there is nothing to be used,
+        and a trace may be missing.
+        """
+        share = GRAZE_MOVING if self.moving else GRAZE
+        rest = REST * (1.0 - share) * self.padding
+        least = np.where(self.padding > 0.0, np.minimum(LEAST_GRAZE, rest), LEAST_GRAZE)
+        return np.asarray(share * self.padding + least)
+
+    def evaluate(self, states: States, attention: float = np.inf) -> Array:
+        """Missing clearance in units of the length, shape (m, count)."""
+        times = states.t if self.moving else None
+        return self.values(states.q, attention, times)
+
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Derivatives of distances."""
+        times = states.t if self.moving else None
+        by_q, by_t = self.derivatives_at(states.q, at, which, times)
+        return Partials(at, by_q=by_q, by_t=by_t if self.moving else None)

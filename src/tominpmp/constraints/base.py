@@ -1,0 +1,181 @@
+r"""What holds along a motion: the paper's constraints b(x, tau, T) <= 0.
+
+A constraint gives values and partial derivatives at states; it knows neither how a
+motion is parameterised nor who asks. A transcription gives the states and pulls the
+partial derivatives back to its unknowns (the chain rule, or the paper's costates).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+
+NO_TIMES = np.zeros(0)
+
+
+class States(NamedTuple):
+    """States of a motion at m instants.
+
+    Attributes:
+        t: Times [s], shape (m,).
+        q: Positions, shape (m, n) [rad or m].
+        v: Velocities, shape (m, n); zero-sized where nobody asked for them.
+        a: Accelerations, shape (m, n); the same.
+        u: Torques that dry friction leaves, shape (m, n), where they are unknowns of
+            the motion; None where they follow from the accelerations.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    u: Array | None = None
+
+
+class Partials(NamedTuple):
+    """Partial derivatives of k values by the states at their instants.
+
+    Attributes:
+        at: Index of the instant of each value, shape (k,).
+        by_q: Shape (k, n); None for zero, here and below.
+        by_v: Shape (k, n).
+        by_a: Shape (k, n).
+        by_u: Shape (k, n), where torques are unknowns.
+        by_t: Shape (k,).
+        row: Values of one index add up to one row, shape (k,); None for one row each.
+    """
+
+    at: IntArray
+    by_q: Array | None = None
+    by_v: Array | None = None
+    by_a: Array | None = None
+    by_u: Array | None = None
+    by_t: Array | None = None
+    row: IntArray | None = None
+
+    def times(self, factor: Array) -> Partials:
+        """Values times factors, shape (k, 1)."""
+
+        def product(part: Array | None) -> Array | None:
+            return None if part is None else factor * part
+
+        by_t = None if self.by_t is None else factor[:, 0] * self.by_t
+        by_x = (product(part) for part in (self.by_q, self.by_v, self.by_a, self.by_u))
+        by_q, by_v, by_a, by_u = by_x
+        return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
+
+
+class Constraint(ABC):
+    """Something that holds at all times of a motion, or at some.
+
+    Values are scaled so that a violation of 1 is about one by 100 %.
+
+    Attributes:
+        name: Its name, in reports and messages.
+        order: Highest derivative of the positions that it looks at: 0, 1, or 2, which
+            is for torques too.
+        field: "q", "v", "a", "j" or "u" if it bounds positions, velocities,
+            accelerations, jerks or torques joint by joint; empty else.
+        shared: Whether all its values together are relaxed by one elastic variable of a
+            linear program; else there is one an instant.
+        moving: Whether the values depend on the time itself.
+        gradual: Whether values far below their bounds may be left out of a linear
+            program, as they cannot come near them in a step.
+        curable: Whether a slower motion along the same path violates it less.
+    """
+
+    name: str
+    order: int = 0
+    field: str = ""
+    shared: bool = True
+    moving: bool = False
+    gradual: bool = False
+    curable: bool = False
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number p of values at an instant."""
+
+    @abstractmethod
+    def evaluate(self, states: States, attention: float = np.inf) -> Array:
+        """Values, shape (m, p).
+
+        Args:
+            states: The states at m instants.
+            attention: Values below their bound by more than this need not be exact, as
+                long as they stay below it by that much.
+        """
+
+    @abstractmethod
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Partial derivatives of some values.
+
+        Args:
+            states: The states at m instants.
+            at: Row of each value in what :meth:`evaluate` returns, shape (k,).
+            which: Its column, shape (k,).
+        """
+
+    def bounds(self, instants: int) -> tuple[Array, Array]:
+        """Lower and upper bounds of the values at so many instants, as their shape."""
+        shape = instants, self.count
+        return np.full(shape, -np.inf), np.zeros(shape)
+
+    @property
+    def kinks(self) -> Array:
+        """Times at which values may have a kink whatever the motion [s], shape (k,)."""
+        return NO_TIMES
+
+    def rises(self, duration: float) -> Array:
+        """Fastest rises of values with the time itself before a time [1/s], (p,)."""
+        return np.zeros(self.count)
+
+    @property
+    def room(self) -> Array:
+        """What bounds ask for beyond what has to be kept, shape (p,)."""
+        return np.zeros(self.count)
+
+    @property
+    def usable(self) -> Array | None:
+        """How far values may pass their bounds between the instants, shape (p,).
+
+        None for constraints that are not looked at between them.
+        """
+        return None
+
+    # -- what is taken for granted of a motion -----------------------------------------
+
+    @property
+    def informed(self) -> bool:
+        """Whether it knows all that it takes for granted of a motion."""
+        return True
+
+    def assumed(self, states: States, beside: Array) -> Constraint:
+        """The constraint with what it takes for granted of a motion, at given instants.
+
+        Args:
+            states: The states at its instants.
+            beside: Velocities a little aside of them, shape (m, n).
+        """
+        return self
+
+    def corrected(
+        self, states: States, beside: Array, tolerance: float
+    ) -> tuple[Constraint, int]:
+        """The same as another motion has it, and at how many values that matters.
+
+        Args:
+            states: The states of that motion.
+            beside: Velocities a little aside of the instants, shape (m, n).
+            tolerance: Relative excess that is let pass.
+        """
+        return self, 0
+
+    def joined(self, other: Constraint) -> Constraint:
+        """What is taken for granted at these instants and at those of another."""
+        return self

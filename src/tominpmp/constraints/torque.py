@@ -1,0 +1,263 @@
+"""Torque limits; torque over speed; torque rates (paper, section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.constraints.base import Constraint, Partials, States
+from tominpmp.constraints.friction import Ways, signs
+from tominpmp.dynamics import Dynamics
+from tominpmp.motion_limits import EffortCurve
+
+
+@dataclass(frozen=True, eq=False)
+class Motors:
+    """Torques of motors as shares of their limits.
+
+    Attributes:
+        dynamics: Equations of motion without dry friction.
+        middle: Middle of the torque ranges, shape (n,) [N m or N].
+        half: Half of them, shape (n,).
+        friction: Dry friction as shares of the limits, shape (n,); None without.
+        ways: Which way joints with friction move at the instants; None before a motion
+            was looked at.
+    """
+
+    dynamics: Dynamics
+    middle: Array
+    half: Array
+    friction: Array | None = None
+    ways: Ways | None = None
+
+    def torque(self, states: States) -> Array:
+        """Torques that dry friction leaves, shape (m, n) [N m or N]."""
+        if states.u is not None:
+            return states.u
+        return self.dynamics.inverse(states.q, states.v, states.a)
+
+    def shares(self, states: States) -> Array:
+        """The same as shares of the limits."""
+        return np.asarray((self.torque(states) - self.middle) / self.half)
+
+    def loads(self, states: States) -> Array:
+        """Torques of the motors as shares of their limits, friction and all."""
+        share = self.shares(states)
+        return share if self.ways is None else share + self.ways.load
+
+    def differentiate(self, states: States, at: IntArray, joint: IntArray) -> Partials:
+        """Partial derivatives of some of the shares."""
+        scale = self.half[joint, None]
+        if states.u is not None:
+            by_u = np.zeros((at.size, self.half.size))
+            by_u[np.arange(at.size), joint] = 1.0
+            return Partials(at, by_u=by_u / scale)
+        instants, place = np.unique(at, return_inverse=True)
+        motion = (part[instants] for part in (states.q, states.v, states.a))
+        by = self.dynamics.inverse_jacobians(*motion)
+        by_q, by_v, by_a = (
+            part[place, joint] / scale for part in (by.tau_q, by.tau_v, by.tau_a)
+        )
+        return Partials(at, by_q, by_v, by_a)
+
+    # -- dry friction ------------------------------------------------------------------
+
+    def assumed(self, states: States, beside: Array) -> Motors:
+        """With the way that joints move in a motion, if they have dry friction."""
+        if self.friction is None:
+            return self
+        return replace(self, ways=Ways.of(self.friction, signs(states.v, beside)))
+
+    def corrected(
+        self, states: States, beside: Array, tolerance: float
+    ) -> tuple[Motors, int]:
+        """With the way that they move in another one, and how often that matters."""
+        if self.friction is None:
+            return self, 0
+        known = self if self.ways is not None else self.assumed(states, beside)
+        assert known.ways is not None  # noqa: S101
+        sign = signs(states.v, beside)
+        wrong = known.ways.wrong(sign, self.shares(states), tolerance)
+        return replace(self, ways=known.ways.turned(sign, wrong)), int(wrong.sum())
+
+    def joined(self, other: Motors) -> Motors:
+        """These instants and others."""
+        if self.ways is None or other.ways is None:
+            return replace(self, ways=None)
+        return replace(self, ways=self.ways.joined(other.ways))
+
+
+@dataclass(frozen=True, eq=False)
+class MotorLimit(Constraint):
+    """What constraints on torques have in common: dry friction.
+
+    Attributes:
+        motors: The torques.
+    """
+
+    motors: Motors
+
+    order = 2
+    curable = True
+
+    @property
+    def informed(self) -> bool:
+        """Whether it is known which way joints with dry friction move."""
+        return self.motors.friction is None or self.motors.ways is not None
+
+    def assumed(self, states: States, beside: Array) -> Constraint:
+        """With the way that joints with dry friction move in a motion."""
+        return replace(self, motors=self.motors.assumed(states, beside))
+
+    def corrected(
+        self, states: States, beside: Array, tolerance: float
+    ) -> tuple[Constraint, int]:
+        """With the way that they move in another motion."""
+        motors, count = self.motors.corrected(states, beside, tolerance)
+        return replace(self, motors=motors), count
+
+    def joined(self, other: Constraint) -> Constraint:
+        """These instants and those of another."""
+        assert isinstance(other, MotorLimit)  # noqa: S101
+        return replace(self, motors=self.motors.joined(other.motors))
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLimit(MotorLimit):
+    """Torques within their limits, as shares of them (paper, equation 2)."""
+
+    name = "torque"
+    field = "u"
+
+    @property
+    def count(self) -> int:
+        """One value a joint."""
+        return int(self.motors.half.size)
+
+    @property
+    def usable(self) -> Array:
+        """Torques may not pass their limits between the instants."""
+        return np.zeros(self.count)
+
+    def bounds(self, instants: int) -> tuple[Array, Array]:
+        """One either way; less where a joint with dry friction turns."""
+        most = np.ones((instants, self.count))
+        if self.motors.ways is not None:
+            most = self.motors.ways.bound
+        return -most, most
+
+    def evaluate(self, states: States, attention: float = np.inf) -> Array:
+        """Shares of the limits."""
+        return self.motors.loads(states)
+
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Derivatives of the inverse dynamics."""
+        return self.motors.differentiate(states, at, which)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueOverSpeed(MotorLimit):
+    """Torques below curves over the speed, in shares of the torque limits.
+
+    Attributes:
+        joints: Joints that have one, shape (k,).
+        curves: Their curves.
+    """
+
+    joints: IntArray
+    curves: tuple[EffortCurve, ...]
+
+    name = "torque over speed"
+
+    @property
+    def count(self) -> int:
+        """Two values for each such joint, one either way."""
+        return 2 * len(self.curves)
+
+    @property
+    def usable(self) -> Array:
+        """Torques may not pass their curves between the instants."""
+        return np.zeros(self.count)
+
+    def evaluate(self, states: States, attention: float = np.inf) -> Array:
+        """Torques beyond the curves."""
+        motors, joints = self.motors, self.joints
+        load = motors.loads(states)[:, joints] + (motors.middle / motors.half)[joints]
+        largest = np.stack(
+            [
+                curve(states.v[:, joint])[0] / motors.half[joint]
+                for joint, curve in zip(joints, self.curves, strict=True)
+            ],
+            axis=1,
+        )
+        if motors.ways is not None:
+            largest = largest - (1.0 - motors.ways.bound[:, joints])
+        return np.concatenate([load - largest, -load - largest], axis=1)
+
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Derivatives of torques and curves."""
+        sign = np.where(which < len(self.curves), 1.0, -1.0)[:, None]
+        place = which % len(self.curves)
+        joint = self.joints[place]
+        by = self.motors.differentiate(states, at, joint)
+        speed = states.v[at, joint]
+        drop = np.zeros((at.size, states.v.shape[1]))
+        for k, curve in enumerate(self.curves):
+            mine = np.flatnonzero(place == k)
+            slope = curve(speed[mine])[1] * np.sign(speed[mine])
+            drop[mine, self.joints[k]] = slope / self.motors.half[self.joints[k]]
+        by = by.times(sign)
+        return by._replace(by_v=-drop if by.by_v is None else by.by_v - drop)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRate(MotorLimit):
+    """Torque rates between pairs of instants, for motions whose torques do not jump.
+
+    Its instants come in pairs of one interval.
+
+    Attributes:
+        joints: Joints that have a limit, shape (k,).
+        limit: Their limits, shape (k,) [N m/s or N/s].
+    """
+
+    joints: IntArray
+    limit: Array
+
+    name = "torque rate"
+    order = 3
+
+    @property
+    def count(self) -> int:
+        """One value for each such joint."""
+        return int(self.joints.size)
+
+    def bounds(self, instants: int) -> tuple[Array, Array]:
+        """One either way."""
+        ones = np.ones((instants // 2, self.count))
+        return -ones, ones
+
+    def evaluate(self, states: States, attention: float = np.inf) -> Array:
+        """Rates as shares of their limits, shape (m / 2, k).
+
+        The jumps of dry friction are left out, which no motor can follow.
+        """
+        tau = self.motors.torque(states)[:, self.joints]
+        return np.asarray((tau[1::2] - tau[::2]) / self._scale(states))
+
+    def _scale(self, states: States) -> Array:
+        return np.asarray((states.t[1::2] - states.t[::2])[:, None] * self.limit)
+
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Derivatives at both instants of each pair, and by their times."""
+        value = self.evaluate(states)[at, which]
+        span = (states.t[1::2] - states.t[::2])[at]
+        both = np.concatenate([2 * at, 2 * at + 1])
+        joint = self.joints[which]
+        by = self.motors.differentiate(states, both, np.tile(joint, 2))
+        factor = self.motors.half[joint] / (span * self.limit[which])
+        factor = np.concatenate([-factor, factor])[:, None]
+        by_t = np.concatenate([value / span, -value / span])
+        return by.times(factor)._replace(by_t=by_t, row=np.tile(np.arange(at.size), 2))

@@ -1,0 +1,67 @@
+"""Rounds: solve a program, look at the motion between its rows, solve on with more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from tominpmp.arrays import Array
+from tominpmp.options import Options
+from tominpmp.solution import Status
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.transcription.exchange import revised
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.verification.verdict import LONGEST
+
+# Rounds of adding rows, and iterations of each.
+ROUNDS = 6
+ROUND_ITERATIONS = 25
+# Progress below which rows between the nodes are looked for while the duration still
+# falls: rows that a finished motion breaks cost a new solve.
+ROUGH = 1e-2
+# Where rows are violated by so much, more of them between the nodes would not help.
+FAR = 1e-2
+
+STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
+
+Solve = Callable[[NonlinearProgram, Array, Options, SlpResult | None], SlpResult]
+
+
+def solve_in_rounds(
+    program: NonlinearProgram, z: Array, options: Options, solve: Solve
+) -> tuple[NonlinearProgram, SlpResult]:
+    """Solve until the motion keeps its limits between the rows too.
+
+    Args:
+        program: The program.
+        z: Where to begin.
+        options: Options of the plan.
+        solve: Solves a program from an iterate on, with options, after a former result.
+
+    Returns:
+        The last program and its outcome.
+    """
+    rough = options
+    if any(block.gradual for block in program.blocks):
+        rough = replace(options, tolerance=max(ROUGH, options.tolerance))
+    few = replace(options, max_iterations=min(options.max_iterations, ROUND_ITERATIONS))
+    result = solve(program, z, rough, None)
+    settled = rough is options
+    for _ in range(ROUNDS):
+        far = result.best is None and result.iterate.violation > FAR
+        if result.status in STOPPED or (far and settled) or _too_long(result):
+            break
+        z = result.iterate.z
+        if not far:
+            changed = revised(program, z)
+            if changed is None and settled:
+                break
+            program, z = changed or (program, z)
+        result = solve(program, z, few if settled else options, result)
+        settled = True
+    return program, result
+
+
+def _too_long(result: SlpResult) -> bool:
+    """Whether nobody will replay the motion: it is not looked at between its rows."""
+    return bool(result.history) and result.history[-1].duration > LONGEST

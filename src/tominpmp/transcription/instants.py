@@ -1,0 +1,90 @@
+"""Instants of a motion on a grid: intervals, and shares of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Instants within intervals.
+
+    Attributes:
+        interval: Index of the interval, shape (m,).
+        share: Where in it, from 0 to 1, shape (m,).
+    """
+
+    interval: IntArray
+    share: Array
+
+    @classmethod
+    def none(cls) -> Instants:
+        """No instants at all."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros(0))
+
+    @classmethod
+    def spread(cls, intervals: int, shares: Sequence[float]) -> Instants:
+        """The same shares of all intervals, interval by interval."""
+        every = np.arange(intervals)
+        return cls(np.repeat(every, len(shares)), np.tile(shares, intervals))
+
+    @classmethod
+    def end(cls, intervals: int) -> Instants:
+        """The end of the motion."""
+        return cls(np.array([intervals - 1]), np.ones(1))
+
+    @classmethod
+    def at_times(cls, times: Array, h: Array) -> Instants:
+        """Instants at times [s], those after the end at the end.
+
+        Args:
+            times: Shape (m,).
+            h: Lengths of the intervals [s], shape (N,).
+        """
+        ends = np.cumsum(h)
+        interval = np.minimum(np.searchsorted(ends, times), h.size - 1)
+        share = (times - (ends - h)[interval]) / h[interval]
+        return cls(interval, np.clip(share, 0.0, 1.0))
+
+    @property
+    def size(self) -> int:
+        """Number of instants."""
+        return int(self.interval.size)
+
+    def joined(self, other: Instants) -> Instants:
+        """These instants and others."""
+        return Instants(
+            np.concatenate([self.interval, other.interval]),
+            np.concatenate([self.share, other.share]),
+        )
+
+    def times(self, h: Array) -> Array:
+        """Times of the instants [s], shape (m,).
+
+        Args:
+            h: Lengths of the intervals [s], shape (N,).
+        """
+        nodes = np.cumsum(h) - h
+        return np.asarray(nodes[self.interval] + self.share * h[self.interval])
+
+    def over(self, which: IntArray, intervals: int) -> Array:
+        """How the times of some instants depend on the lengths, shape (k, intervals).
+
+        Args:
+            which: The instants, shape (k,).
+            intervals: Number of intervals.
+        """
+        lengths, interval = np.arange(intervals), self.interval[which, None]
+        before = np.where(interval > lengths, 1.0, 0.0)
+        within = np.where(interval == lengths, self.share[which, None], 0.0)
+        return np.asarray(before + within)
+
+    @property
+    def middles(self) -> Instants:
+        """The middles of their intervals."""
+        return Instants(self.interval, np.full(self.size, 0.5))
