@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tominpmp.combination import combine_robots
+    from tominpmp.constraints import KeepUpright, PathConstraint, ToolSpeed
     from tominpmp.exceptions import (
         FrameNotFound,
         JointNotFound,
@@ -88,6 +89,11 @@ if TYPE_CHECKING:
 # so that the command line shows its help without loading the robotics libraries.
 _HOMES = {
     "combination": ("combine_robots",),
+    "constraints": (
+        "KeepUpright",
+        "PathConstraint",
+        "ToolSpeed",
+    ),
     "exceptions": (
         "FrameNotFound",
         "JointNotFound",
@@ -206,6 +212,7 @@ __all__ = [
     "JointLimits",
     "JointNotFound",
     "JointRegionGoal",
+    "KeepUpright",
     "LowerBound",
     "Mesh",
     "MissingDependency",
@@ -216,6 +223,7 @@ __all__ = [
     "OcTree",
     "Options",
     "OptionsError",
+    "PathConstraint",
     "Payload",
     "PlanningFailed",
     "PoseFunction",
@@ -240,6 +248,7 @@ __all__ = [
     "Tolerances",
     "TominpmpError",
     "TominpmpWarning",
+    "ToolSpeed",
     "Trajectory",
     "Verification",
     "Waypoints",

@@ -12,6 +12,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.collision import CollisionChecker, enclosure
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.goals import (
@@ -48,6 +49,8 @@ class Problem(Record):
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
         motion_limits: Limits beyond those of the robot's description, if any. Of what
             they leave out, those of the robot hold: ``robot.motion_limits``.
+        constraints: What else holds at all times of the motion, see
+            :mod:`~tominpmp.constraints`: ``ToolSpeed``, ``KeepUpright``, ...
         self_collision: Whether the links keep clear of each other, and of what is fixed
             to the base, too, without a margin; None for yes. False is for robots whose
             description is wrong about their shapes.
@@ -66,6 +69,7 @@ class Problem(Record):
     v_start: Array | None = None
     motion_limits: MotionLimits | None = None
     self_collision: bool | None = None
+    constraints: tuple[PathConstraint, ...] = ()
 
     def __post_init__(self) -> None:
         """Check everything that can be told without planning."""
@@ -109,8 +113,11 @@ class Problem(Record):
         else:
             object.__setattr__(self, "motion_limits", self.robot.motion_limits)
         self.goal.validate(self.robot)
+        object.__setattr__(self, "constraints", self._checked_constraints())
         snapped = self._snap_start()
         self._check_clear(self.q_start, "start")
+        assert self.v_start is not None  # noqa: S101
+        self._check_kept(self.q_start, self.v_start, "start", "q_start")
         goal, of_goal = self._checked_goal(self.goal)
         object.__setattr__(self, "goal", goal)
         for message in (*snapped, *of_goal):
@@ -136,6 +143,44 @@ class Problem(Record):
     def margins(self) -> Array:
         """Distance to keep by pair of the checker: none from other links [m]."""
         return self.checker.margins(self.margin)
+
+    @cached_property
+    def ready_constraints(self) -> tuple[PathConstraint, ...]:
+        """The constraints, ready to be evaluated."""
+        return tuple(item.on(self.robot) for item in self.constraints)
+
+    def _checked_constraints(self) -> tuple[PathConstraint, ...]:
+        given = self.constraints
+        if isinstance(given, PathConstraint):
+            given = (given,)
+        if not isinstance(given, list | tuple):
+            raise ProblemError(
+                f"constraints is {brief(given)}, expected a tuple of constraints as "
+                "KeepUpright and ToolSpeed",
+                "constraints",
+            )
+        for item in given:
+            if not isinstance(item, PathConstraint):
+                raise ProblemError(
+                    f"constraints: {brief(item)} is a {type(item).__name__}, expected "
+                    "a constraint as KeepUpright or ToolSpeed",
+                    "constraints",
+                )
+            item.validate(self.robot)
+        return tuple(given)
+
+    def _check_kept(self, q: Array, v: Array, which: str, name: str) -> None:
+        """Check that the constraints hold at a state at rest, or nearly."""
+        for item in self.ready_constraints:
+            if item.order > 1:
+                continue  # accelerations are not known
+            size = item.measure(q, v, np.zeros(0))
+            if size > item.largest + SNAP * max(item.scale, 1.0):
+                raise ProblemError(
+                    f"{which}: the {item.name} is {size:.4g} {item.unit}, more than "
+                    f"its limit {item.largest:.4g} {item.unit}",
+                    name,
+                )
 
     def _checked_margin(self) -> float:
         try:
@@ -204,6 +249,8 @@ class Problem(Record):
             goal, snapped = self._snap_goal(goal)
             self._check_clear(goal.q, "goal")
             self._check_hold(goal)
+            v = goal.final_velocity(self.robot.n)
+            self._check_kept(goal.q, v, "goal", "goal")
             return goal, snapped
         for item in goal.members if isinstance(goal, AllGoals) else (goal,):
             if isinstance(item, FrameGoal):

@@ -12,12 +12,15 @@ from tominpmp.constraints.joint_limits import (
     PositionLimit,
     VelocityLimit,
 )
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.tool_speed import ToolSpeed
 from tominpmp.constraints.torque import (
     Motors,
     TorqueLimit,
     TorqueOverSpeed,
     TorqueRate,
 )
+from tominpmp.constraints.upright import KeepUpright
 
 __all__ = [
     "AccelerationLimit",
@@ -26,10 +29,13 @@ __all__ = [
     "GoalReached",
     "JerkLimit",
     "JointLimit",
+    "KeepUpright",
     "Motors",
     "Partials",
+    "PathConstraint",
     "PositionLimit",
     "States",
+    "ToolSpeed",
     "TorqueLimit",
     "TorqueOverSpeed",
     "TorqueRate",

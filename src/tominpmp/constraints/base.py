@@ -75,7 +75,6 @@ class Constraint(ABC):
     Values are scaled so that a violation of 1 is about one by 100 %.
 
     Attributes:
-        name: Its name, in reports and messages.
         order: Highest derivative of the positions that it looks at: 0, 1, or 2, which
             is for torques too.
         field: "q", "v", "a", "j" or "u" if it bounds positions, velocities,
@@ -88,13 +87,17 @@ class Constraint(ABC):
         curable: Whether a slower motion along the same path violates it less.
     """
 
-    name: str
     order: int = 0
     field: str = ""
     shared: bool = True
     moving: bool = False
     gradual: bool = False
     curable: bool = False
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Its name, in reports and messages."""
 
     @property
     @abstractmethod

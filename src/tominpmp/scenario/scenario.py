@@ -32,6 +32,11 @@
     [motion_limits]                     # beyond those of the URDF
     acceleration = 10.0
 
+    [[constraints]]                     # what else holds at all times
+    type = "tool_speed"
+    frame = "panda_hand_tcp"
+    limit = 0.5
+
     [options]
     intervals = 60
 """
@@ -47,6 +52,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, Record
+from tominpmp.constraints import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
@@ -90,10 +96,17 @@ SECTIONS = (
     "goal",
     "scene",
     "motion_limits",
+    "constraints",
     "options",
 )
 # Fields of a problem that the file has under other names.
-PLACES = {"q_start": "start", "v_start": "start", "goal": "goal", "margin": "margin"}
+PLACES = {
+    "q_start": "start",
+    "v_start": "start",
+    "goal": "goal",
+    "margin": "margin",
+    "constraints": "constraints",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +153,7 @@ def load_scenario(path: str | Path) -> Scenario:
             v_start=None if v_start.value is None else _vector(v_start, robot),
             motion_limits=read_motion_limits(document.get("motion_limits"), robot),
             self_collision=None if own.value is None else own.flag(),
+            constraints=_read_constraints(document.get("constraints")),
         )
     except ScenarioError:
         raise
@@ -202,6 +216,13 @@ def _read_scene(table: Field) -> Scene:
         return Scene(obstacles)
     except TominpmpError as error:
         table.get("obstacles").fail(str(error))
+
+
+def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
+    if not table.given:
+        return ()
+    kinds = classes(PathConstraint, "")
+    return tuple(from_table(item, kinds, "constraint") for item in table.items())
 
 
 def _read_goal(table: Field, robot: Robot, q_start: Array) -> Goal:
@@ -293,7 +314,8 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
     def fail(key: str, reason: object) -> NoReturn:
         raise ScenarioError(f"{path}: {key}: cannot be saved: {reason}", path, key)
 
-    known = ("robot", "scene", "motion_limits", "self_collision", *PLACES)
+    known = ("robot", "scene", "motion_limits", "constraints", *PLACES)
+    known += ("self_collision",)
     for name in _changed(problem, without=known):
         fail(name, "scenario files do not know it")
     document: dict[str, Any] = {}
@@ -322,6 +344,9 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
             key = "motion_limits"
             limits = beyond(problem.motion_limits or MotionLimits(), own, problem.robot)
             document[key] = motion_limits_table(limits, folder)
+        if problem.constraints:
+            key, kinds = "constraints", classes(PathConstraint, "")
+            document[key] = [to_table(c, kinds, folder) for c in problem.constraints]
         key = "options"
         table = field_table(_without_callback(options), {}, folder)
         if table:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,10 +33,13 @@ from tominpmp.transcription.controls import (
 )
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import (
+    DefectJacobians,
     Rollout,
     Sensitivities,
-    differentiate_rollout,
+    compose_steps,
+    differentiate_defects,
     rollout,
+    stage_weights,
 )
 from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
@@ -79,10 +83,56 @@ class Shot:
         """States at the nodes, shape (N + 1, 2n)."""
         return self.rollout.nodes
 
+    @property
+    def substeps(self) -> int:
+        """Steps of an interval."""
+        return self.rollout.substeps
+
+    @cached_property
+    def defects(self) -> DefectJacobians:
+        """Derivatives of the steps, and of their inner stages."""
+        steps = self.rollout
+        x = steps.x
+        return differentiate_defects(
+            self.dynamics, x[:-1], x[1:], steps.u, steps.h, steps.inner
+        )
+
     @cached_property
     def sensitivities(self) -> Sensitivities:
-        """Derivatives of each interval."""
-        return differentiate_rollout(self.dynamics, self.rollout)
+        """Derivatives of each step; by the length of its interval."""
+        by = compose_steps(self.defects, 1)
+        return by._replace(c=by.c / self.substeps)
+
+    def steps(self, at: Instants) -> tuple[IntArray, Array]:
+        """Steps that instants are in, and where in them, shape (m,) each."""
+        place = at.share * self.substeps
+        inside = np.clip(np.ceil(place) - 1, 0, self.substeps - 1).astype(np.int64)
+        return at.interval * self.substeps + inside, place - inside
+
+    def states(self, at: Instants) -> Array:
+        """States at instants, shape (m, 2n)."""
+        step, share = self.steps(at)
+        weights, steps = stage_weights(share), self.rollout
+        x = weights[:, :1] * steps.x[step] + weights[:, 2:] * steps.x[step + 1]
+        return np.asarray(x + weights[:, 1:2] * steps.inner[step])
+
+
+class Sources(NamedTuple):
+    """What values depend on directly.
+
+    Attributes:
+        rows: Indices of values that depend on states at ends of steps, shape (s,).
+        nodes: These ends, shape (s,).
+        seeds: Derivatives by the states there, shape (s, 2n).
+        by_control: Derivatives of all values by the torque of their interval, (k, n).
+        by_length: Derivatives by its length, shape (k,).
+    """
+
+    rows: IntArray
+    nodes: IntArray
+    seeds: Array
+    by_control: Array
+    by_length: Array
 
 
 class AdjointTranscription(Transcription[Shot]):
@@ -105,7 +155,6 @@ class AdjointTranscription(Transcription[Shot]):
 
     kept = frozenset({"u"})
     by_component = True
-    states_between = False
 
     def __init__(
         self,
@@ -241,10 +290,8 @@ class AdjointTranscription(Transcription[Shot]):
         return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
 
     def states(self, motion: Shot, at: Instants, order: int) -> States:
-        """States at nodes; between them roughly, on straight lines."""
-        n, k, share = self._n, at.interval, at.share[:, None]
-        x, u = motion.x, motion.u[k]
-        x = np.where(share >= 1.0, x[k + 1], (1.0 - share) * x[k] + share * x[k + 1])
+        """States at instants."""
+        n, x, u = self._n, motion.states(at), motion.u[at.interval]
         a = np.zeros((0, n))
         if order >= 2:
             a = self.system.dynamics.forward(x, u)[:, n:]
@@ -254,55 +301,91 @@ class AdjointTranscription(Transcription[Shot]):
         self, motion: Shot, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns: one costate sweep for all rows together."""
-        which = partials.at
-        nodes, seeds, direct = self._seeds(motion, at, partials)
-        by_control, by_length = sweep_adjoint(motion.sensitivities, nodes, seeds)
-        by_control[np.arange(which.size), at.interval[which]] += direct
+        which, n, N = partials.at, self._n, self._N
+        found = self._sources(motion, at, partials)
+        swept = sweep_adjoint(motion.sensitivities, found.nodes, found.seeds)
+        by_control, by_length = np.zeros((which.size, N, n)), np.zeros((which.size, N))
+        # Steps of an interval have its torque, and shares of its length.
+        np.add.at(by_control, found.rows, self._by_interval(swept[0]))
+        np.add.at(by_length, found.rows, self._by_interval(swept[1]))
+        rows, interval = np.arange(which.size), at.interval[which]
+        by_control[rows, interval] += found.by_control
+        by_length[rows, interval] += found.by_length
         if partials.by_t is not None:
-            by_length += partials.by_t[:, None] * at.over(which, self._N)
+            by_length += partials.by_t[:, None] * at.over(which, N)
         by_share = (by_control * self.system.effort_half).reshape(which.size, -1)
         return sp.csr_matrix(np.hstack([by_share, by_length @ self.shares]))
+
+    def _by_interval(self, by_step: Array) -> Array:
+        """Sums over the steps of the intervals, shape (k, N, ...)."""
+        shape = by_step.shape
+        parts = by_step.reshape(shape[0], self._N, self.substeps, *shape[2:])
+        return np.asarray(parts.sum(axis=2))
 
     def pull_back_sum(
         self, motion: Shot, at: Instants, partials: Partials, weights: Array
     ) -> Array:
         """Gradient of a weighted sum of values, by one sweep for the sum."""
         which, by = partials.at, motion.sensitivities
-        nodes, seeds, direct = self._seeds(motion, at, partials)
-        push = np.zeros_like(motion.x)
-        np.add.at(push, nodes, weights[:, None] * seeds)
-        by_control, by_length = np.empty((self._N, self._n)), np.empty(self._N)
-        costate = np.zeros(2 * self._n)
-        for j in range(self._N - 1, -1, -1):
+        found = self._sources(motion, at, partials)
+        push = np.zeros_like(motion.rollout.x)
+        np.add.at(push, found.nodes, weights[found.rows, None] * found.seeds)
+        steps, n = by.A.shape[0], self._n
+        swept_control, swept_length = np.empty((1, steps, n)), np.empty((1, steps))
+        costate = np.zeros(2 * n)
+        for j in range(steps - 1, -1, -1):
             costate = costate + push[j + 1]
-            by_control[j], by_length[j] = costate @ by.B[j], costate @ by.c[j]
+            swept_control[0, j], swept_length[0, j] = (
+                costate @ by.B[j],
+                costate @ by.c[j],
+            )
             costate = costate @ by.A[j]
-        np.add.at(by_control, at.interval[which], weights[:, None] * direct)
+        by_control = self._by_interval(swept_control)[0]
+        by_length = self._by_interval(swept_length)[0]
+        np.add.at(by_control, at.interval[which], weights[:, None] * found.by_control)
+        np.add.at(by_length, at.interval[which], weights * found.by_length)
         if partials.by_t is not None:
             by_length += (weights * partials.by_t) @ at.over(which, self._N)
         by_share = by_control * self.system.effort_half
         return np.concatenate([by_share.ravel(), by_length @ self.shares])
 
-    def _seeds(
-        self, motion: Shot, at: Instants, partials: Partials
-    ) -> tuple[IntArray, Array, Array]:
-        """Nodes of values, and their derivatives by the state and the torque there."""
+    def _sources(self, motion: Shot, at: Instants, partials: Partials) -> Sources:
+        """What values depend on directly: states at ends of steps, torques, lengths."""
         n, which = self._n, partials.at
-        nodes = at.interval[which] + (at.share[which] >= 1.0)
-        seeds, direct = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
+        interval = at.interval[which]
+        seeds, by_control = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
         for part, target in (
             (partials.by_q, seeds[:, :n]),
             (partials.by_v, seeds[:, n:]),
-            (partials.by_u, direct),
+            (partials.by_u, by_control),
         ):
             if part is not None:
                 target += part
         if partials.by_a is not None:
-            u = motion.u[at.interval[which]]
-            slopes = self.system.dynamics.forward_jacobians(motion.x[nodes], u)
+            x, u = motion.states(at)[which], motion.u[interval]
+            slopes = self.system.dynamics.forward_jacobians(x, u)
             seeds += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[:, n:])
-            direct += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[:, n:])
-        return nodes, seeds, direct
+            by_control += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[:, n:])
+        step, share = motion.steps(at)
+        step, weights = step[which], stage_weights(share[which])
+        by_length = np.zeros(which.size)
+        first, last = weights[:, :1] * seeds, weights[:, 2:] * seeds
+        inside = np.flatnonzero(weights[:, 1])
+        if inside.size:
+            inner = motion.defects.inner[step[inside]]
+            stage = weights[inside, 1:2] * np.einsum("kj,kji->ki", seeds[inside], inner)
+            first[inside] += stage[:, : 2 * n]
+            last[inside] += stage[:, 2 * n : 4 * n]
+            by_control[inside] += stage[:, 4 * n : 5 * n]
+            by_length[inside] += stage[:, 5 * n] / self.substeps
+        begins, ends = (np.flatnonzero(np.any(part, axis=1)) for part in (first, last))
+        return Sources(
+            np.concatenate([begins, ends]),
+            np.concatenate([step[begins], step[ends] + 1]),
+            np.concatenate([first[begins], last[ends]]),
+            by_control,
+            by_length,
+        )
 
     def attention(self, steps: StepBounds | None) -> float:
         """Distances are costly to differentiate; the others wait."""

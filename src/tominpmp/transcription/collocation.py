@@ -43,6 +43,7 @@ from tominpmp.transcription.integrator import (
     differentiate_defects,
     evaluate_defects,
     solve_inner_stage,
+    stage_weights,
 )
 from tominpmp.transcription.system import System
 
@@ -92,24 +93,9 @@ class LiftedMotion:
             self.dynamics, self.x[:-1], self.x[1:], self.u, self.h, self.stage.x
         )
 
-    def weights(self, at: Instants) -> Array:
-        """Weights of start, inner stage and end of the intervals, shape (m, 3).
-
-        Those of the polynomial through them, which the collocation is named for.
-        """
-        s, c = at.share, NODES[0]
-        return np.stack(
-            [
-                (s - c) * (s - 1.0) / c,
-                s * (s - 1.0) / (c * (c - 1.0)),
-                s * (s - c) / (1.0 - c),
-            ],
-            axis=1,
-        )
-
     def states(self, at: Instants) -> Array:
         """States at instants, shape (m, 2n)."""
-        weights, k = self.weights(at), at.interval
+        weights, k = stage_weights(at.share), at.interval
         x = weights[:, :1] * self.x[k] + weights[:, 2:] * self.x[k + 1]
         if np.any(weights[:, 1]):
             x = x + weights[:, 1:2] * self.stage.x[k]
@@ -322,7 +308,7 @@ class CollocationTranscription(Transcription[LiftedMotion]):
             slopes = motion.slopes(at)
             by_x += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[which, n:])
             by_u += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[which, n:])
-        weights = motion.weights(at)[which]
+        weights = stage_weights(at.share[which])
         parts = [
             weights[:, :1] * by_x,
             weights[:, 2:] * by_x,

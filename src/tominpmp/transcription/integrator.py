@@ -108,6 +108,23 @@ class Sensitivities(NamedTuple):
     c: Array
 
 
+def stage_weights(share: Array) -> Array:
+    """Weights of start, inner stage and end in the states within steps, shape (m, 3).
+
+    Those of the polynomial through them, which a collocation is named for.
+
+    Args:
+        share: Where in the step, from 0 to 1, shape (m,).
+    """
+    s, c = share, NODES[0]
+    parts = (
+        (s - c) * (s - 1.0) / c,
+        s * (s - 1.0) / (c * (c - 1.0)),
+        s * (s - c) / (1.0 - c),
+    )
+    return np.stack(parts, axis=1)
+
+
 def solve_inner_stage(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array
 ) -> Stage:
@@ -285,15 +302,20 @@ def differentiate_rollout(dynamics: Dynamics, motion: Rollout) -> Sensitivities:
     by = differentiate_defects(
         dynamics, motion.x[:-1], motion.x[1:], motion.u, motion.h, motion.inner
     )
-    size, n = motion.x.shape[1], motion.u.shape[1]
+    return compose_steps(by, motion.substeps)
+
+
+def compose_steps(by: DefectJacobians, substeps: int) -> Sensitivities:
+    """Derivatives of intervals of so many steps each, from those of the steps."""
+    size, n = by.by_control.shape[1:]
     right = np.concatenate(
         [by.by_start, by.by_control, by.by_length[..., None]], axis=2
     )
     # The end of a step makes its defect zero.
-    parts = -_solve(by.by_end, right).reshape(-1, motion.substeps, size, size + n + 1)
-    parts[..., -1] /= motion.substeps
+    parts = -_solve(by.by_end, right).reshape(-1, substeps, size, size + n + 1)
+    parts[..., -1] /= substeps
     total = parts[:, 0]
-    for s in range(1, motion.substeps):
+    for s in range(1, substeps):
         A = parts[:, s, :, :size]
         carried = A @ total
         carried[..., size:] += parts[:, s, :, size:]

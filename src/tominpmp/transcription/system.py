@@ -152,7 +152,7 @@ class System:
             found.append(AccelerationLimit.symmetric(acceleration))
             found.append(JerkLimit.symmetric(extra.by_joint("jerk", names)))
         found.append(PositionLimit.between(lower, upper, self.step_scale))
-        found.append(self.clearance)
+        found += [self.clearance, *problem.ready_constraints]
         return tuple(item for item in found if item is not None)
 
     def _motor_limits(self, limits: MotionLimits) -> list[Constraint | None]:

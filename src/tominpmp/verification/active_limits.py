@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,8 +21,13 @@ from tominpmp.verification.variations import (
     certificate_grid,
 )
 
+if TYPE_CHECKING:
+    from tominpmp.constraints import PathConstraint
+
 # Clearances beyond this, in shares of the reach, are no rows.
 ATTENTION = 0.03
+# Other constraints farther below their limits, in units of their scale, are no rows.
+NEAR_CONSTRAINT = 0.1
 # Torques are rows in the middle of an interval where they are larger there than at both
 # of its ends by this share of their limits, and near them.
 BULGE = 1e-3
@@ -45,7 +51,9 @@ class LimitRows:
         subject: Joint of each row, or pair, shape (m,).
         share: Where in its interval each row stands, from 0 to 1.
         mean: Whether it is the mean of both ends instead.
-        slopes: Derivatives by the positions there, shape (m, n); clearances only.
+        slopes: Derivatives by the positions there, shape (m, n); of clearances and
+            other constraints on states.
+        speed_slopes: Derivatives by the velocities there, likewise.
         unit: A unit of the rows in units of the limit: the reach for clearances [m].
     """
 
@@ -58,6 +66,7 @@ class LimitRows:
     share: float = 0.5
     mean: bool = False
     slopes: Array | None = None
+    speed_slopes: Array | None = None
     unit: float = 1.0
 
     def kept(self, rows: IntArray) -> LimitRows:
@@ -352,6 +361,66 @@ class Motion:
                 )
             )
         return out
+
+    # -- what else the problem asks for ------------------------------------------------
+
+    def constraints(self) -> list[LimitRows]:
+        """Constraints of the problem that are near their limits."""
+        out = []
+        for index, item in enumerate(self.task.problem.ready_constraints):
+            for share in (0.5, 1.0):
+                rows = self._constraint(index, item, share)
+                if rows is not None:
+                    out.append(rows)
+        return out
+
+    def _constraint(
+        self, index: int, item: PathConstraint, share: float
+    ) -> LimitRows | None:
+        changes, n = self.changes, self.changes.n
+        times = changes.t[:-1] + (share - HAIR if share == 1.0 else share) * changes.h
+        state = self.trajectory(times)
+        every = [
+            item.value(*row) for row in zip(state.q, state.v, state.a, strict=True)
+        ]
+        values = np.array([row[0] for row in every])
+        k = np.flatnonzero(values > -NEAR_CONSTRAINT)
+        if not k.size:
+            return None
+        sources = (
+            changes.position_at(share, state.q),
+            changes.velocity_at(share, state.v),
+            changes.fixed(
+                (1.0 - share) * changes.accelerations(0)
+                + share * changes.accelerations(1)
+            ),
+        )
+        parts, slopes = [], []
+        for order, source in enumerate(sources, 1):
+            by = np.array([every[i][order] for i in k])
+            slopes.append(by if by.size else np.zeros((k.size, n)))
+            if by.size:
+                columns = k[:, None] * n + np.arange(n)
+                starts = np.arange(k.size + 1) * n
+                shape = k.size, changes.N * n
+                pick = sp.csr_matrix((by.ravel(), columns.ravel(), starts), shape=shape)
+                parts.append(source.after(pick))
+        total = Change(
+            sum((part.matrix for part in parts[1:]), parts[0].matrix),
+            sum((part.by_length for part in parts[1:]), parts[0].by_length),
+        )
+        return LimitRows(
+            kind=item.name,
+            change=total,
+            lower=np.full(k.size, -np.inf),
+            upper=np.maximum(-values[k], 0.0),
+            interval=k,
+            subject=np.full(k.size, index),
+            share=share,
+            slopes=slopes[0],
+            speed_slopes=slopes[1],
+            unit=item.scale,
+        )
 
 
 def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:

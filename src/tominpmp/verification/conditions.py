@@ -30,6 +30,9 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
     if kind == "clearance":
         one, other = problem.checker.pairs[subject]
         return f"{one} and {other}"
+    for item in problem.constraints:
+        if item.name == kind:
+            return item.subject
     return problem.robot.joint_names[subject]
 
 
@@ -192,6 +195,13 @@ class _Failures:
             )
         if kind == GOAL:
             return f"Most of it, {share}, is in where the motion ends."
+        constraints = self.motion.task.problem.constraints
+        if kind in {item.name for item in constraints}:
+            return (
+                f"Most of it, {share}: the {kind} stays off the limit that its "
+                f"multiplier asks for, by {room:.3g} {constraints[subject].unit} and "
+                f"most at {when:.3f} s."
+            )
         what = {"effort": "torque"}.get(kind, kind)
         side = "upper" if given.upper[peak] else "lower"
         far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"

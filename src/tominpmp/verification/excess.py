@@ -37,7 +37,7 @@ class Excess:
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
-            "effort rate", "feedback", "clearance" or "duration".
+            "effort rate", "feedback", "clearance", "duration", or a constraint's name.
         name: The joint, the frame, or the pair as "one and other".
         time: When [s].
         amount: How far beyond the limit, or from the goal; negative is room left.
@@ -72,6 +72,8 @@ class Excess:
             verb = "lack" if self.amount > 0.0 else "have more than"
             return f"{self.name} {verb} {amount} of clearance at {self.time:.3f} s"
         side = "beyond" if self.amount > 0.0 else "within"
+        if self.kind not in UNITS and self.kind != "feedback":
+            return f"the {self.kind} is {amount} {side} its limit at {self.time:.3f} s"
         return (
             f"joint {self.name} is {amount} {side} its {self.kind} limit at "
             f"{self.time:.3f} s"
@@ -141,7 +143,36 @@ class _Limits:
         extra = self.problem.motion_limits
         if extra is not None:
             found += self._extra(extra)
+        found += self._constraints()
         return [item for item in found if item is not None]
+
+    def _constraints(self) -> list[Excess | None]:
+        """What the problem asks for beyond the limits of the robot."""
+        rows, n = self.rows, len(self.joints)
+        found: list[Excess | None] = []
+        for item in self.problem.ready_constraints:
+            a = np.zeros((rows.t.size, 0))
+            if item.order >= 2:
+                x = np.concatenate([rows.q, rows.v], axis=1)
+                a = RobotDynamics(self.problem.robot).forward(x, rows.u)[:, n:]
+            states = zip(rows.q, rows.v, a, strict=True)
+            sizes = np.array([item.measure(*state) for state in states])
+            sizes = np.where(np.isfinite(sizes), sizes, np.inf)
+            k = int(np.argmax(sizes))
+            amount = float(sizes[k]) - item.largest
+            share = amount / item.scale
+            found.append(
+                Excess(
+                    item.name,
+                    item.subject,
+                    float(rows.t[k]),
+                    amount,
+                    item.unit,
+                    share,
+                    share > self.tolerance,
+                )
+            )
+        return found
 
     def _effort(self) -> Excess | None:
         limits, rows = self.problem.robot.limits, self.rows

@@ -135,7 +135,8 @@ class _Program:
             else rows
             for rows in motion.efforts()
         ]
-        self.limits = [*efforts, *motion.declared(), *motion.clearances()]
+        others = [*motion.declared(), *motion.clearances(), *motion.constraints()]
+        self.limits = [*efforts, *others]
         self.goal = self._goal()
 
     # -- columns -----------------------------------------------------------------------
@@ -276,6 +277,9 @@ class _Program:
             if rows.slopes is not None:
                 target = pushes if rows.share < 1.0 else jumps[:, :n]
                 np.add.at(target, rows.interval, self.T * y[:, None] * rows.slopes)
+            if rows.speed_slopes is not None and rows.share == 1.0:
+                falls = self.T * y[:, None] * rows.speed_slopes
+                np.add.at(jumps[:, n:], rows.interval, falls)
         multipliers = self._multipliers(duals, slopes, shift)
         costates = -duals[:states].reshape(N, -1) * self.T / self.state_scale
         return FirstOrder(

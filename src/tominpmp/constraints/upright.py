@@ -1,0 +1,110 @@
+"""Keeping an axis of a tool within a cone: a cup that is not to be spilled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, frozen_array
+from tominpmp.constraints.path import (
+    PathConstraint,
+    frame_name,
+    positive,
+    rounded_length,
+)
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals.base import goal_vector
+from tominpmp.goals.direction import deviation
+from tominpmp.robot import Robot
+
+NONE = np.zeros(0)
+# Narrower cones are measured by this angle, so that rows stay of order one [rad].
+LEAST_SCALE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class KeepUpright(PathConstraint):
+    """An axis of a frame stays within a cone about a direction, at all times.
+
+    The frame may turn about the axis in any way.
+
+    Attributes:
+        frame: Name of the frame.
+        axis: Axis in the frame, shape (3,); of any length.
+        direction: Direction in the world, shape (3,); of any length.
+        tolerance: Largest angle between them [rad].
+
+    Raises:
+        ProblemError: If a vector is zero, or the tolerance no angle above zero.
+    """
+
+    frame: str
+    axis: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    direction: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    tolerance: float = 0.1
+
+    order = 0
+    unit = "rad"
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        for name in ("axis", "direction"):
+            expected = "three numbers, not all zero"
+            vector = goal_vector(getattr(self, name), name, expected, 3)
+            largest = float(np.max(np.abs(vector)))
+            if largest == 0.0:
+                raise ProblemError(
+                    f"{name} is {vector.tolist()}, expected {expected}", name
+                )
+            vector = vector / largest  # so that no square overflows
+            if abs(float(vector @ vector) - 1.0) > 4e-16:
+                vector = vector / np.linalg.norm(vector)
+            object.__setattr__(self, name, frozen_array(vector))
+        angle = positive(self.tolerance, "tolerance", self.unit, most=np.pi)
+        object.__setattr__(self, "tolerance", angle)
+
+    @property
+    def name(self) -> str:
+        """Tilt, and of what."""
+        return f"tilt of {self.subject}"
+
+    @property
+    def subject(self) -> str:
+        """The frame."""
+        return f"frame {self.frame}"
+
+    @property
+    def largest(self) -> float:
+        """The tolerance."""
+        return self.tolerance
+
+    @property
+    def scale(self) -> float:
+        """The tolerance, or a small angle if it is less."""
+        return max(self.tolerance, LEAST_SCALE)
+
+    def validate(self, robot: Robot) -> None:
+        """Check that the robot has the frame."""
+        robot.frame_id(self.frame)
+
+    def _deviation(self, q: Array) -> tuple[Array, Array]:
+        """Deviation as two angles, and its derivative by a turn of the frame."""
+        place = self.kinematics.placement(q, self.frame)
+        turned = np.asarray(place.rotation @ self.axis)
+        found, by_axis = deviation(turned, self.direction)
+        return found, np.cross(turned, by_axis)
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The angle [rad]."""
+        return float(np.linalg.norm(self._deviation(q)[0]))
+
+    def value(self, q: Array, v: Array, a: Array) -> tuple[float, Array, Array, Array]:
+        """The angle beyond the tolerance, in units of the scale."""
+        found, by_turn = self._deviation(q)
+        by_q = by_turn @ self.kinematics.jacobian(q, self.frame)[3:] / self.scale
+        value, by = rounded_length(
+            found / self.scale, by_q, self.tolerance / self.scale
+        )
+        return value, by, NONE, NONE
