@@ -11,6 +11,7 @@ from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
 START = (0.5, 1.7, -1.7)
@@ -41,8 +42,9 @@ def planar(goal=GOALS["joint"], **kwargs):
 
 
 def build(problem, degree, seed=0):
-    nlp = BSplineTranscription(System.of(problem), interval_shares("cosine", 7), degree)
-    rng = np.random.default_rng(seed)
+    shares = interval_shares("cosine", 7)
+    transcription = BSplineTranscription(System.of(problem), shares, degree)
+    nlp, rng = NonlinearProgram.of(transcription), np.random.default_rng(seed)
     return nlp, np.append(0.5 + 0.5 * rng.normal(size=nlp.size - 1), 1.2)
 
 
@@ -78,7 +80,8 @@ def test_trajectory_is_the_spline_and_begins_as_asked(degree):
     nlp, z = build(problem, degree)
     motion = nlp.trajectory(z)
     times = np.linspace(0.0, z[-1], 57)
-    q = nlp._basis.at(times / z[-1], 0) @ nlp.points(z)
+    spline = nlp.transcription
+    q = spline.basis.at(times / z[-1], 0) @ spline.points(z)
     np.testing.assert_allclose(motion(times).q, q, atol=1e-12)
     step = 1e-5
     middle = motion(times[1:-1])

@@ -12,7 +12,8 @@ from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bounds import BALLS, Enclosure
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.shapes import Outline
-from tominpmp.constraints import CACHES, ClearanceConstraint
+from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import CACHES
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
 

@@ -12,6 +12,7 @@ from tominpmp.solution import Status
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.integrator import rollout
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
 START = np.array([0.5, 1.7, -1.7])
@@ -34,7 +35,8 @@ MOVING = planar(
 
 def build(problem, intervals=INTERVALS):
     shares = np.full((intervals, 1), 1.0 / intervals)
-    return CollocationTranscription(System.of(problem), shares, 1.0)
+    transcription = CollocationTranscription(System.of(problem), shares, 1.0)
+    return NonlinearProgram.of(transcription)
 
 
 def kind_rows(nlp, kind):
@@ -43,18 +45,18 @@ def kind_rows(nlp, kind):
 
 def fall(nlp, T=0.4):
     """States, torques and duration of the arm left to itself."""
-    problem, N = nlp.system.problem, nlp.shares.shape[0]
+    problem, N = nlp.system.problem, nlp.transcription.shares.shape[0]
     u = np.zeros((N, nlp.system.n))
     v = np.zeros(nlp.system.n) if problem.v_start is None else problem.v_start
     x = np.concatenate([problem.q_start, v])
-    motion = rollout(nlp.system.dynamics, x, u, nlp.shares[:, 0] * T)
+    motion = rollout(nlp.system.dynamics, x, u, nlp.transcription.shares[:, 0] * T)
     return motion, u, np.array([T])
 
 
 def test_an_integrated_motion_has_no_defects():
     nlp = build(MOVING)
     motion, u, eta = fall(nlp)
-    values = nlp.evaluate(nlp.pack(motion.nodes, u, eta))
+    values = nlp.evaluate(nlp.transcription.pack(motion.nodes, u, eta))
     np.testing.assert_allclose(values[kind_rows(nlp, "dynamics")], 0.0, atol=1e-10)
     # The states at a third of the intervals keep the velocity limits too.
     limits = nlp.system.problem.robot.limits.velocity
@@ -69,7 +71,7 @@ def test_what_is_known_replaces_what_is_given(rng):
     nlp = build(JOINT)
     x = 10.0 * rng.normal(size=(INTERVALS + 1, 6))
     u = 100.0 * rng.normal(size=(INTERVALS, 3))
-    states, torques, h = nlp.split(nlp.pack(x, u, np.array([1.5])))
+    states, torques, h = nlp.transcription.split(nlp.transcription.pack(x, u, np.array([1.5])))
     limits = JOINT.robot.limits
     np.testing.assert_array_equal(states[0], [*START, 0, 0, 0])
     np.testing.assert_array_equal(states[-1], [0.5, 1, 1, 0, 0, 0])
@@ -86,17 +88,17 @@ def test_steps_stay_within_limits_and_trust_region(rng, problem, radius):
     x = np.tile([*START, 0, 0, 0], (INTERVALS + 1, 1))
     x += 0.3 * rng.normal(size=x.shape)
     u = problem.robot.limits.effort_upper * rng.uniform(-1, 1, (INTERVALS, 3))
-    z = nlp.pack(x, u, np.array([0.8]))
+    z = nlp.transcription.pack(x, u, np.array([0.8]))
     steps = nlp.step_bounds(z, radius)
     assert np.all(steps.lower <= 0) and np.all(steps.upper >= 0)
     limits = problem.robot.limits
     for step in (steps.lower, steps.upper):
-        states, torques, h = nlp.split(z + step)
+        states, torques, h = nlp.transcription.split(z + step)
         assert np.all(states[:, :3] >= limits.position_lower - 1e-12)
         assert np.all(states[:, :3] <= limits.position_upper + 1e-12)
         assert np.all(np.abs(torques) <= limits.effort_upper + 1e-12)
         assert np.all(h > 0)
-        moved = states - nlp.split(z)[0]
+        moved = states - nlp.transcription.split(z)[0]
         assert np.abs(moved[:, :3]).max() <= radius + 1e-12
         assert not moved[0].any()
         if problem is JOINT:
@@ -109,10 +111,10 @@ def test_a_joint_without_a_motor_keeps_its_torque():
         tm.JointGoal((0.5, 1, 1)), effort={"joint2": 0.0}, gravity=(0, 0, 0)
     )
     nlp = build(problem)
-    z = nlp.start(np.tile(START, (INTERVALS + 1, 1)), np.array([1.0]))
+    z = nlp.transcription.start(np.tile(START, (INTERVALS + 1, 1)), np.array([1.0]))
     steps = nlp.step_bounds(z, 1.0)
-    _, more, _ = nlp.split(z + steps.upper)
-    _, less, _ = nlp.split(z + steps.lower)
+    _, more, _ = nlp.transcription.split(z + steps.upper)
+    _, less, _ = nlp.transcription.split(z + steps.lower)
     np.testing.assert_array_equal(more[:, 1], 0.0)
     np.testing.assert_array_equal(less[:, 1], 0.0)
     assert np.all(more[:, [0, 2]] > less[:, [0, 2]])
@@ -124,8 +126,8 @@ def test_a_start_follows_a_path():
     nlp = build(MOVING)
     t = np.linspace(0.0, 0.8, INTERVALS + 1)[:, None]
     v0, a = MOVING.v_start, np.array([0.4, -0.3, 0.2])
-    z = nlp.start(START + v0 * t + 0.5 * a * t**2, np.array([0.8]))
-    states, torques, _ = nlp.split(z)
+    z = nlp.transcription.start(START + v0 * t + 0.5 * a * t**2, np.array([0.8]))
+    states, torques, _ = nlp.transcription.split(z)
     np.testing.assert_allclose(states[:, 3:], v0 + a * t, atol=1e-12)
     middle = 0.5 * (states[:-1] + states[1:])
     expected = nlp.system.dynamics.inverse(
@@ -141,7 +143,7 @@ def test_clearances_enter_only_where_the_step_can_bring_contact():
     # From far above the obstacle to near it.
     end = np.array([0.63, -0.56, -2.08])
     path = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (end - START)
-    z = nlp.start(path, np.array([1.0]))
+    z = nlp.transcription.start(path, np.array([1.0]))
     values = nlp.evaluate(z)
     rows = kind_rows(nlp, "clearance")
     chosen = nlp.linearize(z, values, nlp.step_bounds(z, 0.02)).rows
@@ -155,14 +157,14 @@ def test_variation_counts_jumps_in_full_ranges():
     limits = JOINT.robot.limits.effort_upper
     u = np.zeros((INTERVALS, 3))
     u[3:, 0], u[:5, 2] = limits[0], -limits[2]
-    z = nlp.pack(np.zeros((INTERVALS + 1, 6)), u, np.array([1.0]))
+    z = nlp.transcription.pack(np.zeros((INTERVALS + 1, 6)), u, np.array([1.0]))
     assert nlp.variation(z).total(z) == pytest.approx(0.5 + 0.5)
 
 
 def test_stretching_keeps_the_path():
     nlp = build(JOINT)
     line = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (JOINT.goal.q - START)
-    z = nlp.start(line, np.array([2.0]))
+    z = nlp.transcription.start(line, np.array([2.0]))
     fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.stretch(z, 3.0))
     np.testing.assert_allclose(slow.q, fast.q)
     np.testing.assert_allclose(slow.v, fast.v / 3.0)
@@ -181,7 +183,7 @@ def on_a_rail(velocity=1e3):
     """One metre with 2 m/s^2, from rest to rest."""
     robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
     nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), 20)
-    return nlp, nlp.start(np.linspace(0, 1, 21)[:, None], np.array([4.0]))
+    return nlp, nlp.transcription.start(np.linspace(0, 1, 21)[:, None], np.array([4.0]))
 
 
 def test_a_mass_on_a_rail_takes_its_least_time():
@@ -218,7 +220,7 @@ def test_the_papers_example(free, gravity, end, least, most):
     problem = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=scene, **changes)
     nlp = build(problem, 75)
     path = START + np.linspace(0, 1, 76)[:, None] * (np.array(end) - START)
-    result = solve(nlp, nlp.start(path, np.array([1.5])))
+    result = solve(nlp, nlp.transcription.start(path, np.array([1.5])))
     assert result.status is Status.CONVERGED
     assert len(result.history) <= 25
     assert least <= result.best.duration <= most

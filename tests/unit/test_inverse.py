@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.transcription.exchange import Extra
+from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.spline_rows import Instants
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
@@ -34,37 +35,30 @@ PROBLEMS = {
 }
 
 
-def build(problem, rng, *, intervals=7, free=False, extra=None):
+def build(problem, rng, *, intervals=7, free=False):
     system = System.of(problem)
     shares = np.eye(intervals) if free else interval_shares("cosine", intervals)
-    nlp = InverseTranscription(system, shares, 1.0, extra)
+    nlp = InverseTranscription(system, shares, 1.0)
     points = np.array(START) + 0.3 * rng.normal(size=(intervals, 3))
     points[0] = START
     v_end = system.final_velocity
     if v_end is None:
         v_end = 0.2 * rng.normal(size=3)
     eta = rng.uniform(0.1, 0.3, intervals) if free else np.array([1.3])
-    return nlp, nlp.pack(points, v_end, eta)
+    z = nlp.pack(points, v_end, eta)
+    return NonlinearProgram.of(nlp).at(z), z
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-@pytest.mark.parametrize("free", [False, True])
-def test_jacobian_against_differences(name, free):
-    rng = np.random.default_rng(1)
-    more = Instants(np.array([0, 3, 6]), np.array([0.3, 0.5, 0.8]))
-    extra = Extra(torque=more, clearance=more)
-    nlp, z = build(PROBLEMS[name], rng, free=free, extra=extra)
-    steps = nlp.step_bounds(z, 10.0)
-    linearization = nlp.linearize(z, nlp.evaluate(z), steps)
-    analytic = linearization.matrix.toarray()
-    step = 1e-6
-    for i in range(3, nlp.size):  # the first point is the start and does not move
-        shift = np.zeros(nlp.size)
-        shift[i] = step
-        up, down = nlp.evaluate(z + shift), nlp.evaluate(z - shift)
-        expected = (up - down)[linearization.rows] / (2 * step)
-        scale = max(1.0, float(np.abs(expected).max()))
-        np.testing.assert_allclose(analytic[:, i], expected, atol=1e-6 * scale)
+def block_of(nlp, kind):
+    return next(block for block in nlp.blocks if block.name == kind)
+
+
+def added(more, nlp, kind):
+    """Instants that came on top."""
+    before, after = block_of(nlp, kind).fixed, block_of(more, kind).fixed
+    np.testing.assert_array_equal(after.interval[: before.size], before.interval)
+    np.testing.assert_array_equal(after.share[: before.size], before.share)
+    return Instants(after.interval[before.size :], after.share[before.size :])
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -87,7 +81,7 @@ def test_points_bound_the_curve():
     """Position limits on the points hold on the whole curve (convex hull)."""
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(3))
     motion = nlp.trajectory(z)
-    points = nlp.spline(z).points
+    points = nlp.transcription.motion(z).points
     q = motion(np.linspace(0, motion.duration, 2000)).q
     low, high = points.min(axis=0), points.max(axis=0)
     ends = motion.q[[0, -1]]
@@ -108,15 +102,19 @@ def test_torque_rows_are_the_torques_of_the_motion():
 
 def test_overloaded_instants_are_found_between_the_nodes():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(5))
-    found = nlp.inspect(z, 1e-3).torque
+    more = exchanged(nlp, z, 1e-3)
+    found = added(more, nlp, "torque")
     motion = nlp.trajectory(z)
     t = motion.t[found.interval] + found.share * np.diff(motion.t)[found.interval]
     load = np.abs(motion(t).u) / nlp.system.problem.robot.limits.effort_upper
     assert found.interval.size > 0
     assert np.all(load.max(axis=1) > 1.0 + 1e-3)
-    extra = Extra(torque=found)
-    more = nlp.with_rows(extra).with_rows(extra)
-    assert more.rows.size == nlp.rows.size + 2 * 3 * found.interval.size
+    # None of them is taken for another that is known.
+    assert len(set(zip(found.interval, found.share, strict=True))) == found.size
+    assert more.rows.size == nlp.rows.size + 3 * found.size
+    rows = more.evaluate(z)[more.rows.kind == more.rows.kinds.index("torque")]
+    expected = motion(t).u / nlp.system.problem.robot.limits.effort_upper
+    np.testing.assert_allclose(rows[-expected.size :], expected.ravel(), atol=1e-9)
 
 
 def test_closest_instants_are_found_between_the_rows():
@@ -127,16 +125,23 @@ def test_closest_instants_are_found_between_the_rows():
     system = nlp.system
     q = np.linspace(START, (1.5, 0.5, 0.5), 6)
     z[: q.size] = q.ravel()
-    at = nlp.inspect(z, 1e-3).clearance
-    missing = system.clearance.values(at.states(nlp.spline(z))[0])
+    # Of torques nothing is to be found, however large they are.
+    more = exchanged(nlp, z, np.inf)
+    at = added(more, nlp, "clearance")
+    motion = nlp.transcription.motion(z)
+
+    def clearances(instants):
+        return system.clearance.values(nlp.transcription.states(motion, instants, 0).q)
+
+    missing = clearances(at)
     dense = Instants(np.repeat(np.arange(6), 400), np.tile(np.linspace(0, 1, 400), 6))
-    worst = system.clearance.values(dense.states(nlp.spline(z))[0]).max()
+    worst = clearances(dense).max()
     assert at.size > 0
     assert np.all(missing.max(axis=1) > 1e-6)
     assert missing.max() > 0.5 * worst
-    more = nlp.with_rows(Extra(clearance=at))
     assert more.rows.size == nlp.rows.size + at.size * system.clearance.count
-    assert more.inspect(z, 1e-3).clearance.size < at.size
+    again = exchanged(more, z, np.inf)
+    assert again is None or added(again, more, "clearance").size < at.size
 
 
 def test_variation_is_the_jumps_of_acceleration():

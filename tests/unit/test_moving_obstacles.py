@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -14,10 +15,10 @@ from tominpmp.transcription import adjoint, bspline, inverse
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.exchange import Extra
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.spline_rows import Instants
+from tominpmp.transcription.program import NonlinearProgram, Sampled
 from tominpmp.transcription.system import System
 
 START = np.array([0.5, 1.0, -1.0])
@@ -221,6 +222,17 @@ def test_a_start_in_collision_is_judged_at_the_start():
 # Rows
 
 
+def with_clearances(program: NonlinearProgram, more: Instants) -> NonlinearProgram:
+    """The program with rows of clearances at more instants."""
+    blocks = tuple(
+        replace(block, fixed=block.fixed.joined(more))
+        if isinstance(block, Sampled) and block.name == "clearance"
+        else block
+        for block in program.blocks
+    )
+    return replace(program, blocks=blocks)
+
+
 def build(kind: str, problem: tm.Problem, seed: int):
     """A transcription and a random motion near the way from START to END."""
     system, rng = System.of(problem), np.random.default_rng(seed)
@@ -235,19 +247,20 @@ def build(kind: str, problem: tm.Problem, seed: int):
         more = Instants(np.array([0, 2, 6]), np.array([0.3, 0.7, 0.2]))
         free = kind == "free lengths"
         lengths = np.eye(INTERVALS) if free else shares
-        nlp = InverseTranscription(system, lengths, 1.1, Extra(clearance=more))
+        nlp = InverseTranscription(system, lengths, 1.1)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
-        return nlp, nlp.pack(q[:-1], np.zeros(3), eta)
+        program = with_clearances(NonlinearProgram.of(nlp), more)
+        return program, nlp.pack(q[:-1], np.zeros(3), eta)
     if kind == "collocation":
         nlp = CollocationTranscription(system, shares, 1.1)
         v = 0.3 * rng.normal(size=q.shape)
-        return nlp, nlp.pack(np.hstack([q, v]), u, T)
+        return NonlinearProgram.of(nlp), nlp.pack(np.hstack([q, v]), u, T)
     if kind == "adjoint":
         nlp = AdjointTranscription(system, shares, 1.1)
-        return nlp, nlp.pack(u, np.array([0.3]))
+        return NonlinearProgram.of(nlp), nlp.pack(u, np.array([0.3]))
     nlp = BSplineTranscription(system, shares, 5)
     times = np.concatenate([[0.0], np.cumsum(shares[:, 0])])
-    return nlp, nlp.fitted(times, q, 1.1)
+    return NonlinearProgram.of(nlp), nlp.fitted(times, q, 1.1)
 
 
 KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")

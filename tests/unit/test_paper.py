@@ -13,6 +13,7 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.solution import Status
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
 INTERVALS = 10
@@ -23,9 +24,10 @@ def on_a_rail(velocity=1e3):
     robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
-    nlp = AdjointTranscription(System.of(problem), shares, 1.0, instants="exact")
+    transcription = AdjointTranscription(System.of(problem), shares, 1.0)
+    nlp = NonlinearProgram.of(transcription, "exact")
     # No torque: the goal is missed by a metre.
-    return nlp, nlp.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
+    return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
 
 
 def solver(nlp, monitor=lambda record: None, **options):
@@ -55,21 +57,21 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
     before, after = (
         solver(nlp, max_iterations=count).run(z).iterate.z for count in (79, 80)
     )
-    moved = np.abs(nlp.split(after)[0] - nlp.split(before)[0]).max()
+    moved = np.abs(nlp.transcription.split(after)[0] - nlp.transcription.split(before)[0]).max()
     assert moved == pytest.approx(0.2)
 
 
 def test_steps_are_fixed_and_all_are_taken():
     nlp, z = on_a_rail()
     iterate = solver(nlp).init(z)
-    torque, duration = nlp.split(z)[0], nlp.cost @ z
+    torque, duration = nlp.transcription.split(z)[0], nlp.cost @ z
     # The violation is driven down first, whatever becomes of the duration.
     records = solver(nlp, max_iterations=30).run(z).history
     assert all(record.accepted for record in records)
     assert records[5].violation < iterate.violation
     for count in (1, 2, 3):
         one = solver(nlp, max_iterations=count).run(z).iterate
-        now = nlp.split(one.z)[0]
+        now = nlp.transcription.split(one.z)[0]
         assert np.abs(now - torque).max() == pytest.approx(0.2)
         assert abs(one.duration - duration) <= 0.02 + 1e-12
         torque, duration = now, one.duration
@@ -108,7 +110,7 @@ def test_an_interruption_keeps_what_there_is():
 
     kept = []
 
-    def keep(transcription, iterate):
+    def keep(program, iterate):
         kept.append(iterate)
 
     with pytest.raises(KeyboardInterrupt):
@@ -135,8 +137,9 @@ def test_the_papers_example_is_forced_to_be_feasible_first(obstacle):
         scene=scene,
     )
     shares = np.full((25, 1), 1.0 / 25)
-    nlp = AdjointTranscription(System.of(problem), shares, 1.5, instants="exact")
-    z = nlp.pack(np.zeros((25, 3)), np.array([1.5]))
+    transcription = AdjointTranscription(System.of(problem), shares, 1.5)
+    nlp = NonlinearProgram.of(transcription, "exact")
+    z = nlp.transcription.pack(np.zeros((25, 3)), np.array([1.5]))
     result = solver(nlp, max_iterations=160, feasibility=5e-3).run(z)
     assert result.history[0].violation > 1.0
     assert result.best is not None

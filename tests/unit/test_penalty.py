@@ -10,6 +10,7 @@ import tominpmp as tm
 from tominpmp.solution import Status
 from tominpmp.solvers.penalty import PenaltySolver, _Run
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
 INTERVALS = 10
@@ -20,8 +21,9 @@ def on_a_rail(**limits):
     robot = make_arm(slide(2.0), effort=4.0, **limits)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
-    nlp = AdjointTranscription(System.of(problem), shares, 1.0)
-    return nlp, nlp.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
+    transcription = AdjointTranscription(System.of(problem), shares, 1.0)
+    nlp = NonlinearProgram.of(transcription)
+    return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
 
 
 def test_it_ends_near_the_least_time():
@@ -30,7 +32,7 @@ def test_it_ends_near_the_least_time():
     assert result.status is Status.CONVERGED
     assert result.best.violation <= 1e-5
     assert LEAST * (1 - 1e-5) <= result.best.duration <= 1.02 * LEAST
-    torque, _ = nlp.split(result.best.z)
+    torque, _ = nlp.transcription.split(result.best.z)
     assert np.abs(torque).max() <= 4.0 * (1 + 1e-12)
 
 
@@ -65,8 +67,9 @@ def test_a_goal_out_of_reach_is_infeasible():
     goal = tm.PositionGoal("tip", (-4, 0, 0))
     problem = tm.Problem(robot, (0.5, 0.5, 0.5), goal)
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
-    nlp = AdjointTranscription(System.of(problem), shares, 1.5)
-    z = nlp.pack(np.zeros((INTERVALS, 3)), np.array([1.5]))
+    transcription = AdjointTranscription(System.of(problem), shares, 1.5)
+    nlp = NonlinearProgram.of(transcription)
+    z = nlp.transcription.pack(np.zeros((INTERVALS, 3)), np.array([1.5]))
     result = PenaltySolver(nlp, tm.Options()).run(z)
     assert result.status is Status.INFEASIBLE
     assert result.best is None
@@ -104,7 +107,7 @@ def test_an_interruption_keeps_what_there_is():
 
     kept = []
 
-    def keep(transcription, iterate):
+    def keep(program, iterate):
         kept.append(iterate)
 
     with pytest.raises(KeyboardInterrupt):
@@ -122,8 +125,9 @@ def test_the_papers_example_ends_above_the_linear_programs():
         tm.PositionGoal("tip", (4, 1, 0)),
     )
     shares = np.full((40, 1), 1.0 / 40)
-    nlp = AdjointTranscription(System.of(problem), shares, 1.5, instants="violated")
-    z = nlp.pack(np.zeros((40, 3)), np.array([1.5]))
+    transcription = AdjointTranscription(System.of(problem), shares, 1.5)
+    nlp = NonlinearProgram.of(transcription, "violated")
+    z = nlp.transcription.pack(np.zeros((40, 3)), np.array([1.5]))
     result = PenaltySolver(nlp, tm.Options(feasibility=1e-3)).run(z)
     assert result.status is Status.CONVERGED
     assert 0.8313 < result.best.duration < 0.983
