@@ -71,7 +71,9 @@ def test_what_is_known_replaces_what_is_given(rng):
     nlp = build(JOINT)
     x = 10.0 * rng.normal(size=(INTERVALS + 1, 6))
     u = 100.0 * rng.normal(size=(INTERVALS, 3))
-    states, torques, h = nlp.transcription.split(nlp.transcription.pack(x, u, np.array([1.5])))
+    states, torques, h = nlp.transcription.split(
+        nlp.transcription.pack(x, u, np.array([1.5]))
+    )
     limits = JOINT.robot.limits
     np.testing.assert_array_equal(states[0], [*START, 0, 0, 0])
     np.testing.assert_array_equal(states[-1], [0.5, 1, 1, 0, 0, 0])

@@ -57,7 +57,9 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
     before, after = (
         solver(nlp, max_iterations=count).run(z).iterate.z for count in (79, 80)
     )
-    moved = np.abs(nlp.transcription.split(after)[0] - nlp.transcription.split(before)[0]).max()
+    moved = np.abs(
+        nlp.transcription.split(after)[0] - nlp.transcription.split(before)[0]
+    ).max()
     assert moved == pytest.approx(0.2)
 
 

@@ -40,6 +40,7 @@ from tominpmp.transcription.integrator import (
     differentiate_defects,
     rollout,
     stage_weights,
+    stage_weights_by_share,
 )
 from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
@@ -112,7 +113,16 @@ class Shot:
     def states(self, at: Instants) -> Array:
         """States at instants, shape (m, 2n)."""
         step, share = self.steps(at)
-        weights, steps = stage_weights(share), self.rollout
+        return self._weighted(stage_weights(share), step)
+
+    def rates(self, at: Instants) -> Array:
+        """Derivatives by time of the states at instants, shape (m, 2n)."""
+        step, share = self.steps(at)
+        by_share = self._weighted(stage_weights_by_share(share), step)
+        return by_share / self.rollout.h[step, None]
+
+    def _weighted(self, weights: Array, step: IntArray) -> Array:
+        steps = self.rollout
         x = weights[:, :1] * steps.x[step] + weights[:, 2:] * steps.x[step + 1]
         return np.asarray(x + weights[:, 1:2] * steps.inner[step])
 
@@ -296,6 +306,10 @@ class AdjointTranscription(Transcription[Shot]):
         if order >= 2:
             a = self.system.dynamics.forward(x, u)[:, n:]
         return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
+
+    def rates(self, motion: Shot, at: Instants) -> Array:
+        """Slopes of the polynomials: velocities at the ends of the steps only."""
+        return motion.rates(at)[:, : self._n]
 
     def pull_back(
         self, motion: Shot, at: Instants, partials: Partials

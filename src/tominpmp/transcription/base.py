@@ -270,6 +270,14 @@ class Transcription(ABC, Generic[M]):
     def states(self, motion: M, at: Instants, order: int) -> States:
         """States at instants, with derivatives up to an order."""
 
+    def rates(self, motion: M, at: Instants) -> Array:
+        """Derivatives by time of the positions that :meth:`states` gives, (m, n).
+
+        These are the velocities where the positions between the nodes are those of a
+        motion, and slopes of whatever joins the nodes where they are not.
+        """
+        return self.states(motion, at, 1).v
+
     @abstractmethod
     def pull_back(self, motion: M, at: Instants, partials: Partials) -> sp.csr_matrix:
         """Derivatives by the unknowns, shape (k, size), from those by the states."""

@@ -44,6 +44,7 @@ from tominpmp.transcription.integrator import (
     evaluate_defects,
     solve_inner_stage,
     stage_weights,
+    stage_weights_by_share,
 )
 from tominpmp.transcription.system import System
 
@@ -95,7 +96,14 @@ class LiftedMotion:
 
     def states(self, at: Instants) -> Array:
         """States at instants, shape (m, 2n)."""
-        weights, k = stage_weights(at.share), at.interval
+        return self._weighted(stage_weights(at.share), at.interval)
+
+    def rates(self, at: Instants) -> Array:
+        """Derivatives by time of the states at instants, shape (m, 2n)."""
+        by_share = self._weighted(stage_weights_by_share(at.share), at.interval)
+        return by_share / self.h[at.interval, None]
+
+    def _weighted(self, weights: Array, k: IntArray) -> Array:
         x = weights[:, :1] * self.x[k] + weights[:, 2:] * self.x[k + 1]
         if np.any(weights[:, 1]):
             x = x + weights[:, 1:2] * self.stage.x[k]
@@ -289,6 +297,10 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         if order >= 2:
             a = self.system.dynamics.forward(x, u)[:, n:]
         return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
+
+    def rates(self, motion: LiftedMotion, at: Instants) -> Array:
+        """Slopes of the polynomials: velocities only where the defects are zero."""
+        return motion.rates(at)[:, : self._n]
 
     def pull_back(
         self, motion: LiftedMotion, at: Instants, partials: Partials

@@ -125,6 +125,17 @@ def stage_weights(share: Array) -> Array:
     return np.stack(parts, axis=1)
 
 
+def stage_weights_by_share(share: Array) -> Array:
+    """Derivatives of these weights by the share of the step, shape (m, 3).
+
+    Args:
+        share: Where in the step, from 0 to 1, shape (m,).
+    """
+    s, c = 2.0 * share, NODES[0]
+    parts = (s - c - 1.0) / c, (s - 1.0) / (c * (c - 1.0)), (s - c) / (1.0 - c)
+    return np.stack(parts, axis=1)
+
+
 def solve_inner_stage(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array
 ) -> Stage:

@@ -190,8 +190,8 @@ class Sampled:
         pinned: BoolArray = due[partials.at]
         if not pinned.any() or partials.by_q is None or partials.by_t is None:
             return partials
-        v = of.states(motion, at, 1).v[partials.at]
-        shift = np.einsum("kj,kj->k", partials.by_q, v)
+        rates = of.rates(motion, at)[partials.at]
+        shift = np.einsum("kj,kj->k", partials.by_q, rates)
         return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
 
     def adapted(
