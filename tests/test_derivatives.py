@@ -1,112 +1,406 @@
-"""Derivatives of the transcriptions: adjoint, sensitivities, central differences."""
+"""Derivatives of programs: every transcription with every constraint and kind of goal.
+
+All of them against central differences, whichever instants a constraint is looked at;
+weighted sums of rows against the Jacobian; and programs that are asked other things in
+between against fresh ones.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import tominpmp as tm
+from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.transcription import adjoint, bspline, inverse
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.grid import delayed_shares, interval_shares
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import differentiate_rollout, rollout
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram, Sampled
 from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
 
-# Largest difference, as a share of the largest entry of a column or of 1.
-DIFFERENCES = 1e-6
+Array = np.ndarray
+
+# Largest difference, as a share of the largest entry of a column or of 1; distances
+# come from iterations.
+DIFFERENCES, DISTANCES = 2e-6, 2e-5
 EXACT = 1e-10
 STEP = 1e-6
+# Links that touch or cross have distances that cannot be differentiated.
+APART = -5e-3
+# What Newton's iteration leaves, which begins with the last motion; distances are
+# remembered within their tolerance.
+NEWTON, REMEMBERED = 1e-8, 1e-6
 
-START = (0.5, 1.7, -1.7)
-OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+INTERVALS = 6
+START = np.array([0.5, 1.7, -1.7])
+MIDDLE = np.array([0.9, 1.0, -0.6])
+WRIST = np.array([0.1, -1.2, 0.8, 0.3, 0.5, 0.2])
+BALL = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
+JOINT = tm.JointGoal((0.5, 1, 1))
+CORNERS = tm.Waypoints(
+    times=(0.0, 0.11, 0.26, 2.1),
+    positions=[(-2.0, 6.0, 0.0), (-1.0, 5.5, 0.3), (0.5, 5.5, 0.0), (0.5, 6.5, 0.0)],
+)
+AT_ONCE = tm.ConstantVelocity(
+    velocity=(0.5, -1.0, 0.2), angular=(0.1, 0.2, 1.5), pivot=(-4, 4.5, 0), begin=0.07
+)
+MOVERS = tm.Scene(
+    [
+        tm.Capsule("corners", radius=0.3, length=1.5, motion=CORNERS),
+        tm.Capsule(
+            "at once", radius=0.3, length=1.5, position=(-3, 5, 0), motion=AT_ONCE
+        ),
+    ]
+)
+CURVES = {"joint1": EffortCurve.droop(20.0, 10.0), "joint3": EffortCurve.droop(9.0, 7)}
+STEADY = MotionLimits(acceleration=50.0, effort_scale=0.9, effort_curves=CURVES)
+SMOOTH = replace(STEADY, jerk=500.0, effort_rate={"joint1": 200.0, "joint2": 90.0})
 
 
-def planar(goal, velocity=5.0, **options):
-    robot = tm.load_robot("planar3r", velocity=velocity)
+def planar(goal: tm.Goal = JOINT, velocity: float = 5.0, **options) -> tm.Problem:
+    changed = [name for name in ("effort", "friction", "gravity") if name in options]
+    changes = {name: options.pop(name) for name in changed}
+    robot = tm.load_robot("planar3r", velocity=velocity, **changes)
     return tm.Problem(robot, START, goal, **options)
 
 
-PROBLEMS = {
-    "position goal, obstacle": planar(
-        tm.PositionGoal("tip", (4, 1, 0)), scene=OBSTACLE, margin=0.05
+def pose(turn: float = 0.7) -> pin.SE3:
+    return pin.SE3(pin.exp3(np.array([0.0, 0.0, turn])), np.array([4.0, 1.0, 0.0]))
+
+
+LINEAR = ("linear", "spline")
+PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
+    "position, obstacle": lambda: planar(
+        tm.PositionGoal("tip", (4, 1, 0)), scene=BALL, margin=0.05
     ),
-    "moving start and goal": planar(
+    "moving start and goal": lambda: planar(
         tm.JointGoal((0.5, 1, 1), v=(0.1, 0.2, 0.3)), v_start=(0.1, -0.2, 0.3)
     ),
-    "tip velocity": planar(tm.PositionGoal("tip", (4, 1, 0), v=(1, 0, 0))),
-    "one joint without a motor": tm.Problem(
-        tm.load_robot("planar3r", effort={"joint2": 0.0}, gravity=(0, 0, 0)),
-        START,
-        tm.JointGoal((0.5, 1, 1)),
+    "tip velocity": lambda: planar(
+        tm.PositionGoal("tip", (4, 1, 0), v=(1, 0, 0)), v_start=(0.1, 0.2, 0.3)
     ),
-    "ur5": tm.Problem(
+    "pose": lambda: planar(tm.PoseGoal("tip", pose())),
+    "region": lambda: planar(
+        tm.RegionGoal(
+            "tip", (-0.5, -0.5, -1), (0.5, 0.5, 1), pose=pose(), angle_tolerance=0.4
+        )
+    ),
+    "axis": lambda: planar(
+        tm.AxisGoal("tip", (1, 0, 0), (0, 1, 0), position=(4, 1, 0))
+    ),
+    "one joint without a motor": lambda: planar(
+        effort={"joint2": 0.0}, gravity=(0, 0, 0)
+    ),
+    "dry friction": lambda: planar(
+        friction=(2.0, 1.0, 0.0), v_start=(0.1, -0.2, 0.3), motion_limits=STEADY
+    ),
+    "obstacles with kinks": lambda: planar(scene=MOVERS, v_start=(0.3, -0.2, 0.3)),
+    "limits of accelerations and of torques over speed": lambda: planar(
+        v_start=(0.4, -0.2, 0.3), motion_limits=STEADY
+    ),
+    "limits of jerks and torque rates": lambda: planar(
+        tm.PositionGoal("tip", (4, 1, 0)), scene=BALL, motion_limits=SMOOTH
+    ),
+    "ur5": lambda: tm.Problem(
         tm.load_robot("ur5"),
-        (0.1, -1.2, 0.8, 0.3, 0.5, 0.2),
-        tm.JointGoal((0.4, -1.0, 0.5, 0.1, 0.2, 0.0)),
+        WRIST,
+        tm.JointGoal(WRIST + (0.3, 0.2, -0.3, -0.2, -0.3, 0)),
     ),
+}
+GRIDS = {
+    "": lambda: interval_shares("cosine", INTERVALS),
+    ", two columns": lambda: delayed_shares(4, 0.3),
+    ", free": lambda: np.eye(INTERVALS),
 }
 
 
-def grid(free, intervals=6):
-    """Lengths by one factor, or each of them free."""
-    even = np.full((intervals, 1), 1.0 / intervals)
-    return np.eye(intervals) if free else even
+def lengths(shares: Array, T: float, rng: np.random.Generator) -> Array:
+    """Lengths by the columns of the shares, for a motion of about T [s]."""
+    eta = rng.uniform(0.8, 1.2, shares.shape[1])
+    return eta * T / float(shares.sum(axis=0) @ eta)
 
 
-def torques(system, rng, intervals=6):
+def torques(system: System, rng: np.random.Generator, intervals: int) -> Array:
     limits = system.problem.robot.limits
     # Small ones: a wrist at full torque turns many times in an interval.
     share = rng.uniform(0.45, 0.55, (intervals, system.n))
     return limits.effort_lower + share * (limits.effort_upper - limits.effort_lower)
 
 
-def adjoint(problem, rng, free=False):
-    system = System.of(problem)
-    shares = grid(free)
-    nlp = AdjointTranscription(system, shares, 0.5)
-    eta = rng.uniform(0.05, 0.1, 6) if free else np.array([0.5])
-    return nlp, nlp.pack(torques(system, rng), eta)
+def middle(system: System) -> Array:
+    """Configuration near which the arm is clear of everything."""
+    return WRIST if system.n == 6 else MIDDLE
 
 
-def collocation(problem, rng, free=False):
-    system = System.of(problem)
-    shares = grid(free)
-    nlp = CollocationTranscription(system, shares, 0.5)
-    eta = rng.uniform(0.05, 0.1, 6) if free else np.array([0.5])
-    n = system.n
-    x = np.concatenate([problem.q_start, np.zeros(n)])
-    x = x + 0.2 * rng.normal(size=(7, 2 * n))
-    return nlp, nlp.pack(x, torques(system, rng), eta)
+def near(system: System, count: int, rng: np.random.Generator) -> Array:
+    """Configurations from the start to clear ones, shape (count, n)."""
+    start, end = system.problem.q_start, middle(system)
+    way = np.linspace(0.0, 1.0, count)[:, None]
+    return start + way * (end - start) + 0.1 * rng.normal(size=(count, system.n))
 
 
-BUILDERS = {"adjoint": adjoint, "collocation": collocation}
+def on_spline(system, shares, rng):
+    of = InverseTranscription(system, shares, 0.6)
+    points = near(system, of.intervals, rng)
+    points[0] = system.problem.q_start
+    v_end = system.final_velocity
+    v_end = 0.2 * rng.normal(size=system.n) if v_end is None else v_end
+    return of, of.pack(points, v_end, lengths(shares, 0.6, rng))
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-@pytest.mark.parametrize("method", BUILDERS)
-@pytest.mark.parametrize("free", [False, True])
-def test_rows_against_differences(rng, name, method, free):
-    nlp, z = BUILDERS[method](PROBLEMS[name], rng, free)
-    steps = nlp.step_bounds(z, 10.0)
-    linearization = nlp.linearize(z, nlp.evaluate(z), steps)
+def lifted(system, shares, rng):
+    of = CollocationTranscription(system, shares, 0.5)
+    q = near(system, of.intervals + 1, rng)
+    x = np.hstack([q, 0.4 * rng.normal(size=q.shape)])
+    return of, of.pack(x, torques(system, rng, of.intervals), lengths(shares, 0.5, rng))
+
+
+def shot(system, shares, rng):
+    of = AdjointTranscription(system, shares, 0.5)
+    return of, of.pack(torques(system, rng, of.intervals), lengths(shares, 0.4, rng))
+
+
+def smooth(degree):
+    def build(system, shares, rng):
+        of = BSplineTranscription(system, shares, degree)
+        times = np.linspace(0.0, 1.0, 4 * of.intervals)
+        z = of.fitted(times, near(system, times.size, rng), 0.6)
+        z[:-1] += 0.02 * rng.normal(size=z.size - 1)
+        return of, z
+
+    return build
+
+
+MAKERS = {"inverse": on_spline, "collocation": lifted, "adjoint": shot}
+BUILDERS = {
+    f"{name}{grid}": (make, shares)
+    for name, make in MAKERS.items()
+    for grid, shares in GRIDS.items()
+} | {name: (smooth(bspline.DEGREES[name]), GRIDS[""]) for name in LINEAR}
+
+
+def possible(method: str, name: str) -> bool:
+    """Jerks and torque rates ask for continuous accelerations."""
+    return method in LINEAR or name != "limits of jerks and torque rates"
+
+
+CASES = [
+    (method, name) for method in BUILDERS for name in PROBLEMS if possible(method, name)
+]
+# Few of them where the kind of constraint matters less.
+FEW = [
+    (method, name)
+    for method, name in CASES
+    if name in ("dry friction", "obstacles with kinks", "tip velocity")
+    or name == "limits of jerks and torque rates"
+]
+
+
+def with_more(program: NonlinearProgram) -> NonlinearProgram:
+    """The program with all path constraints at more instants, between the nodes."""
+    last = program.transcription.intervals - 1
+    more = Instants(np.array([0, 2, last]), np.array([0.3, 0.7, 0.2]))
+    blocks = tuple(
+        replace(block, fixed=block.fixed.joined(more))
+        if isinstance(block, Sampled) and block.name not in ("goal", "torque rate")
+        else block
+        for block in program.blocks
+    )
+    return replace(program, blocks=blocks)
+
+
+@pytest.fixture
+def everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All distances are exact, and all of them are rows, however large they are."""
+    for module in (inverse, bspline):
+        monkeypatch.setattr(module, "MAX_ATTENTION", 10.0)
+        monkeypatch.setattr(module, "ATTENTION", 10.0)
+    monkeypatch.setattr(adjoint, "NEAR", 10.0)
+
+
+def build(
+    method: str, name: str, seed: int = 3
+) -> tuple[NonlinearProgram, Array, Transcription]:
+    """A program, a random motion of it, and the transcription it began with."""
+    make, shares = BUILDERS[method]
+    system, rng = System.of(PROBLEMS[name]()), np.random.default_rng(seed)
+    of, z = make(system, shares(), rng)
+    return with_more(NonlinearProgram.of(of)).at(z), z, of
+
+
+def differentiable(program: NonlinearProgram, values: Array) -> Array:
+    """Rows that can be differentiated: not distances of what touches."""
+    return ~rows_of(program, "clearance") | (values < APART)
+
+
+def rows_of(program: NonlinearProgram, name: str) -> Array:
+    kinds = program.rows.kinds
+    if name not in kinds:
+        return np.zeros(program.rows.size, dtype=bool)
+    return program.rows.kind == kinds.index(name)
+
+
+# What must be among the rows, so that no case checks less than it is there for.
+ASKED = {
+    "position, obstacle": {"clearance", "goal"},
+    "tip velocity": {"velocity", "goal"},
+    "pose": {"goal"},
+    "region": {"goal"},
+    "axis": {"goal"},
+    "obstacles with kinks": {"clearance"},
+    "dry friction": {"torque over speed", "acceleration"},
+    "limits of accelerations and of torques over speed": {
+        "torque over speed",
+        "acceleration",
+    },
+    "limits of jerks and torque rates": {"jerk", "torque rate", "clearance"},
+}
+
+
+@pytest.mark.usefixtures("everything")
+@pytest.mark.parametrize(("method", "name"), CASES)
+def test_rows_against_differences(method: str, name: str) -> None:
+    program, z, _ = build(method, name)
+    values, steps = program.evaluate(z), program.step_bounds(z, 10.0)
+    linearization = program.linearize(z, values, steps)
+    kinds = program.rows.kinds
+    assert ASKED.get(name, set()) <= set(kinds)
+    np.testing.assert_array_equal(linearization.rows, np.arange(program.rows.size))
+    distances = rows_of(program, "clearance")
+    smooth = differentiable(program, values)
+    if np.any(distances):
+        assert np.mean(smooth[distances]) > 0.5
     analytic = linearization.matrix.toarray()
-    assert set(nlp.rows.kind[linearization.rows]) == set(nlp.rows.kind)
     for i in np.flatnonzero(steps.upper > steps.lower):
-        shift = np.zeros(nlp.size)
+        shift = np.zeros(program.size)
         shift[i] = STEP
-        up, down = nlp.evaluate(z + shift), nlp.evaluate(z - shift)
-        expected = (up - down)[linearization.rows] / (2 * STEP)
+        expected = program.evaluate(z + shift) - program.evaluate(z - shift)
+        expected /= 2.0 * STEP
+        error = np.abs(analytic[:, i] - expected)
         scale = max(1.0, float(np.abs(expected).max()))
-        np.testing.assert_allclose(
-            analytic[:, i], expected, atol=DIFFERENCES * scale, err_msg=f"unknown {i}"
+        allowed = scale * np.where(distances, DISTANCES, DIFFERENCES)
+        worst = int(np.argmax(np.where(smooth, error / allowed, 0.0)))
+        assert error[worst] <= allowed[worst], (
+            f"unknown {i}, row {worst} of {kinds[program.rows.kind[worst]]}: "
+            f"{analytic[worst, i]} instead of {expected[worst]}"
         )
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.usefixtures("everything")
+@pytest.mark.parametrize(("method", "name"), CASES)
+def test_gradient_is_the_transposed_jacobian(method: str, name: str) -> None:
+    program, z, _ = build(method, name)
+    rng = np.random.default_rng(7)
+    steps = program.step_bounds(z, 10.0)
+    linearization = program.linearize(z, program.evaluate(z), steps)
+    for share in (1.0, 0.3):
+        weights = rng.normal(size=program.rows.size)
+        weights[rng.uniform(size=weights.size) > share] = 0.0
+        expected = linearization.matrix.T @ weights
+        scale = max(1.0, float(np.abs(expected).max()))
+        found = program.gradient(z, weights)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=EXACT * scale)
+    assert not program.gradient(z, np.zeros(weights.size)).any()
+
+
+def asked(program: NonlinearProgram, z: Array) -> dict[str, Array]:
+    """All that a program tells of an iterate."""
+    values, steps = program.evaluate(z), program.step_bounds(z, 0.3)
+    variation, motion = program.variation(z), program.trajectory(z)
+    linear = program.linearize(z, values, steps)
+    jacobian = np.zeros((program.rows.size, program.size))
+    jacobian[linear.rows] = linear.matrix.toarray()
+    weights = np.cos(np.arange(program.rows.size))
+    return {
+        "values": values,
+        "rows": linear.rows,
+        "jacobian": jacobian,
+        "gradient": program.gradient(z, weights),
+        "steps": np.stack([steps.lower, steps.upper]),
+        "variation": np.append(variation.offset, variation.total(z)),
+        "stretched": program.stretch(z, 1.3),
+        "motion": np.hstack([motion.q, motion.v, motion.u]).ravel(),
+    }
+
+
+def compare(
+    found: dict[str, Array], expected: dict[str, Array], method: str, name: str
+) -> None:
+    tolerance = NEWTON if method.startswith("adjoint") else 0.0
+    for key, value in expected.items():
+        by_distance = key in ("values", "jacobian", "gradient")
+        allowed = tolerance
+        if by_distance and "obstacle" in name:
+            allowed = REMEMBERED
+        scale = max(1.0, float(np.abs(value).max(initial=0.0)))
+        np.testing.assert_allclose(
+            found[key], value, rtol=0.0, atol=allowed * scale, err_msg=key
+        )
+
+
+@pytest.mark.parametrize(("method", "name"), FEW)
+def test_programs_tell_the_same_whatever_they_were_asked_before(
+    method: str, name: str
+) -> None:
+    program, z, began = build(method, name)
+    make, shares = BUILDERS[method]
+    other = make(program.system, shares(), np.random.default_rng(11))[1]
+    fresh = asked(program, z)
+    used, _, _ = build(method, name)
+    asked(used, other)
+    used.linearize(other, used.evaluate(other), used.step_bounds(other, 10.0))
+    compare(asked(used, z), fresh, method, name)
+    # Nor does it matter what was made of it: a program of another motion is another.
+    blocks, transcription = used.blocks, used.transcription
+    NonlinearProgram.of(began).at(other)
+    used.at(other)
+    assert used.blocks is blocks and used.transcription is transcription
+    compare(asked(used, z), fresh, method, name)
+    # The Jacobian may be asked for first, of values that are known.
+    again, _, _ = build(method, name)
+    steps = again.step_bounds(z, 0.3)
+    linear = again.linearize(z, fresh["values"], steps)
+    expected = fresh["jacobian"][fresh["rows"]]
+    np.testing.assert_array_equal(linear.rows, fresh["rows"])
+    scale = max(1.0, float(np.abs(expected).max()))
+    np.testing.assert_allclose(
+        linear.matrix.toarray(), expected, rtol=0.0, atol=REMEMBERED * scale
+    )
+
+
+@pytest.mark.parametrize("method", BUILDERS)
+def test_rates_are_how_positions_between_the_nodes_pass(method: str) -> None:
+    """A row at a fixed time shifts along its interval by them."""
+    _, z, of = build(method, "tip velocity")
+    motion, intervals = of.motion(z), np.arange(of.intervals)
+    h = motion.h[:, None]
+    for share in (0.25, 0.6, 0.9):
+        here = Instants(intervals, np.full(intervals.size, share))
+        before, after = (
+            of.states(motion, replace(here, share=here.share + step), 0).q
+            for step in (-STEP, STEP)
+        )
+        expected = (after - before) / (2.0 * STEP * h)
+        np.testing.assert_allclose(of.rates(motion, here), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["position, obstacle", "tip velocity", "ur5"])
 def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
-    system = System.of(PROBLEMS[name])
+    problem = PROBLEMS[name]()
+    system = System.of(problem)
     n, intervals = system.n, 8
-    x = np.concatenate([PROBLEMS[name].q_start, rng.normal(size=n)])
+    x = np.concatenate([problem.q_start, rng.normal(size=n)])
     u = torques(system, rng, intervals)
     h = rng.uniform(0.02, 0.06, intervals)
     motion = rollout(system.dynamics, x, u, h)
@@ -128,14 +422,3 @@ def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
         # What happens after a node does not change it.
         early = nodes <= j
         assert not by_control[early, j].any() and not by_length[early, j].any()
-
-
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_pull_back_is_the_transposed_jacobian(rng, name):
-    nlp, z = adjoint(PROBLEMS[name], rng)
-    linearization = nlp.linearize(z, nlp.evaluate(z), nlp.step_bounds(z, 10.0))
-    weights = np.zeros(nlp.rows.size)
-    weights[linearization.rows] = rng.normal(size=linearization.rows.size)
-    expected = linearization.matrix.T @ weights[linearization.rows]
-    scale = max(1.0, float(np.abs(expected).max()))
-    np.testing.assert_allclose(nlp.pull_back(z, weights), expected, atol=EXACT * scale)
