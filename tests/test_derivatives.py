@@ -115,7 +115,7 @@ PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
     "ur5": lambda: tm.Problem(
         tm.load_robot("ur5"),
         WRIST,
-        tm.JointGoal(WRIST + (0.3, 0.2, -0.3, -0.2, -0.3, 0)),
+        tm.JointGoal(WRIST + np.array([0.3, 0.2, -0.3, -0.2, -0.3, 0.0])),
     ),
 }
 GRIDS = {
