@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import IntArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
 from tominpmp.collision.bounds import BroadPhase
 from tominpmp.collision.movers import Movers
@@ -78,3 +78,62 @@ class Assembly:
         )
         joint = np.array([body.joint for body in bodies], dtype=np.int64)
         return cls(links, pairs, obstacle_pairs, first, second, joint, narrow, query)
+
+    def derivatives(
+        self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives of distances by the coordinates of the model, and by time.
+
+        Args:
+            rows: Configurations of the model, shape (m, nv).
+            instants: Index of the configuration of each pair, shape (k,).
+            pairs: Indices of the pairs, shape (k,).
+            times: Times [s], shape (m,).
+
+        Returns:
+            Shapes (k, nv) and (k,) [m/s].
+        """
+        k, movers = len(pairs), self.query.movers
+        normal, points = np.empty((k, 3)), np.empty((2, k, 3))
+        order = np.argsort(instants, kind="stable")
+        starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
+        for chosen in np.split(order, starts[1:]) if k else []:
+            instant = instants[chosen[0]]
+            self.narrow.place(rows[instant], float(times[instant]))
+            found = self.narrow.witnesses(pairs[chosen].tolist())
+            normal[chosen] = found.normal
+            points[0, chosen], points[1, chosen] = found.first, found.second
+        placements = self.query.placements
+        R, t = placements.joints(rows)
+        placed = R[instants], t[instants]
+        out = np.zeros((k, rows.shape[1]))
+        for bodies, point, sign in (
+            (self.first, points[0], -1.0),
+            (self.second, points[1], 1.0),
+        ):
+            joint = self.joint[bodies[pairs]]
+            joint = np.where(joint < movers.first, joint, 0)
+            out += sign * placements.jacobian_rows(placed, joint, point, normal)
+        other = self.joint[self.second[pairs]]
+        return out, movers.approach(other, times[instants], points[1], normal)
+
+    def obstacle_speeds(self, begin: Array, end: Array) -> Array:
+        """Bounds on the speed of all points of the other body of each pair.
+
+        Args:
+            begin: Beginnings of stretches of time [s], shape (m,).
+            end: Their ends, shape (m,).
+
+        Returns:
+            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
+        """
+        movers = self.query.movers
+        out = np.zeros((begin.size, len(self.pairs)))
+        moving = np.flatnonzero(self.joint[self.second] >= movers.first)
+        if moving.size:
+            linear, angular = movers.speeds(begin, end)
+            body = self.second[moving]
+            number = self.joint[body] - movers.first
+            farthest = self.query.broad.farthest[body]
+            out[:, moving] = linear[:, number] + angular[:, number] * farthest
+        return out

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.assembly import Assembly
-from tominpmp.collision.bodies import (
-    Approximation,
-    Body,
-    Geometry,
-    approximations,
-)
+from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
 from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.contact import Contact, Derivatives
 from tominpmp.collision.movers import Movers
@@ -97,8 +92,11 @@ class CollisionChecker:
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is built again."""
-        given = self.robot, self.scene, self.self_collision, self.geometry, self.cut
-        return _rebuilt, given
+        own = self.self_collision
+        make = partial(
+            CollisionChecker, self_collision=own, geometry=self.geometry, cut=self.cut
+        )
+        return make, (self.robot, self.scene)
 
     def forget(self) -> None:
         """Forget former queries, on which answers depend within the tolerances."""
@@ -129,7 +127,9 @@ class CollisionChecker:
 
     def anew(self) -> CollisionChecker:
         """The same, which knows of no former queries."""
-        return _rebuilt(*self.__reduce__()[1])
+        make, given = self.__reduce__()
+        made: CollisionChecker = make(*given)
+        return made
 
     def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:
         """Whether the links of a lone robot are clear even as one hull each.
@@ -334,35 +334,9 @@ class CollisionChecker:
         """
         if times is None:
             times = np.zeros(q.shape[0])
-        k, rows = len(pairs), self.robot.expand(q)
-        normal, points = np.empty((k, 3)), np.empty((2, k, 3))
-        order = np.argsort(instants, kind="stable")
-        starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
-        for chosen in np.split(order, starts[1:]) if k else []:
-            instant = instants[chosen[0]]
-            self._narrow.place(rows[instant], float(times[instant]))
-            found = self._narrow.witnesses(pairs[chosen].tolist())
-            normal[chosen] = found.normal
-            points[0, chosen], points[1, chosen] = found.first, found.second
-        R, t = self._query.placements.joints(rows)
-        placed = R[instants], t[instants]
-        out = np.zeros((k, self.robot.model.nv))
-        for bodies, point, sign in (
-            (self._parts.first, points[0], -1.0),
-            (self._parts.second, points[1], 1.0),
-        ):
-            joint = self._parts.joint[bodies[pairs]]
-            joint = np.where(joint < self._movers.first, joint, 0)
-            out += sign * self._query.placements.jacobian_rows(
-                placed, joint, point, normal
-            )
-        rates = self._movers.approach(
-            self._parts.joint[self._parts.second[pairs]],
-            times[instants],
-            points[1],
-            normal,
-        )
-        return Derivatives(self.robot.reduce_tangent(out), rates)
+        rows = self.robot.expand(q)
+        gradients, rates = self._parts.derivatives(rows, instants, pairs, times)
+        return Derivatives(self.robot.reduce_tangent(gradients), rates)
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
         """Bounds on the speed of all points of the other body of each pair.
@@ -374,15 +348,7 @@ class CollisionChecker:
         Returns:
             Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
         """
-        out = np.zeros((begin.size, len(self.pairs)))
-        moving = np.flatnonzero(self.moving_pairs)
-        if moving.size:
-            linear, angular = self._movers.speeds(begin, end)
-            body = self._parts.second[moving]
-            number = self._parts.joint[body] - self._movers.first
-            farthest = self._query.broad.farthest[body]
-            out[:, moving] = linear[:, number] + angular[:, number] * farthest
-        return out
+        return self._parts.obstacle_speeds(begin, end)
 
     @property
     def approximations(self) -> tuple[Approximation, ...]:
@@ -428,15 +394,3 @@ class CollisionChecker:
             own=index >= self.obstacle_pairs,
             margin=float(limit[index]),
         )
-
-
-def _rebuilt(
-    robot: Robot,
-    scene: Scene,
-    self_collision: bool,
-    geometry: Geometry,
-    cut: frozenset[str] | None,
-) -> CollisionChecker:
-    return CollisionChecker(
-        robot, scene, self_collision=self_collision, geometry=geometry, cut=cut
-    )
