@@ -186,10 +186,11 @@ class Watch:
 
     def _set_deadline(self) -> None:
         if self._until is None or self._limit is None:
-            self.stopper.deadline = np.inf
+            self.stopper.deadline = self.stopper.last = np.inf
             return
         more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
         self.stopper.deadline = self._begin + self._until + more
+        self.stopper.last = self._end(self._limit)
 
     # -- the monitor -------------------------------------------------------------------
 

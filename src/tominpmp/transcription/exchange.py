@@ -46,9 +46,10 @@ FINE = 0.25
 FINEST = 128
 # So many instants take the place of one when it is looked at more closely.
 SPLIT = 4
-# No more instants than this are looked at, nor this many more closely at a time: they
-# take memory, and the verification looks again.
-MOST_SAMPLES, MOST_SPLIT = 20_000, 4_000
+# No more instants than this are looked at, nor this many more closely at a time, and no
+# table of instants by pairs has more numbers: they take memory, and the verification
+# looks again.
+MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
 # Share of the padding that may be used up there.
 GRAZE_MOVING = 0.5
 
@@ -152,10 +153,10 @@ def grazing(system: System, spline: Spline, known: Instants) -> Instants:
     """
     if system.clearance is None:
         return no_instants()
-    at = _samples(spline.h)
-    at, values = _closer(system, spline, at)
+    regular = _samples(spline.h, most_instants(system.clearance.count))
+    at, values = _closer(system, spline, regular)
     if system.clearance.moving:
-        more, there = _finer(system, spline, _samples(spline.h))
+        more, there = _finer(system, spline, regular)
         at, values = at.joined(more), np.concatenate([values, there])
     missing = values - _usable(system)
     worst = np.max(missing, axis=1)
@@ -217,7 +218,10 @@ def _closer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Arr
         return clearance.values(instants.states(spline)[0], attention, times)
 
     values = values_at(at, close)
-    near = dipping(values - _usable(system), 0.0, close)
+    missing = values - _usable(system)
+    near = _worst(
+        dipping(missing, 0.0, close), missing, DIPS.size, most_instants(clearance.count)
+    )
     if not near.size:
         return at, values
     width = 1.0 / np.bincount(at.interval, minlength=spline.h.size)[at.interval[near]]
@@ -252,10 +256,11 @@ def grazing_times(
         return np.asarray(values - _usable(system))
 
     close = CLOSE / system.reach
-    count = int(np.clip(duration / CLEARANCE_STEP, 100, MOST_SAMPLES))
+    most = most_instants(clearance.count)
+    count = int(np.clip(duration / CLEARANCE_STEP, 100, most))
     times = np.linspace(0.0, 1.0, count)[1:-1]
     missing = missing_at(times, close)
-    near = dipping(missing, 0.0, close)
+    near = _worst(dipping(missing, 0.0, close), missing, DIPS.size, most)
     if near.size:
         more = (times[near, None] + DIPS * (times[1] - times[0])).ravel()
         missing = np.concatenate([missing, missing_at(more, 0.0)])
@@ -280,12 +285,31 @@ def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
     Returns:
         Indices of the instants.
     """
-    change = np.abs(np.diff(missing, axis=0))
-    none = np.zeros((1, missing.shape[1]))
-    change = np.maximum(np.vstack([none, change]), np.vstack([change, none]))
+    step = np.diff(missing, axis=0)
+    np.abs(step, out=step)
+    change = np.zeros_like(missing)  # tables may be large: no more of them than needed
+    change[1:] = step
+    np.maximum(change[:-1], step, out=change[:-1])
     # Half a step away it has risen by half of that at the most, if evenly.
-    dips = (missing + 0.5 * change > tolerance) & (missing > -close)
+    change *= 0.5
+    change += missing
+    dips = change > tolerance
+    dips &= missing > -close
     return np.flatnonzero(np.any(dips, axis=1))
+
+
+def most_instants(pairs: int) -> int:
+    """How many instants are looked at in all, with so many pairs."""
+    return int(np.clip(MOST_NUMBERS // max(pairs, 1), MOST_SPLIT // 20, MOST_SAMPLES))
+
+
+def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
+    """Those rows at which most is missing, if each of all has too many parts."""
+    count = max(most // parts, 1)
+    if near.size <= count:
+        return near
+    lacking = np.max(missing[near], axis=1)
+    return np.sort(near[np.argsort(-lacking, kind="stable")[:count]])
 
 
 def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Array]:
@@ -315,14 +339,15 @@ def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Arra
         over = np.flatnonzero(worst > 0.0)
         found.append(Instants(at.interval[over], at.share[over]))
         lacking.append(values[over])
-        moved = np.where(rises > 0.0, values + step[:, None] * rises, -np.inf)
-        moved = np.max(moved, axis=1)
+        rising = np.flatnonzero(rises > 0.0)
+        ahead = values[:, rising] + step[:, None] * rises[rising]
+        moved = np.max(ahead, axis=1, initial=-np.inf)
         near = np.flatnonzero(moved > 0.0)
         if parts <= 1.0 or not near.size:
             break
         split = min(int(np.ceil(parts)), SPLIT)
-        if near.size > MOST_SPLIT:
-            near = np.sort(near[np.argsort(-moved[near], kind="stable")[:MOST_SPLIT]])
+        most = min(MOST_SPLIT, most_instants(clearance.count) // SPLIT)
+        near = _worst(near, moved[:, None], 1, most)
         places = (np.arange(split) + 0.5) / split - 0.5
         share = at.share[near, None] + places * width[near, None]
         at = Instants(np.repeat(at.interval[near], split), share.ravel())
@@ -333,9 +358,9 @@ def _finer(system: System, spline: Spline, at: Instants) -> tuple[Instants, Arra
     return every, np.concatenate(lacking)
 
 
-def _samples(h: Array) -> Instants:
+def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     """Instants at which clearances are looked at; fewer a second in long motions."""
-    apart = max(CLEARANCE_STEP, float(h.sum()) / MOST_SAMPLES)
+    apart = max(CLEARANCE_STEP, float(h.sum()) / most)
     counts: IntArray = np.maximum(
         np.ceil(h / apart).astype(np.int64), CLEARANCE_SAMPLES
     )
