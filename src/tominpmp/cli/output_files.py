@@ -24,15 +24,14 @@ if TYPE_CHECKING:
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
 MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
-SCENARIO_ENDINGS = (".toml",)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
-# Option: endings, and the package that it needs with the extra that brings it.
+# Options that name a file, and how that must end.
 FILES = {
-    "save_scenario": (SCENARIO_ENDINGS, None),
-    "plot": (PLOT_ENDINGS, ("matplotlib", "plots")),
-    "html": (PAGE_ENDINGS, ("meshcat", "viz")),
-    "certificate": (PLOT_ENDINGS, ("matplotlib", "plots")),
+    "save_scenario": (".toml",),
+    "plot": PLOT_ENDINGS,
+    "html": PAGE_ENDINGS,
+    "certificate": PLOT_ENDINGS,
 }
 
 
@@ -73,12 +72,12 @@ class OutputFiles:
             if motion.suffix.lower() == ".mcap":
                 need_package("rosbags", "ros", "--output with .mcap")
         _check_message(options, motion)
-        for key, (endings, package) in FILES.items():
-            if getattr(options, key) is not None:
-                flag = f"--{key.replace('_', '-')}"
-                check_target(getattr(options, key), flag, endings)
-                if package is not None:
-                    need_package(*package, flag)
+        for name, endings in FILES.items():
+            path, flag = getattr(options, name), f"--{name.replace('_', '-')}"
+            if path is not None:
+                check_target(path, flag, endings)
+                if endings == PLOT_ENDINGS:
+                    need_package("matplotlib", "plots", flag)
         return cls(options, motion)
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tominpmp.cli.options import PlayOptions
-from tominpmp.cli.output_files import PAGE_ENDINGS, check_target, need_package
+from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
 from tominpmp.cli.problem import load_scene
 from tominpmp.goals import JointGoal
 from tominpmp.output.export import load_motion
@@ -27,7 +27,6 @@ def run_play(motion: Path, said: PlayOptions) -> Path:
     Raises:
         TominpmpError: If anything given is wrong or does not fit together.
     """
-    need_package("meshcat", "viz", "tominpmp play")
     if said.output is not None:
         check_target(said.output, "--output", PAGE_ENDINGS)
     samples = load_motion(motion)
