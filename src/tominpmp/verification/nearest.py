@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,15 +13,18 @@ from tominpmp.collision.selection import links_of
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
+from tominpmp.trajectory import Trajectory
 from tominpmp.verification.approach import Approach, Closest, Course
 from tominpmp.verification.excess import Excess
-from tominpmp.verification.replay import Replay
+from tominpmp.verification.replay import TIME_STEP, Replay, planned
 
 # Where a start or a goal touches something, pairs may lack a trace of room as long as
 # no joint is farther from there than this [rad or m].
 NEAR_END = 0.05
 # Links are as near as pieces as they are as hulls if this is what differs [m].
 RESIDUE = 1e-6
+# Rows of a planned motion, with its nodes: between them it is known.
+GLIMPSES = 200
 
 
 class Nearest(NamedTuple):
@@ -122,6 +126,21 @@ def _of_one_piece(checker: CollisionChecker, names: frozenset[str]) -> bool:
     cut = (checker.cut or frozenset()) | names
     pieces = links_of(checker.robot, checker.geometry, cut)
     return sum(body.name in names for body in pieces) == hulls
+
+
+def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> bool:
+    """Whether a motion touches nothing as it is planned, at any time.
+
+    Args:
+        problem: The problem, with the margin.
+        trajectory: The motion.
+        tolerance: What may be missing at ends that are at the margin [m].
+    """
+    step = max(TIME_STEP, trajectory.duration / GLIMPSES)
+    # Without the torques, which take most of the time.
+    motion = planned(replace(trajectory, inverse_dynamics=None), step)
+    found = closest(problem, motion, problem.checker, tolerance)
+    return found is None or not found.excess.violated
 
 
 def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:
