@@ -25,7 +25,12 @@ NOT_AT_IMPORT = {
 }
 
 # Distributions that are named unlike the package in them.
-DISTRIBUTIONS = {"yaml": "pyyaml", "pinocchio": "pin", "umsgpack": "u-msgpack-python"}
+DISTRIBUTIONS = {
+    "pinocchio": "pin",
+    "tomli_w": "tomli-w",
+    "umsgpack": "u-msgpack-python",
+    "yaml": "pyyaml",
+}
 # Distributions without a package, of which files are read.
 DATA = {"example-robot-data"}
 
