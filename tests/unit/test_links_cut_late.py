@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import tominpmp as tm
+from tominpmp.cli.progress import LOGGER, Progress
 from tominpmp.collision import CollisionChecker, decomposition, store
 from tominpmp.stopping import Stop
 from tominpmp.verification.nearest import closest
@@ -186,3 +189,16 @@ def test_cutting_is_told_before_and_after(
     assert "is cut into convex pieces" in told[0]
     assert "_link'" in told[0]  # whose mesh it is
     assert "became" in told[1]
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_terminal_shows_what_is_cut(cut: list[int], quiet: bool) -> None:
+    shown = StringIO()
+    console = Console(file=shown, force_terminal=True, width=300)
+    logger = logging.getLogger(LOGGER)
+    level, handlers = logger.level, list(logger.handlers)
+    with Progress(console, quiet=quiet, verbose=False):
+        tm.plan(straight())
+    assert cut
+    assert ("is cut into convex pieces" in shown.getvalue()) is not quiet
+    assert (logger.level, logger.handlers) == (level, handlers)

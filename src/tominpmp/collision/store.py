@@ -86,8 +86,7 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
         return found
     what = f"the mesh of {brief(content.name)}" if content.name else "a mesh"
     logger.info(
-        "%s (%d triangles) is cut into convex pieces, which takes up to seconds and is "
-        "done once: they are kept in %s",
+        "%s (%d triangles) is cut into convex pieces, once: they are kept in %s",
         what,
         content.mesh.num_tris,
         folder,
