@@ -63,6 +63,9 @@ LEAST_PROCESSES = 2
 # Where there is less time than this, none are started, which alone takes about two
 # seconds: one process would have found something by then [s].
 TO_START = 5.0
+# Guesses that are made for each process before any of them is tried: to make one may
+# take a while.
+BATCH = 4
 # Processes end before the time is over by this share of it, and by so much, to hand
 # over what they have found [s].
 HANDOVER_SHARE, HANDOVER = 0.02, 0.05
@@ -146,7 +149,7 @@ def _from_guesses(
         if number >= count.wanted and enough:
             break
         # None is made, which may take a search, before it is known to be wanted.
-        guess = source.next(max(count.wanted - number, 1) if not number else 0)
+        guess = source.next(max(count.wanted - number, 0))
         if guess is None:
             if not number:
                 raise unreachable(system, rng)
@@ -224,10 +227,11 @@ class _SourceOfMany(_Source):
         self.results: dict[int, _Result] = {}
 
     def next(self, ahead: int) -> Guess | None:
-        """The next guess; so many are tried ahead, or one for each process."""
+        """The next guess; so many are wanted ahead, or one for each process."""
         if not self.ready:
             batch: list[Guess] = []
-            while len(batch) < (ahead or self.processes):
+            size = min(ahead or self.processes, BATCH * self.processes)
+            while len(batch) < size:
                 guess = super().next(0)
                 if guess is None:
                     break
