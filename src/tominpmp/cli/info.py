@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import fields
 from typing import Any, cast
 
 import typer
@@ -25,16 +26,8 @@ def robot_data(robot: Robot) -> dict[str, Any]:
     """
     limits, beyond, said = robot.limits, robot.motion_limits, robot.srdf
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
-    columns = {
-        "position_lower": limits.position_lower,
-        "position_upper": limits.position_upper,
-        "velocity": limits.velocity,
-        "effort_lower": limits.effort_lower,
-        "effort_upper": limits.effort_upper,
-        "damping": robot.damping,
-        "armature": robot.armature,
-        "friction": robot.friction,
-    }
+    columns = {item.name: getattr(limits, item.name) for item in fields(limits)}
+    columns |= {key: getattr(robot, key) for key in ("damping", "armature", "friction")}
     for quantity in UNITS:
         if beyond is not None and getattr(beyond, quantity) is not None:
             columns[quantity] = beyond.by_joint(quantity, robot.joint_names)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
-from typing import Any, NoReturn, cast
+from types import MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 
@@ -114,7 +115,8 @@ def positions(
     """
     items = words(text)
     if number(items[0]) is not None:
-        return _vector(vector(text, name), name, robot, degrees=degrees)
+        known = _by_joint(vector(text, name), name, robot, degrees)
+        return np.array([known[joint] for joint in robot.joint_names])
     states = {} if robot.srdf is None else robot.srdf.group_states
     state, items = (text.strip(), []) if text.strip() in states else (None, items)
     if items and "=" not in items[0]:
@@ -126,22 +128,17 @@ def positions(
             f"{robot.name!r} (group states: {has})",
             name,
         )
-    known = {} if state is None else states[state]
-    rest = [known.get(j, np.nan) for j in robot.joint_names]
-    start = np.array(rest) if base is None else np.where(np.isnan(rest), base, rest)
-    given = _pairs(items, name)
-    lacking = [
-        joint
-        for joint, value in zip(robot.joint_names, start, strict=True)
-        if np.isnan(value) and joint not in given
-    ]
+    known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
+    known |= {} if state is None else states[state]
+    known |= _by_joint(_pairs(items, name), name, robot, degrees)
+    lacking = [joint for joint in robot.joint_names if joint not in known]
     if lacking:
         raise ProblemError(
             f"{name} says nothing about {', '.join(lacking)}: name them, or begin with "
             "a group state",
             name,
         )
-    return _vector(given, name, robot, base=start, degrees=degrees)
+    return np.array([known[joint] for joint in robot.joint_names])
 
 
 def velocities(text: str, name: str, robot: Robot, *, degrees: bool = False) -> Array:
@@ -152,47 +149,43 @@ def velocities(text: str, name: str, robot: Robot, *, degrees: bool = False) -> 
         JointNotFound: If a joint is unknown.
         ProblemError: If there are too few or too many numbers.
     """
-    values = joint_values(text, name)
-    if isinstance(values, float):
-        values = [values]
-    return _vector(values, name, robot, base=np.zeros(robot.n), degrees=degrees)
+    values = _pairs(words(text), name) if "=" in text else vector(text, name)
+    known = _by_joint(values, name, robot, degrees)
+    return np.array([known.get(joint, 0.0) for joint in robot.joint_names])
 
 
-def _vector(
+def _by_joint(
     values: Sequence[float] | Mapping[str, float],
     name: str,
     robot: Robot,
-    *,
-    base: Array | None = None,
-    degrees: bool = False,
-) -> Array:
-    """Put values in joint order, those of a base where none is given; shape (n,)."""
-    sliding = {j.name for j in robot.description.joints if j.kind == "prismatic"}
-    radian = np.pi / 180 if degrees else 1.0
-    scale = np.array([1.0 if j in sliding else radian for j in robot.joint_names])
-    if isinstance(values, Mapping):
-        for joint in values:
-            if joint not in robot.joint_names:
-                raise JointNotFound(joint, robot.joint_names)
-        given = np.array([values.get(joint, np.nan) for joint in robot.joint_names])
-        named = np.array([joint in values for joint in robot.joint_names])
-        return np.asarray(np.where(named, given * scale, base))
-    if len(values) != robot.n:
-        raise ProblemError(
-            f"{name} has {len(values)} number{'' if len(values) == 1 else 's'}, "
-            f"expected {robot.n}, one for each of: {', '.join(robot.joint_names)}",
-            name,
-        )
-    return np.asarray(np.array(values) * scale)
+    degrees: bool,
+) -> dict[str, float]:
+    """Values by joint name in SI units, of one for each joint or of some by name."""
+    if not isinstance(values, Mapping):
+        if len(values) != robot.n:
+            raise ProblemError(
+                f"{name} has {len(values)} number{'' if len(values) == 1 else 's'}, "
+                f"expected {robot.n}, one for each of: {', '.join(robot.joint_names)}",
+                name,
+            )
+        values = dict(zip(robot.joint_names, values, strict=True))
+    for joint in values:
+        if joint not in robot.joint_names:
+            raise JointNotFound(joint, robot.joint_names)
+    turn = {j.name for j in robot.description.joints if j.kind != "prismatic"}
+    return {
+        joint: np.pi / 180 * value if degrees and joint in turn else value
+        for joint, value in values.items()
+    }
 
 
-# Short words for fields of obstacles; what else is typed for them has no short one.
+# Short words for fields; the others are typed as they are.
 SHORT = {"radius": "r", "position": "at", "rotation": "quat"}
 FULL = {**{short: key for key, short in SHORT.items()}, "l": "length"}
 # How many numbers some of them have.
 COUNTS = {"radius": 1, "length": 1, "size": 3, "position": 3, "rotation": 4}
-# The name comes first, and motions and tables of numbers are for files.
-UNTYPED = ("name", "motion", "vertices", "triangles")
+# Motions and tables of numbers are for files.
+UNTYPED = ("motion", "vertices", "triangles")
 
 
 def obstacle(text: str) -> Obstacle:
@@ -201,42 +194,67 @@ def obstacle(text: str) -> Obstacle:
     Raises:
         SceneError: If anything in it is wrong.
     """
-    kind, _, rest = text.partition(":")
-    name, *items = rest.split(":")
-
-    def fail(message: str) -> NoReturn:
-        raise SceneError(f"--obstacle {text!r}: {message}", name or None)
-
     found = classes(Obstacle).items()
     kinds = {k: v for k, v in found if not issubclass(v, HeightField | OcTree)}
+    kind, _, rest = text.partition(":")
+    name, *items = rest.split(":")
+    try:
+        if kind in kinds and (not name or "=" in name):
+            raise OptionsError(f"it has no name (expected {OBSTACLE_FORM})")
+        made = _record(kind, items, kinds, OBSTACLE_FORM, {"name": name}, ["position"])
+    except OptionsError as error:
+        raise SceneError(f"--obstacle {text!r}: {error}", name or None) from error
+    return cast("Obstacle", made)
+
+
+def _record(
+    kind: str,
+    items: Sequence[str],
+    kinds: Mapping[str, type[Any]],
+    form: str,
+    values: Mapping[str, Any] = MappingProxyType({}),
+    needed: Sequence[str] = (),
+) -> Any:
+    """Make a record from ``KEY=VALUE`` with its fields as keys.
+
+    Args:
+        kind: What it is.
+        items: The pairs.
+        kinds: The classes by what they are called.
+        form: What was expected, for messages.
+        values: Fields that are known.
+        needed: Fields that must be given although they have a default.
+
+    Raises:
+        OptionsError: If anything is wrong but the values themselves.
+        TominpmpError: If the class refuses a value.
+    """
     if kind not in kinds:
-        fail(
+        raise OptionsError(
             f"there is no kind {kind!r}; there are: {', '.join(kinds)} "
-            f"(expected {OBSTACLE_FORM})"
+            f"(expected {form})"
         )
-    if not name or "=" in name:
-        fail(f"it has no name (expected {OBSTACLE_FORM})")
-    # Those that all have come last.
-    known = {f.name: f for f in fields(kinds[kind]) if f.name not in UNTYPED}
-    known |= {key: known.pop(key) for key in ("position", "rotation")}
-    values: dict[str, Any] = {}
+    values, hidden = dict(values), (*values, *UNTYPED)
+    known = {item.name: item for item in fields(kinds[kind]) if item.name not in hidden}
+    # Those of all obstacles come last.
+    known |= {key: known.pop(key) for key in ("position", "rotation") if key in known}
     for item in items:
         word, _, value = item.partition("=")
         key = FULL.get(word, word)
         if key not in known:
             keys = ", ".join(SHORT.get(key, key) for key in known)
-            fail(f"{item!r}: the keys of a {kind} are {keys}")
+            raise OptionsError(f"{item!r}: the keys of a {kind} are {keys}")
         if key in values:
-            fail(f"{SHORT.get(key, key)} is given twice")
-        values[key] = _entry(value, key, fail)
-    needed = [k for k, f in known.items() if f.default is f.default_factory is MISSING]
-    lacking = [k for k in (*needed, "position") if k not in values]
+            raise OptionsError(f"{SHORT.get(key, key)} is given twice")
+        values[key] = _entry(value, key)
+    bare = [k for k, f in known.items() if f.default is f.default_factory is MISSING]
+    lacking = [SHORT.get(k, k) for k in (*bare, *needed) if k not in values]
     if lacking:
-        fail(f"it lacks {' and '.join(SHORT.get(key, key) for key in lacking)}")
-    return cast("Obstacle", kinds[kind](name, **values))
+        raise OptionsError(f"it lacks {' and '.join(lacking)}")
+    return kinds[kind](**values)
 
 
-def _entry(value: str, key: str, fail: Callable[[str], NoReturn]) -> Any:
+def _entry(value: str, key: str) -> Any:
     """Read a number, a list of them, or, where numbers need not be, a word."""
     found = [number(word) for word in words(value)]
     count = COUNTS.get(key)
@@ -244,5 +262,5 @@ def _entry(value: str, key: str, fail: Callable[[str], NoReturn]) -> Any:
         return value
     if None in found or count not in (None, len(found)):
         expected = "a number" if count == 1 else f"{count} numbers"
-        fail(f"{SHORT.get(key, key)} is {value!r}, expected {expected}")
+        raise OptionsError(f"{SHORT.get(key, key)} is {value!r}, expected {expected}")
     return found[0] if len(found) == 1 else found
