@@ -73,7 +73,7 @@ lock: ## Resolve the dependencies anew (LOCK_ARGS=--upgrade for newer releases)
 	@PYTHON='$(PYTHON)' sh tools/make-venv .venv-lock
 	@.venv-lock/bin/python -m pip install --quiet --disable-pip-version-check 'uv>=0.5.3'
 	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
-	    --extra plots --extra robots --extra viz --group dev \
+	    --extra plots --group dev \
 	    --universal --python-version 3.10 --generate-hashes --no-emit-index-url \
 	    --quiet $(LOCK_ARGS) --output-file requirements.lock
 

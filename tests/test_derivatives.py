@@ -23,9 +23,9 @@ from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import differentiate_rollout, rollout
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.program import NonlinearProgram, Sampled
+from tominpmp.transcription.rollout import differentiate_rollout, rollout
 from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
 

@@ -86,8 +86,9 @@ def test_an_interrupt_gets_what_processes_have_found():
 
 COMMAND = """
     import os, signal, sys
-    from tominpmp.cli import planning
+    import tominpmp.cli.problem
     from tominpmp.cli.app import main
+    from tominpmp.cli.output_files import OutputFiles
     from tominpmp.cli.progress import Progress
     number, count, where = int(sys.argv[1]), [0], sys.argv[2]
     usual = Progress.__call__
@@ -101,7 +102,7 @@ COMMAND = """
     def loading(*arguments):
         os.kill(os.getpid(), number)
 
-    write = planning.Targets.write
+    write = OutputFiles.write
 
     def writing(self, solution):
         os.kill(os.getpid(), number)
@@ -109,9 +110,9 @@ COMMAND = """
 
     Progress.__call__ = told
     if where == "loading":
-        planning.make_options = loading
+        tominpmp.cli.problem.load_problem = loading
     if where == "writing":
-        planning.Targets.write = writing
+        OutputFiles.write = writing
     sys.argv[1:] = sys.argv[3:]
     main()
 """

@@ -21,6 +21,7 @@ from importlib.resources import files
 import tominpmp
 robot = tominpmp.load_robot("planar3r")
 assert robot.n == 3, robot
+assert tominpmp.load_robot("panda", group="panda_arm").n == 7, "no robots by name"
 assert files("tominpmp").joinpath("py.typed").is_file(), "py.typed is missing"
 from tominpmp.datasheets import datasheets
 assert len(datasheets()) > 10, "the data sheets are missing"

@@ -224,7 +224,8 @@ def _unwatched(robot: Robot) -> list[tuple[str, str]]:
     if robot.srdf is not None and robot.srdf.disabled_pairs:
         return list(robot.srdf.disabled_pairs)
     # Without such a list neighbours are left out, which is told by the whole tree.
-    checker = CollisionChecker(robot, Scene(), self_collision=True)
+    # Which links are watched does not depend on what their meshes are cut into.
+    checker = CollisionChecker(robot, Scene(), self_collision=True, cut=frozenset())
     watched = {frozenset(pair) for pair in checker.pairs}
     frames = robot.model.frames
     links = {frames[g.parentFrame].name for g in robot.collision_model.geometryObjects}

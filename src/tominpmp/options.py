@@ -126,8 +126,7 @@ class Options(Record):
         time_step: Largest change of T an iteration with step_rule="paper", the paper's
             epsilon [s].
         initial_duration: Duration of the initial guess at rest [s], the paper's T^0,
-        for
-            "adjoint", "penalty" and goals on frames; None lets the planner choose.
+            for "adjoint", "penalty" and goals on frames; None lets the planner choose.
         initial_control: Initial torques for "adjoint" and "penalty", the paper's u^0,
             shape (n,) or (N, n) [N m]; None for zero.
         lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the

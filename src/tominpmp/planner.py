@@ -20,6 +20,7 @@ from tominpmp.attempts import (
     guarded,
     make_attempts,
     on_clock,
+    puts_off_replays,
     searching,
     solve_with_continuous_accelerations,
 )
@@ -74,9 +75,16 @@ def plan(
     """
     expect(problem, Problem, "problem", "a Problem")
     options = resolve_options(problem, Options.of(options).changed(changes))
-    watch = Watch(searching(options))
+    watch = Watch(searching(options), puts_off=puts_off_replays(options))
     with watch.stopper.in_force():
-        return _plan(problem, options, watch, start)
+        solution = _plan(problem, options, watch, start)
+    if not watch.in_vain or watch.stopper.requested:
+        return solution
+    # The search ended with a motion whose replay was put off, and has failed since.
+    again = Watch(searching(options))
+    with again.stopper.in_force():
+        solution = _plan(problem, options, again, start)
+    return replace(solution, planning_time=watch.seconds)
 
 
 def _plan(

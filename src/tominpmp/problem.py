@@ -339,6 +339,8 @@ class Problem(Record):
         # When it arrives is not known yet: what moves may be elsewhere by then.
         time = 0.0 if which == "start" else None
         moves = time is None and self.checker.moving
+        if self.checker.hulls_clear(q):
+            return
         if not moves and self.checker.is_free(q, self.margins, time or 0.0):
             return
         contact = self.checker.closest(q, self.margins, time)

@@ -48,12 +48,15 @@ class Stopper:
     Attributes:
         deadline: When to stop, on the clock of ``time.perf_counter`` [s]; infinite
             without a limit.
+        last: When all must have come to its end, what was found being saved by then,
+            on the same clock [s]; infinite without a limit.
         requested: Whether somebody asked to stop.
         heeded: Whether a request has been seen.
     """
 
     def __init__(self, asked: Callable[[], bool] | None = None) -> None:
         self.deadline = math.inf
+        self.last = math.inf
         self.requested = False
         self.heeded = False
         self._asked = asked
@@ -174,6 +177,14 @@ def seconds_left() -> float:
     if stopper is None or math.isinf(stopper.deadline):
         return math.inf
     return max(stopper.deadline - time.perf_counter(), 1e-3)
+
+
+def seconds_to_end() -> float:
+    """Time until all must have come to its end; infinite without a limit [s]."""
+    stopper = _present.get()
+    if stopper is None or math.isinf(stopper.last):
+        return math.inf
+    return max(stopper.last - time.perf_counter(), 0.0)
 
 
 def request() -> bool:

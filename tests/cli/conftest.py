@@ -55,7 +55,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
 def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
     """A judge that takes no time."""
     fake = Judge()
-    monkeypatch.setattr("tominpmp.verification.verify", fake)
+    monkeypatch.setattr("tominpmp.output.export_check.verify", fake)
     return fake
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tominpmp.cli.text_values import joint_values, obstacle, positions, velocities
 from tominpmp.cli.usage import join_lists
-from tominpmp.cli.values import joint_values, obstacle, positions, velocities
 from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,
@@ -20,6 +20,9 @@ from tominpmp.exceptions import (
 )
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Capsule, Cylinder
+
+# Options of plan that take several words.
+LISTS = ("--start", "--goal", "--gravity")
 
 
 def test_positions_by_name(planar3r: Robot) -> None:
@@ -78,7 +81,7 @@ def test_joint_values() -> None:
     ],
 )
 def test_lists_of_words(typed: str, joined: str) -> None:
-    assert join_lists(typed.split()) == joined.split()
+    assert join_lists(typed.split(), LISTS) == joined.split()
 
 
 @given(
@@ -90,7 +93,7 @@ def test_numbers_arrive_as_they_were_typed(numbers: list[float]) -> None:
         ["--start", *map(repr, numbers)],
         ["--start", ", ".join(map(repr, numbers))],
     ):
-        option, text = join_lists(words)
+        option, text = join_lists(words, LISTS)
         assert option == "--start"
         assert positions(text, option, robot).tolist() == numbers
 

@@ -11,8 +11,8 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.solution import Status
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.integrator import rollout
 from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.rollout import rollout
 from tominpmp.transcription.system import System
 
 START = np.array([0.5, 1.7, -1.7])

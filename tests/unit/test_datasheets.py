@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.cli.request import MotionRequest, RobotRequest
-from tominpmp.cli.sources import load_problem
+from tominpmp.cli.options import Asked, ProblemOptions, RobotOptions
+from tominpmp.cli.problem import load_changed_robot, load_problem
 from tominpmp.datasheets import (
     FOLDER,
     QUANTITIES,
@@ -151,8 +151,8 @@ def test_no_sheet_and_wrong_words() -> None:
 
 
 def test_command_line_and_scenarios(tmp_path: Path) -> None:
-    asked = RobotRequest(robot="ur5", limits="datasheet", velocity="2")
-    robot = asked.load()
+    changes = RobotOptions(limits="datasheet", velocity="2")
+    robot = load_changed_robot("ur5", changes)
     expected = load_robot("ur5", limits="datasheet", velocity=2.0)
     assert robot == expected
     table = {"name": "ur5", "limits": "datasheet", "velocity": 2.0}
@@ -166,10 +166,14 @@ def test_command_line_and_scenarios(tmp_path: Path) -> None:
         read_robot(Field(wrong, tmp_path / "s.toml", "robot"))
     file = tmp_path / "limits.yaml"
     file.write_text("joint_limits: {elbow_joint: {max_acceleration: 2, max_jerk: 9}}")
-    both = RobotRequest(robot="ur5", limits="datasheet", joint_limits=file)
     start = "0 -1.5 1.5 -1.5 -1.5 0"
-    motion = MotionRequest(start=start, goal=start.replace("0 ", "0.5 "))
-    limits = load_problem(both, motion, {})[0].motion_limits
+    both = ProblemOptions(
+        limits="datasheet",
+        joint_limits=file,
+        start=start,
+        goal=start.replace("0 ", "0.5 "),
+    )
+    limits = load_problem(Asked("ur5", both))[0].motion_limits
     assert limits.by_joint("acceleration", robot.joint_names)[2] == 2.0
     assert limits.by_joint("acceleration", robot.joint_names)[1] == 5.0
     assert np.isfinite(limits.by_joint("jerk", robot.joint_names)).sum() == 1
@@ -219,7 +223,7 @@ def test_loading_with_a_sheet_warns_of_nothing() -> None:
 
 
 def test_robots_are_listed_with_them(panda: Robot) -> None:
-    from tominpmp.cli.listing import robot_data
+    from tominpmp.cli.info import robot_data
 
     data = robot_data(panda)
     assert [joint["acceleration"] for joint in data["joints"]][:2] == [15.0, 7.5]

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tominpmp.cli.request import MotionRequest, RobotRequest
-from tominpmp.cli.sources import load_problem
+from tominpmp.cli.options import Asked, ProblemOptions, RobotOptions
+from tominpmp.cli.problem import load_changed_robot, load_problem
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
@@ -26,8 +26,10 @@ START, GOAL = "0.5 1.7 -1.7", "2 -1 0.5"
 
 
 def by_command_line(folder: Path) -> Problem:
-    robot = RobotRequest(robot="planar3r", joint_limits=folder / "limits.yaml")
-    return load_problem(robot, MotionRequest(start=START, goal=GOAL), {})[0]
+    options = ProblemOptions(
+        joint_limits=folder / "limits.yaml", start=START, goal=GOAL
+    )
+    return load_problem(Asked("planar3r", options))[0]
 
 
 def by_scenario(folder: Path) -> Problem:
@@ -158,15 +160,13 @@ def test_joints_that_do_not_move_may_be_in_the_file(tmp_path: Path) -> None:
     numbers = "max_velocity: 0.1, max_acceleration: 1"
     fingers = ", ".join(f"panda_finger_joint{i}: {{{numbers}}}" for i in (1, 2))
     path.write_text(f"joint_limits: {{{fingers}, panda_joint1: {{{numbers}}}}}")
-    locked = RobotRequest(
-        robot="panda", joint_limits=path, locks=["panda_finger_joint1=0.02"]
-    )
-    robot = locked.load()
+    changes = RobotOptions(joint_limits=path, lock=["panda_finger_joint1=0.02"])
+    robot = load_changed_robot("panda", changes)
     assert robot.limits.velocity[0] == 0.1
     assert robot.motion_limits is not None
     assert robot.motion_limits.by_joint("acceleration", robot.joint_names)[0] == 1.0
     with pytest.warns(TominpmpWarning, match="follow others are not used: panda"):
-        free = RobotRequest(robot="panda", joint_limits=path).load()
+        free = load_changed_robot("panda", RobotOptions(joint_limits=path))
     assert free.limits.velocity[-1] == 0.1
 
 
@@ -177,9 +177,13 @@ def test_limits_of_the_command_line_reach_requests_and_more(tmp_path: Path) -> N
     )
     more = tmp_path / "more.yaml"
     more.write_text("joints: {joint1: {acceleration: 3}, joint2: {acceleration: 4}}")
-    robot = RobotRequest(robot="planar3r", joint_limits=tmp_path / "limits.yaml")
-    motion = MotionRequest(start=START, goal=GOAL, motion_limits=more)
-    problem = load_problem(robot, motion, {})[0]
+    options = ProblemOptions(
+        joint_limits=tmp_path / "limits.yaml",
+        start=START,
+        goal=GOAL,
+        motion_limits=more,
+    )
+    problem = load_problem(Asked("planar3r", options))[0]
     assert problem.motion_limits is not None
     names = problem.robot.joint_names
     np.testing.assert_array_equal(

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import meshcat
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -40,14 +41,12 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
-from tominpmp.output import page as page_module
 from tominpmp.output.bodies import STEEL, robot_bodies
 from tominpmp.output.browser import show_page
-from tominpmp.output.commands import Command, node_name
 from tominpmp.output.page import build_page
 from tominpmp.output.playback import play
 from tominpmp.output.skeleton import best_view, end_frame, skeleton
-from tominpmp.output.stage import Appearance, frame_times, stage_commands
+from tominpmp.output.stage import Appearance, draw, frame_times
 from tominpmp.output.surfaces import (
     Surface,
     box,
@@ -61,6 +60,7 @@ from tominpmp.output.surfaces import (
     sphere,
     tube,
 )
+from tominpmp.output.viewer import Command, Recorder, node_name
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.scene import Obstacle
@@ -338,7 +338,10 @@ def staged(
     problem: Problem, trajectory: Trajectory, **appearance: Any
 ) -> dict[tuple[str, str], Command]:
     """Commands by their type and path."""
-    commands = stage_commands(problem, trajectory, Appearance(**appearance))
+    recorder = Recorder()
+    viewer = meshcat.Visualizer(window=recorder)
+    draw(viewer, problem, trajectory, Appearance(**appearance))
+    commands = recorder.commands
     found = {(command["type"], command["path"]): command for command in commands}
     properties = sum(command["type"] == "set_property" for command in commands)
     assert len([k for k in found if k[0] != "set_property"]) + properties == len(
@@ -589,14 +592,9 @@ def test_names_cannot_break_the_page() -> None:
     assert page_commands(page) == [{"type": "delete", "path": nasty}]
 
 
-@pytest.mark.parametrize("missing", ["umsgpack", "meshcat"])
-def test_missing_meshcat(missing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_meshcat(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, held, _ = planar_motions()
-    if missing == "umsgpack":
-        monkeypatch.setitem(sys.modules, "umsgpack", None)
-    else:
-        monkeypatch.setattr(page_module, "find_spec", lambda name: None)
-        page_module._viewer.cache_clear()
+    monkeypatch.setitem(sys.modules, "meshcat", None)
     with pytest.raises(MissingDependency, match=r"tominpmp\[viz\]") as caught:
         play(problem, held, path="motion.html")
     assert caught.value.extra == "viz"
@@ -697,8 +695,9 @@ def test_viewer_of_the_caller_gets_the_commands() -> None:
     viewer = Viewer()
     assert play(problem, held, viewer=viewer) is viewer
     assert deleted == ["/meshcat"]
-    expected = stage_commands(problem, held, Appearance())
-    assert [command["path"] for command in sent] == [c["path"] for c in expected]
+    recorder = Recorder()
+    draw(meshcat.Visualizer(window=recorder), problem, held, Appearance())
+    assert sent == recorder.commands
     # Meshcat's server knows these commands only.
     assert {command["type"] for command in sent} == {
         "set_animation",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -606,32 +607,21 @@ values = st.recursive(
 )
 
 
-def _mixed(value: Any) -> bool:
-    """Whether a list holds tables and other things, which scenarios never do."""
-    if isinstance(value, dict):
-        return any(map(_mixed, value.values()))
-    if isinstance(value, list):
-        tables = [isinstance(item, dict) for item in value]
-        return any(map(_mixed, value)) or any(tables) != all(tables)
-    return False
-
-
-def _nested(value: Any, inside: bool = False) -> bool:
-    """Whether a list holds a list with tables, which has no form of its own."""
-    if isinstance(value, dict):
-        return any(_nested(item) for item in value.values())
-    if isinstance(value, list):
-        if inside and any(isinstance(item, dict) for item in value):
-            return True
-        return any(_nested(item, True) for item in value)
-    return False
-
-
 @given(st.dictionaries(keys, values, max_size=4))
 def test_toml_comes_back(table: dict[str, Any]) -> None:
-    if _mixed(table) or _nested(table):
-        return
     assert tomllib.loads(toml_text(table)) == table
+
+
+def test_rows_of_numbers_are_on_one_line() -> None:
+    """As people write them, and compare versions of a file."""
+    rows = [[1.0, 0.0], [0.0, -1e-9]]
+    table = {"q": [0.5, 1.7], "of": {"turn": rows, "names": ["a [b,", "c"]}, "no": []}
+    text = toml_text(table)
+    assert tomllib.loads(text) == table
+    assert "q = [0.5, 1.7]\n" in text
+    assert re.search(
+        r"^turn = \[\n *\[1.0, 0.0\],\n *\[0.0, -1e-09\],\n\]$", text, re.M
+    )
 
 
 FUZZ = """margin = 0.01

@@ -1,7 +1,12 @@
 """Attempts: what one initial guess, or a former motion, leads to."""
 
 from tominpmp.attempts.attempt import STOPPED, Attempt
-from tominpmp.attempts.clock import check_clock, on_clock, searching
+from tominpmp.attempts.clock import (
+    check_clock,
+    on_clock,
+    puts_off_replays,
+    searching,
+)
 from tominpmp.attempts.conclusion import conclude
 from tominpmp.attempts.continuation import solve_with_continuous_accelerations
 from tominpmp.attempts.rescue import guarded
@@ -17,6 +22,7 @@ __all__ = [
     "guarded",
     "make_attempts",
     "on_clock",
+    "puts_off_replays",
     "searching",
     "solve_with_continuous_accelerations",
 ]

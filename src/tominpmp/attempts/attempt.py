@@ -13,7 +13,8 @@ from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
-from tominpmp.verification.verdict import Verification, verify
+from tominpmp.verification.nearest import keeps_clear
+from tominpmp.verification.verdict import LONGEST, Verification, verify
 
 # How a solver ends when it was told to.
 STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
@@ -33,7 +34,8 @@ class Attempt:
         initial: The motion it began with.
         violations: Largest violation by kind of constraint.
         history: One record an iteration.
-        verification: Replay of the torques, if the motion is feasible.
+        verification: Replay of the torques, if the motion is feasible; None too if it
+            was put off.
         remark: A sentence for the user, if there is something to say.
         unconfirmed: Whether there was no time left for the replay.
     """
@@ -107,11 +109,26 @@ class Attempt:
         """T of the motion if it keeps all constraints [s]; else infinite."""
         return self.trajectory.duration if self.found else np.inf
 
-    def verified(self, problem: Problem, options: Options) -> Attempt:
-        """Replay the torques of a motion that is said to keep all constraints."""
-        if not self.feasible:
+    def verified(
+        self, problem: Problem, options: Options, *, later: bool = False
+    ) -> Attempt:
+        """Replay the torques of a motion that is said to keep all constraints.
+
+        Args:
+            problem: What it is to solve.
+            options: Options of the plan.
+            later: Whether that may be put off, as another motion is made of it. It is
+                where the torques follow from the motion and it touches nothing.
+        """
+        if not self.feasible or (later and self._may_wait(problem, options)):
             return self
         verification = verify(
             problem, self.trajectory, options.tolerances, checker=problem.checker
         )
         return replace(self, verification=verification)
+
+    def _may_wait(self, problem: Problem, options: Options) -> bool:
+        motion = self.trajectory
+        if motion.inverse_dynamics is None or not motion.duration <= LONGEST:
+            return False
+        return keeps_clear(problem, motion, options.tolerances.contact)

@@ -34,7 +34,12 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ticks import ClockedTranscription, Ticks, ticks_of
+from tominpmp.transcription.ticks import (
+    TRACE,
+    ClockedTranscription,
+    Ticks,
+    ticks_of,
+)
 from tominpmp.verification.verdict import Verification, verify
 
 logger = logging.getLogger(__name__)
@@ -44,7 +49,7 @@ SEARCH_SHARE = 0.7
 # Time for this stage once planning was interrupted [s].
 PATIENCE = 1.0
 # The motion is near to what it comes from: share of the usual trust region, iterations.
-RADIUS = 0.3
+RADIUS = 0.1
 ITERATIONS = 15
 # Numbers of periods that are tried, and by how much more of them the next try has
 # where nothing tells: by one, and by shares of the number later on.
@@ -52,8 +57,10 @@ TRIES = 12
 LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
 # A motion has so many periods at least; the shortest have more than they need.
 FEWEST = 4
-# An iteration goes on while its last step has promised this share of what is missing.
+# An iteration goes on while its last step has promised this share of what is missing,
+# and the duration still changes by that share.
 HOPE = 0.5
+MOVING = 0.1
 # Intervals are halved where it takes more periods than so many more, by their share.
 DEAR = 0.01
 # They are as well where the replay of a motion is not all right, up to so many.
@@ -93,6 +100,16 @@ def searching(options: Options) -> Options:
     return replace(options, max_planning_time=SEARCH_SHARE * limit)
 
 
+def puts_off_replays(options: Options) -> bool:
+    """Whether motions of the search without a clock need no replay of their own.
+
+    What leaves is another motion, made of the best of them, and that is replayed. Where
+    time is limited there may be none in the end, and what was found has to be known to
+    hold.
+    """
+    return options.control_period is not None and options.max_planning_time is None
+
+
 def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> Solution:
     """Bring the motion of a solution to the clock of its options.
 
@@ -129,8 +146,24 @@ def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> S
         outcome = Clocked(watch.stopped(stop))
     solution = replace(solution, history=tuple(history), planning_time=watch.seconds)
     if outcome.trajectory is None:
-        return failed(solution, outcome, period)
+        return failed(_replayed(solution, watch), outcome, period)
     return succeeded(solution, outcome, remark, period)
+
+
+def _replayed(solution: Solution, watch: Watch) -> Solution:
+    """The solution with the replay of its motion, if that was put off."""
+    motion, problem = solution.trajectory, solution.problem
+    if solution.verification is not None or motion is None:
+        return solution
+    try:
+        verification = verify(
+            problem, motion, solution.options.tolerances, checker=problem.checker
+        )
+    except (Stop, KeyboardInterrupt) as stop:
+        watch.stopped(stop)
+        return solution
+    watch.in_vain = not verification.ok
+    return replace(solution, verification=verification, planning_time=watch.seconds)
 
 
 def _numbered(
@@ -173,12 +206,14 @@ class Deadline:
         watch: Time that was spent.
         until: End on the clock of ``perf_counter`` [s]; None for no end.
         goal: Duration that need not be improved [s].
+        last: Duration after the last iteration [s]; infinite before the first.
     """
 
     options: Options
     watch: Watch
     until: float | None
     goal: float = 0.0
+    last: float = np.inf
 
     @property
     def over(self) -> bool:
@@ -191,14 +226,17 @@ class Deadline:
         seen = replace(record, start=self.watch.start, seconds=self.watch.seconds)
         if callback is not None and callback(seen):
             return Status.INTERRUPTED
-        there = record.duration <= self.goal * (1.0 + 1e-12)
+        there = record.duration <= self.goal * (1.0 + TRACE)
         if there and record.violation <= self.options.feasibility:
             return Status.FEASIBLE
         if self.over:
             return Status.TIME_LIMIT
         # Nearly admissible, slower, and no hope of more: it takes another period.
-        missing = record.duration - self.goal
-        hopeless = record.violation <= FAR and record.predicted < HOPE * missing
+        missing, last = record.duration - self.goal, self.last
+        self.last = record.duration
+        settled = abs(last - record.duration) < MOVING * missing
+        hopeless = settled or record.predicted < HOPE * missing
+        hopeless = hopeless and record.violation <= FAR
         return Status.STALLED if not there and hopeless else None
 
 
@@ -244,7 +282,7 @@ class Try:
             result: Its outcome.
         """
         reached, near = result.iterate, result.iterate.violation <= FAR
-        needed = ticks_of(reached.duration, program.ticks.period)
+        needed = ticks_of(program.timed(reached.z)[-1], program.ticks.period)
         if near and needed > self.count:
             guess = former_motion(system, program.trajectory(reached.z))
             dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
@@ -332,6 +370,7 @@ def _solve(
     program = program.with_more_rows(z, -NEARLY) or program
     result: SlpResult | None = None
     for _ in range(ROUNDS):
+        monitor.last = np.inf
         solver = SlpSolver(program, near, smoothing, lp, monitor)
         result = solver.run(z, after=result)
         z = result.iterate.z if result.best is None else result.best.z

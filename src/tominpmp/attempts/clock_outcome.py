@@ -67,9 +67,14 @@ def failed(solution: Solution, outcome: Clocked, period: float) -> Solution:
     reason = reasons.get(status, "none of the numbers of periods tried would do")
     if status is Status.UNVERIFIED and outcome.verification is not None:
         reason = outcome.verification.message.rstrip(".")
+    replay = solution.verification
+    rest = "keeps all else, but its knots are not on the clock"
+    if replay is None:
+        rest = "is not on the clock, and there was no time to verify it"
+    elif not replay.ok:
+        rest = f"is not on the clock, nor right: {replay.message.rstrip('.')}"
     message = (
         f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
-        f"motion that is kept, T = {solution.T:.4f} s, keeps all else, but its knots "
-        "are not on the clock."
+        f"motion that is kept, T = {solution.T:.4f} s, {rest}."
     )
     return replace(solution, status=status, message=message, feasible=False)

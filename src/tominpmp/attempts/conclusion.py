@@ -12,9 +12,12 @@ from tominpmp.problem import Problem
 from tominpmp.solution import Solution, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification import LowerBound, explain, lower_bound
+from tominpmp.verification.verdict import LONGEST
 
 # A lower bound is mentioned if T is within this factor of it.
 TELLING = 2.0
+# Shorter times are given by their digits, not their decimals [s].
+BRIEF_TIME = 0.01
 
 
 def conclude(
@@ -92,6 +95,8 @@ def _message(
     if best.found:
         T = best.trajectory.duration
         sentence = f"{status.value} T = {T:.4f} s"
+        if T < BRIEF_TIME:
+            sentence = f"{status.value} T = {T:.3g} s"
         if bound is not None and bound.T * TELLING > T:
             above = 100 * (T / bound.T - 1)
             sentence = f"{sentence}, {above:.1f} % above what none can beat"
@@ -99,7 +104,10 @@ def _message(
     if best.unconfirmed:
         return f"{status.value} There was no time to verify the motion that was found."
     if best.feasible and best.verification is not None:
-        return f"{status.value} {best.verification.message}"
+        sentence = f"{status.value} {best.verification.message}"
+        if bound is not None and bound.T > LONGEST:
+            sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
+        return sentence
     try:
         return explain(problem, attempts, status)
     except Stop:

@@ -79,7 +79,7 @@ def solve_with_continuous_accelerations(
     def solve(tried: System, _: Attempt | None) -> Attempt:
         guess = former_motion(tried, motion)
         found = solve_from_guess(tried, near, guess, watch)
-        return found.verified(system.problem, options)
+        return found.verified(system.problem, options, later=watch.puts_off)
 
     faster = with_rows_where_needed(system, watch, solve)
     if not faster.duration < attempt.duration:

@@ -80,7 +80,7 @@ def _solve_and_verify(
 ) -> Attempt:
     problem = system.problem
     attempt = solve_from_guess(system, options, guess, watch)
-    attempt = attempt.verified(problem, options)
+    attempt = attempt.verified(problem, options, later=watch.puts_off)
     unwatched = system.clearance is None
     for _ in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:

@@ -31,6 +31,7 @@ from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.seeding.parallel import (
     asked_to_stop,
     available_processes,
+    ready,
     run_parallel,
 )
 from tominpmp.seeding.passing import guesses_among_moving
@@ -59,6 +60,15 @@ RESCUE_STARTS = 8
 # Processes that are started at least where several are asked for; beyond the number of
 # cores they would only wait for each other.
 LEAST_PROCESSES = 2
+# Where there is less time than this, none are started, which alone takes about two
+# seconds: one process would have found something by then [s].
+TO_START = 5.0
+# Guesses that are made for each process before any of them is tried: to make one may
+# take a while.
+BATCH = 4
+# Processes end before the time is over by this share of it, and by so much, to hand
+# over what they have found [s].
+HANDOVER_SHARE, HANDOVER = 0.02, 0.05
 
 
 class Count(NamedTuple):
@@ -127,7 +137,8 @@ def _from_guesses(
     make = guesses_among_moving if system.problem.scene.moving else initial_guesses
     guesses = make(system, count.most, rng, options.initial_duration, watch.deadline)
     source: _Source = _Source(system, options, watch, guesses)
-    if options.processes > 1:
+    left = watch.left
+    if options.processes > 1 and (left is None or left > TO_START or ready()):
         source = _SourceOfMany(system, options, watch, guesses)
     swings = count.swings
     for number in itertools.count():
@@ -138,7 +149,7 @@ def _from_guesses(
         if number >= count.wanted and enough:
             break
         # None is made, which may take a search, before it is known to be wanted.
-        guess = source.next(max(count.wanted - number, 1) if not number else 0)
+        guess = source.next(max(count.wanted - number, 0))
         if guess is None:
             if not number:
                 raise unreachable(system, rng)
@@ -216,10 +227,11 @@ class _SourceOfMany(_Source):
         self.results: dict[int, _Result] = {}
 
     def next(self, ahead: int) -> Guess | None:
-        """The next guess; so many are tried ahead, or one for each process."""
+        """The next guess; so many are wanted ahead, or one for each process."""
         if not self.ready:
             batch: list[Guess] = []
-            while len(batch) < (ahead or self.processes):
+            size = min(ahead or self.processes, BATCH * self.processes)
+            while len(batch) < size:
                 guess = super().next(0)
                 if guess is None:
                     break
@@ -233,7 +245,9 @@ class _SourceOfMany(_Source):
         start = self.watch.begin(len(batch))
         left = self.watch.left
         alone = replace(self.options, callback=None, processes=1)
-        ends = None if left is None else time.time() + left
+        ends = None
+        if left is not None:
+            ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
         task = partial(solve_alone, self.system, alone, ends)
         numbered = [(start + k, guess) for k, guess in enumerate(batch)]
         self.run = run_parallel(task, numbered, self.processes, left)
@@ -285,6 +299,7 @@ def solve_alone(
         options = replace(options, max_planning_time=left)
     watch = Watch(options, first=number, asked=asked_to_stop)
     watch.begin()
+    system.forget()
     solve = partial(solve_and_verify, system, options, guess, watch)
     with watch.stopper.in_force():
         attempt = guarded(system.problem, options, watch, guess.name, solve)

@@ -62,6 +62,10 @@ class Watch:
         records: One record an iteration of the present attempt.
         kept: Motions of the present attempt, the newest last.
         failures: What went wrong with attempts that have led to nothing.
+        puts_off: Whether motions need no replay yet, as one on the clock of a
+            controller is made of them, which is replayed.
+        in_vain: Whether there is no such motion, and the replay that was put off has
+            failed.
     """
 
     def __init__(
@@ -70,6 +74,7 @@ class Watch:
         *,
         first: int = 0,
         asked: Callable[[], bool] | None = None,
+        puts_off: bool = False,
     ) -> None:
         self.start = first
         self.best = np.inf
@@ -78,6 +83,7 @@ class Watch:
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
         self.failures: list[Exception] = []
+        self.puts_off, self.in_vain = puts_off, False
         self._starts = first
         self._begin = time.perf_counter()
         self._limit = options.max_planning_time
@@ -186,10 +192,11 @@ class Watch:
 
     def _set_deadline(self) -> None:
         if self._until is None or self._limit is None:
-            self.stopper.deadline = np.inf
+            self.stopper.deadline = self.stopper.last = np.inf
             return
         more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
         self.stopper.deadline = self._begin + self._until + more
+        self.stopper.last = self._end(self._limit)
 
     # -- the monitor -------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -15,6 +16,20 @@ if TYPE_CHECKING:
 
 # Lines in a log come this seldom [s].
 PERIOD = 3.0
+# What takes seconds where the planning cannot tell how it goes: cutting meshes.
+LOGGER = "tominpmp.collision.store"
+
+
+class _Phases(logging.Handler):
+    """Shows what the log says as the phase."""
+
+    def __init__(self, progress: Progress) -> None:
+        super().__init__(logging.INFO)
+        self._progress = progress
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a message."""
+        self._progress.phase(record.getMessage())
 
 
 class Progress:
@@ -36,11 +51,17 @@ class Progress:
             self._status = console.status("")
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
+        self._handler = _Phases(self)
+        self._level = logging.NOTSET
 
     def __enter__(self) -> Progress:
         """Begin to show."""
         if self._status is not None:
             self._status.start()
+            logger = logging.getLogger(LOGGER)
+            self._level = logger.level
+            logger.addHandler(self._handler)
+            logger.setLevel(logging.INFO)
         return self
 
     def __exit__(
@@ -51,6 +72,9 @@ class Progress:
     ) -> None:
         """Clear the line."""
         if self._status is not None:
+            logger = logging.getLogger(LOGGER)
+            logger.removeHandler(self._handler)
+            logger.setLevel(self._level)
             self._status.stop()
 
     def phase(self, text: str) -> None:

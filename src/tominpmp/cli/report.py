@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.cli.json_text import plain
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.trajectory import Trajectory
@@ -56,8 +54,8 @@ def report_data(
     data: dict[str, Any] = {
         "tominpmp": metadata.version("tominpmp"),
         "robot": problem.robot.name,
-        "joint_names": list(problem.robot.joint_names),
-        "status": solution.status.name,
+        "joint_names": problem.robot.joint_names,
+        "status": solution.status,
         "message": solution.message,
         "success": solution.success,
         "T": solution.T if solution.success else None,
@@ -68,95 +66,75 @@ def report_data(
         "starts": len({record.start for record in solution.history}),
         "programs": sum(record.programs for record in solution.history),
         "planning_time": solution.planning_time,
-        "violations": {k: float(v) for k, v in solution.violations.items()},
+        "violations": solution.violations,
     }
-    trajectory = solution.trajectory
+    trajectory, found = solution.trajectory, solution.verification
     if trajectory is not None:
         torque, either = limit_shares(problem.robot, trajectory)
-        data["torque_limited_share"] = torque
-        data["limited_share"] = either
-        data["q_start"] = _list(trajectory.q[0])
-        data["q_end"] = _list(trajectory.q[-1])
-        peak = solution.peak_acceleration
-        if peak is not None:
-            data["peak_acceleration"] = asdict(peak)
+        data |= {"torque_limited_share": torque, "limited_share": either}
+        data |= {"q_start": trajectory.q[0], "q_end": trajectory.q[-1]}
+        if solution.peak_acceleration is not None:
+            data["peak_acceleration"] = solution.peak_acceleration
         if not solution.success:
             data["best_attempt"] = trajectory.duration
-    found, bound = solution.verification, solution.lower_bound
     if found is not None:
-        data["verified"] = found.ok
-        data["goal_error"] = float(found.goal_error)
-        clearance = float(found.min_clearance)
-        data["min_clearance"] = clearance if math.isfinite(clearance) else None
-    if bound is not None:
-        data["lower_bound"] = float(bound.T)
-        data["lower_bound_reason"] = bound.reason
+        data |= {"verified": found.ok, "goal_error": found.goal_error}
+        data["min_clearance"] = found.min_clearance
+    if solution.lower_bound is not None:
+        data["lower_bound"] = solution.lower_bound.T
+        data["lower_bound_reason"] = solution.lower_bound.reason
     if "certificate plot" in files and solution.certificate is not None:
         data["certified"] = solution.certificate.ok
         data["certificate"] = solution.certificate.message
-    data["files"] = dict(files)
+    data["files"] = files
     if file is not None:
-        data["file_holds"] = file.ok
-        data["file_joined"] = file.joined
-        data["file_message"] = file.message
-        data["file_notes"] = list(file.notes)
-    return data
-
-
-def _list(values: Array) -> list[float]:
-    return [float(value) for value in values]
+        data |= {"file_holds": file.ok, "file_joined": file.joined}
+        data |= {"file_message": file.message, "file_notes": file.notes}
+    return cast("dict[str, Any]", plain(data))
 
 
 def report_text(data: Mapping[str, Any]) -> str:
     """Write the report for people, a line an item."""
-    lines: list[tuple[str, str]] = []
+    rows: list[tuple[str, str]] = []
     for key, kind in (("T", "duration"), ("best_attempt", "best attempt")):
         if data.get(key) is not None:
-            lines.append((kind, f"{data[key]:.4f} s"))
-    programs = f"{data['iterations']} ({_count(data['programs'], 'linear program')}"
-    if data["starts"] > 1:
-        programs += f", {data['starts']} starts"
-    lines.append(("iterations", programs + ")"))
-    lines.append(("planning time", f"{data['planning_time']:.2f} s"))
+            rows.append((kind, f"{data[key]:.4f} s"))
+    count, starts = data["programs"], data["starts"]
+    programs = f"{count} linear program{'' if count == 1 else 's'}"
+    programs += f", {starts} starts" if starts > 1 else ""
+    rows.append(("iterations", f"{data['iterations']} ({programs})"))
+    rows.append(("planning time", f"{data['planning_time']:.2f} s"))
     method = f"{data['method']}, {data['intervals']} intervals, {data['lp_solver']}"
-    lines.append(("method", method))
+    rows.append(("method", method))
     if "limited_share" in data and data["success"]:
-        lines.append(
-            (
-                "at limits",
-                f"{_percent(data['torque_limited_share'])} of the time a torque, "
-                f"{_percent(data['limited_share'])} a torque or a speed",
-            )
-        )
+        torque, either = data["torque_limited_share"], data["limited_share"]
+        share = f"{100 * torque:.0f} % of the time a torque, "
+        rows.append(("at limits", f"{share}{100 * either:.0f} % a torque or a speed"))
     if "verified" in data:
         replay = f"ends {data['goal_error']:.1e} from the goal"
         if data["min_clearance"] is not None:
             replay += f", clearance {data['min_clearance']:.4f} m"
-        lines.append(("replay", replay))
+        rows.append(("replay", replay))
     if data.get("lower_bound"):
         bound = f"{data['lower_bound']:.4f} s ({data['lower_bound_reason']})"
-        lines.append(("lower bound", bound))
+        rows.append(("lower bound", bound))
     if "certificate" in data:
-        lines.append(("certificate", data["certificate"]))
+        rows.append(("certificate", data["certificate"]))
     if data["violations"]:
-        worst = ", ".join(
-            f"{kind} {value:.1e}" if value else f"{kind} 0"
-            for kind, value in data["violations"].items()
+        worst = data["violations"].items()
+        texts = (
+            f"{kind} {value:.1e}" if value else f"{kind} 0" for kind, value in worst
         )
-        lines.append(("violations", worst))
-    lines += [(kind, file) for kind, file in data["files"].items()]
+        rows.append(("violations", ", ".join(texts)))
+    rows += data["files"].items()
     if "file_holds" in data:
         verdict = "holds" if data["file_holds"] else "does not hold"
-        lines.append(("as read", f"{verdict}, joined by {data['file_joined']}"))
-        lines += [("note", note) for note in data["file_notes"]]
-    width = max(len(label) for label, _ in lines) + 2
-    body = [f"  {label:<{width}}{text}" for label, text in lines]
-    return "\n".join([data["message"], "", *body])
+        rows.append(("as read", f"{verdict}, joined by {data['file_joined']}"))
+        rows += [("note", note) for note in data["file_notes"]]
+    return rows_text(data["message"], rows)
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
+def rows_text(message: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Write a message and, below it, texts with their labels."""
+    width = max(len(label) for label, _ in rows) + 2
+    return "\n".join([message, "", *(f"  {k:<{width}}{text}" for k, text in rows)])

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from tominpmp.cli.arguments import GENERAL, LIST_OPTIONS, PANELS
 from tominpmp.cli.terminal import (
     BAD_INPUT,
     CLOSED_PIPE,
@@ -20,13 +19,25 @@ from tominpmp.cli.terminal import (
     flush_output,
 )
 
+# What the options are listed under in the help, in this order.
+PANELS = ("Motion", "Scene", "Robot", "Planning", "Output", "General")
+PER_JOINT = "VALUES"
+# Options whose values are called so take one word, or several.
+SEVERAL = ("POSITIONS", PER_JOINT, "X Y Z")
+
 
 class Command(TyperCommand):
     """A command with options in groups, whose values may be several words."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Join the words of such values, then parse as usual."""
-        return list(super().parse_args(ctx, join_lists(args)))
+        several = {
+            flag
+            for param in self.get_params(ctx)
+            if getattr(param, "metavar", None) in SEVERAL
+            for flag in param.opts
+        }
+        return list(super().parse_args(ctx, join_lists(args, several)))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Name the arguments as they are, without marks of any kind."""
@@ -42,7 +53,7 @@ class Command(TyperCommand):
             if param.param_type_name == "argument":
                 rows["Arguments"].append((param.metavar or "", param.help or ""))
             elif record is not None:
-                panel = getattr(param, "rich_help_panel", None) or GENERAL
+                panel = getattr(param, "rich_help_panel", None) or PANELS[-1]
                 rows[panel].append(record)
         for panel, records in rows.items():
             if records:
@@ -50,23 +61,28 @@ class Command(TyperCommand):
                     formatter.write_dl(records, col_max=28)
 
 
-def join_lists(args: list[str]) -> list[str]:
-    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option."""
+def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
+    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option.
+
+    Args:
+        args: The words of a command line.
+        options: Options that take several words.
+    """
     joined: list[str] = []
     for arg in args:
-        if _is_list(joined[-2:]) and _is_value(arg):
+        if _takes_more(joined[-2:], options) and _is_value(arg):
             joined[-1] += f",{arg}"
         else:
             joined.append(arg)
     return joined
 
 
-def _is_list(words: list[str]) -> bool:
+def _takes_more(words: Sequence[str], options: Collection[str]) -> bool:
     """Tell whether the last words are ``--start 1`` or ``--start=1``."""
-    if len(words) == 2 and words[0] in LIST_OPTIONS:
+    if len(words) == 2 and words[0] in options:
         return True
     option, equals, _ = words[-1].partition("=") if words else ("", "", "")
-    return bool(equals) and option in LIST_OPTIONS
+    return bool(equals) and option in options
 
 
 def _is_value(word: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import coal
@@ -12,7 +12,14 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.collision.decomposition import Pieces
-from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shape
+from tominpmp.collision.shapes import (
+    Outline,
+    convex_hull,
+    hull_of,
+    is_mesh,
+    obstacle_shape,
+    outline,
+)
 from tominpmp.collision.store import pieces_of
 from tominpmp.robot import Robot
 from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree, Scene
@@ -42,6 +49,11 @@ class Body:
     shape: Any
     part: int = -1
 
+    @cached_property
+    def outline(self) -> Outline:
+        """What encloses it, in its own axes; asked for by every checker of a robot."""
+        return outline(self.shape)
+
 
 def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
     """Shapes of all links, also of those that do not move.
@@ -50,20 +62,36 @@ def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
         robot: The robot.
         geometry: What meshes are taken as.
     """
-    bodies = []
-    for part, item in enumerate(robot.collision_model.geometryObjects):
-        name = robot.model.frames[item.parentFrame].name
-        for shape in _pieces(item.geometry, geometry):
-            bodies.append(
-                Body(name, int(item.parentJoint), item.placement, shape, part)
-            )
-    return bodies
+    count = len(robot.collision_model.geometryObjects)
+    return [
+        body for part in range(count) for body in part_bodies(robot, part, geometry)
+    ]
 
 
-def _pieces(shape: Any, geometry: Geometry) -> list[Any]:
+def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
+    """Shapes of one of the geometries of a robot.
+
+    Args:
+        robot: The robot.
+        part: Which of them.
+        geometry: What meshes are taken as.
+    """
+    item = robot.collision_model.geometryObjects[part]
+    name, joint = part_link(robot, part), int(item.parentJoint)
+    shapes = _pieces(item.geometry, geometry, name)
+    return [Body(name, joint, item.placement, shape, part) for shape in shapes]
+
+
+def part_link(robot: Robot, part: int) -> str:
+    """Name of the link that one of the geometries of a robot belongs to."""
+    item = robot.collision_model.geometryObjects[part]
+    return str(robot.model.frames[item.parentFrame].name)
+
+
+def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
     if geometry == "mesh" or not is_mesh(shape):
         return [shape]
-    pieces = pieces_of(shape) if geometry == "convex" else None
+    pieces = pieces_of(shape, name) if geometry == "convex" else None
     if pieces is None or len(pieces.corners) == 1:
         return [convex_hull(shape)]
     return list(_hulls(pieces))
@@ -98,11 +126,12 @@ def approximations(robot: Robot) -> tuple[Approximation, ...]:
     """How far the convex pieces of each mesh of a robot are from it."""
     found = []
     for item in robot.collision_model.geometryObjects:
-        pieces = pieces_of(item.geometry) if is_mesh(item.geometry) else None
+        link = robot.model.frames[item.parentFrame].name
+        pieces = pieces_of(item.geometry, link) if is_mesh(item.geometry) else None
         if pieces is not None:
             found.append(
                 Approximation(
-                    robot.model.frames[item.parentFrame].name,
+                    link,
                     item.name,
                     len(pieces.corners),
                     pieces.outward,
@@ -148,5 +177,5 @@ def _obstacle_parts(obstacle: Obstacle) -> list[tuple[Array, Any]]:
     shape = obstacle_shape(obstacle)
     if isinstance(obstacle, Mesh):
         taken_as = MESHES[obstacle.convex]
-        return [(origin, piece) for piece in _pieces(shape, taken_as)]
+        return [(origin, piece) for piece in _pieces(shape, taken_as, obstacle.name)]
     return [(origin, shape)]

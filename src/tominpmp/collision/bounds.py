@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
 from tominpmp.collision.placements import BodyPlacements
-from tominpmp.collision.shapes import Outline, outline
+from tominpmp.collision.shapes import Outline
 
 # Balls that cover a body, side by side along its longest axis. Four leave 1 to 3 cm
 # between bound and distance on the links of a Panda.
@@ -160,7 +160,7 @@ class BroadPhase:
         self, bodies: Sequence[Body], first: IntArray, second: IntArray
     ) -> None:
         self.first, self.second = first, second
-        found = [Enclosure.of(outline(body.shape)) for body in bodies]
+        found = [Enclosure.of(body.outline) for body in bodies]
         self.centre = np.array([item.centre for item in found]).reshape(-1, 3)
         self.radius = np.array([item.radius for item in found])
         # No point of a body is farther than this from what carries it.

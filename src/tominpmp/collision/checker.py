@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.collision.bodies import (
-    Approximation,
-    Geometry,
-    approximations,
-    scene_bodies,
-)
-from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.assembly import Assembly
+from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
 from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.contact import Contact, Derivatives
 from tominpmp.collision.movers import Movers
 from tominpmp.collision.narrow import Guard, NarrowPhase
-from tominpmp.collision.placements import Placements
 from tominpmp.collision.query import Count, DistanceQuery
-from tominpmp.collision.selection import links_of, own_pairs, scene_pairs
-from tominpmp.collision.shapes import is_convex
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
@@ -34,7 +27,8 @@ class CollisionChecker:
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
     A query begins where the one before it ended, which is faster along a motion; the
-    answers depend on former queries within the tolerances of Coal.
+    answers depend on former queries within the tolerances of Coal. Pairs are put
+    together when they are first asked for, as cutting meshes may take long.
 
     Attributes:
         robot: The robot.
@@ -42,9 +36,7 @@ class CollisionChecker:
         self_collision: Whether links are watched against each other and against what
             is fixed to the base.
         geometry: What meshes of the links are taken as.
-        pairs: Names (link, other) of the pairs that are watched, first those with
-            obstacles; a link has a pair for each of its convex pieces.
-        obstacle_pairs: How many of them are with obstacles.
+        cut: Names of the links whose meshes are taken as that; None for all.
     """
 
     def __init__(
@@ -54,8 +46,9 @@ class CollisionChecker:
         *,
         self_collision: bool = False,
         geometry: Geometry = "convex",
+        cut: frozenset[str] | None = None,
     ) -> None:
-        """Find the pairs.
+        """Find what there is.
 
         Args:
             robot: The robot.
@@ -65,53 +58,115 @@ class CollisionChecker:
             geometry: "convex" takes meshes of links as convex pieces, "hull" each as
                 one; "mesh" takes their triangles, which is slow and does not know how
                 deep an overlap is.
+            cut: Names of the links whose meshes are taken as that; None for all. The
+                meshes of the others are taken as one hull each, from which distances
+                are never larger; they are not cut into pieces for it.
 
         Raises:
             SceneError: If there are obstacles, but no geometry on moving links.
         """
         self.robot, self.scene, self.geometry = robot, scene, geometry
-        self.self_collision = self_collision
-        watching = self.self_collision or len(scene)
-        links = links_of(robot, geometry) if watching else ()
-        if len(scene) and not any(body.joint for body in links):
+        self.self_collision, self.cut = self_collision, cut
+        shapes = robot.collision_model.geometryObjects
+        if len(scene) and not any(item.parentJoint for item in shapes):
             raise SceneError(
                 f"the robot {robot.name!r} has no collision geometry on its moving "
                 "links, so that its clearance from the scene cannot be told"
             )
         self._movers = Movers(scene.moving, robot.model.njoints)
-        bodies = [*links, *scene_bodies(scene, self._movers.first)]
-        first, second = scene_pairs(bodies, len(links))
-        self.obstacle_pairs = int(first.size)
-        if self.self_collision:
-            own = own_pairs(robot, geometry)
-            first = np.concatenate([first, own[0]])
-            second = np.concatenate([second, own[1]])
-        self.pairs: tuple[tuple[str, str], ...] = tuple(
-            (bodies[i].name, bodies[k].name)
-            for i, k in zip(first.tolist(), second.tolist(), strict=True)
-        )
-        self._joint = np.array([body.joint for body in bodies], dtype=np.int64)
-        self._first, self._second = first, second
-        self._placements = Placements(robot.model)
-        self._narrow = NarrowPhase(robot.model, bodies, first, second, self._movers)
         self._guard: tuple[float | Array, Guard] | None = None
-        self._query = DistanceQuery(
-            robot,
-            self._placements,
-            BroadPhase(bodies, first, second),
-            self._narrow,
-            np.array([is_convex(body.shape) for body in bodies], dtype=bool),
+        self._variants: dict[frozenset[str], CollisionChecker] = {}
+        if len(scene):
+            _ = self._parts  # they are all asked for, by whatever is planned
+
+    @cached_property
+    def _parts(self) -> Assembly:
+        return Assembly.of(
+            self.robot,
+            self.scene,
             self._movers,
+            self.self_collision,
+            self.geometry,
+            self.cut,
         )
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is built again."""
-        return _rebuilt, (self.robot, self.scene, self.self_collision, self.geometry)
+        own = self.self_collision
+        make = partial(
+            CollisionChecker, self_collision=own, geometry=self.geometry, cut=self.cut
+        )
+        return make, (self.robot, self.scene)
 
     def forget(self) -> None:
         """Forget former queries, on which answers depend within the tolerances."""
-        self._narrow.forget()
+        if "_parts" in self.__dict__:
+            self._narrow.forget()
         self._guard = None
+        for variant in self._variants.values():
+            variant.forget()
+
+    @property
+    def lone(self) -> bool:
+        """Whether only the links of one robot are watched, as convex pieces."""
+        alone = not len(self.scene) and len(self.robot.parts) <= 1
+        pieces = self.geometry == "convex" and self.cut is None
+        return alone and pieces and self.self_collision
+
+    def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
+        """The same with only some links cut into pieces, the others being hulls."""
+        if cut not in self._variants:
+            self._variants[cut] = CollisionChecker(
+                self.robot,
+                self.scene,
+                self_collision=self.self_collision,
+                geometry=self.geometry,
+                cut=cut,
+            )
+        return self._variants[cut]
+
+    def anew(self) -> CollisionChecker:
+        """The same, which knows of no former queries."""
+        make, given = self.__reduce__()
+        made: CollisionChecker = make(*given)
+        return made
+
+    def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:
+        """Whether the links of a lone robot are clear even as one hull each.
+
+        Then they are so as pieces, which need not be known. False tells nothing.
+
+        Args:
+            q: Configuration, shape (n,) [rad or m].
+            margin: Distance that they are to be beyond [m].
+        """
+        return self.lone and self.with_cut(frozenset()).is_free(q, margin)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names (link, other) of the pairs, first those with obstacles.
+
+        A link has a pair for each of its convex pieces.
+        """
+        return self._parts.pairs
+
+    @property
+    def obstacle_pairs(self) -> int:
+        """How many of the pairs are with obstacles."""
+        return self._parts.obstacle_pairs
+
+    @property
+    def links(self) -> tuple[Body, ...]:
+        """Shapes of the links."""
+        return self._parts.links
+
+    @property
+    def _narrow(self) -> NarrowPhase:
+        return self._parts.narrow
+
+    @property
+    def _query(self) -> DistanceQuery:
+        return self._parts.query
 
     @property
     def count(self) -> Count:
@@ -131,7 +186,7 @@ class CollisionChecker:
     @property
     def moving_pairs(self) -> BoolArray:
         """Which pairs are with an obstacle that moves, shape (pairs,)."""
-        return np.asarray(self._joint[self._second] >= self._movers.first)
+        return np.asarray(self._parts.joint[self._parts.second] >= self._movers.first)
 
     def distances(
         self,
@@ -190,7 +245,9 @@ class CollisionChecker:
         Returns:
             Shape (k,) [m]; exact where below ``enough``.
         """
-        rows, query = self.robot.expand(q), self._query
+        used, instants = np.unique(instants, return_inverse=True)
+        rows, query = self.robot.expand(q[used]), self._query
+        times = None if times is None else times[used]
         placed = query.place(rows, times)
         return query.measured(rows, placed, instants, pairs, enough, times)
 
@@ -277,30 +334,9 @@ class CollisionChecker:
         """
         if times is None:
             times = np.zeros(q.shape[0])
-        k, rows = len(pairs), self.robot.expand(q)
-        normal, points = np.empty((k, 3)), np.empty((2, k, 3))
-        order = np.argsort(instants, kind="stable")
-        starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
-        for chosen in np.split(order, starts[1:]) if k else []:
-            instant = instants[chosen[0]]
-            self._narrow.place(rows[instant], float(times[instant]))
-            found = self._narrow.witnesses(pairs[chosen].tolist())
-            normal[chosen] = found.normal
-            points[0, chosen], points[1, chosen] = found.first, found.second
-        R, t = self._placements.joints(rows)
-        placed = R[instants], t[instants]
-        out = np.zeros((k, self.robot.model.nv))
-        for bodies, point, sign in (
-            (self._first, points[0], -1.0),
-            (self._second, points[1], 1.0),
-        ):
-            joint = self._joint[bodies[pairs]]
-            joint = np.where(joint < self._movers.first, joint, 0)
-            out += sign * self._placements.jacobian_rows(placed, joint, point, normal)
-        rates = self._movers.approach(
-            self._joint[self._second[pairs]], times[instants], points[1], normal
-        )
-        return Derivatives(self.robot.reduce_tangent(out), rates)
+        rows = self.robot.expand(q)
+        gradients, rates = self._parts.derivatives(rows, instants, pairs, times)
+        return Derivatives(self.robot.reduce_tangent(gradients), rates)
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
         """Bounds on the speed of all points of the other body of each pair.
@@ -312,15 +348,7 @@ class CollisionChecker:
         Returns:
             Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
         """
-        out = np.zeros((begin.size, len(self.pairs)))
-        moving = np.flatnonzero(self.moving_pairs)
-        if moving.size:
-            linear, angular = self._movers.speeds(begin, end)
-            body = self._second[moving]
-            number = self._joint[body] - self._movers.first
-            farthest = self._query.broad.farthest[body]
-            out[:, moving] = linear[:, number] + angular[:, number] * farthest
-        return out
+        return self._parts.obstacle_speeds(begin, end)
 
     @property
     def approximations(self) -> tuple[Approximation, ...]:
@@ -366,11 +394,3 @@ class CollisionChecker:
             own=index >= self.obstacle_pairs,
             margin=float(limit[index]),
         )
-
-
-def _rebuilt(
-    robot: Robot, scene: Scene, self_collision: bool, geometry: Geometry
-) -> CollisionChecker:
-    return CollisionChecker(
-        robot, scene, self_collision=self_collision, geometry=geometry
-    )

@@ -74,10 +74,14 @@ class NarrowPhase:
         self._geometry = geometry
         self._first, self._second = first, second
         self._shifter = Shifter(geometry, bodies, model.njoints, movers)
+        self._asked = True
         self.forget()
 
     def forget(self) -> None:
         """Forget where former queries ended: answers are as if nothing was asked."""
+        if not self._asked:
+            return  # making them anew takes milliseconds where there are many pairs
+        self._asked = False
         self._results = self._geometry.createData()
         for request in self._results.distanceRequests:
             request.gjk_tolerance = GJK_TOLERANCE
@@ -104,6 +108,7 @@ class NarrowPhase:
     def all(self, q: Array, time: float = 0.0) -> Array:
         """Signed distances of all pairs at a configuration of the model [m]."""
         check()
+        self._asked = True
         self._shifter.shift(time)
         pin.computeDistances(self._model, self._data, self._geometry, self._results, q)
         out = np.array([r.min_distance for r in self._results.distanceResults])
@@ -118,6 +123,7 @@ class NarrowPhase:
             Signed distances [m], and normals from the first body to the second; zeros
             where Coal knows none.
         """
+        self._asked = True
         geometry, results = self._geometry, self._results
         compute, distances, normals = pin.computeDistance, [], []
         for index in pairs:
@@ -133,6 +139,7 @@ class NarrowPhase:
 
     def witnesses(self, pairs: Sequence[int]) -> Witnesses:
         """Where some pairs come closest; a normal is found for all of them."""
+        self._asked = True
         geometry, results = self._geometry, self._results
         distances, normals, first, second = [], [], [], []
         for index in pairs:
@@ -149,6 +156,7 @@ class NarrowPhase:
 
     def overlaps(self, q: Array) -> list[bool]:
         """Which pairs overlap at a configuration of the model."""
+        self._asked = True
         pin.computeCollisions(
             self._model, self._data, self._geometry, self._results, q, False
         )

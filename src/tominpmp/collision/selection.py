@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.bodies import Body, Geometry, robot_bodies
+from tominpmp.collision.bodies import (
+    Body,
+    Geometry,
+    part_bodies,
+    part_link,
+    robot_bodies,
+)
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.robot import Robot
 
@@ -32,47 +37,70 @@ def scene_pairs(bodies: Sequence[Body], links: int) -> tuple[IntArray, IntArray]
     return first, second
 
 
-def links_of(robot: Robot, geometry: Geometry) -> tuple[Body, ...]:
-    """Shapes of all links, the same ones for every checker of a robot."""
-    known = _known(robot)
-    if ("links", geometry) not in known:
-        known["links", geometry] = tuple(robot_bodies(robot, geometry))
-    found: tuple[Body, ...] = known["links", geometry]
-    return found
+def links_of(
+    robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
+) -> tuple[Body, ...]:
+    """Shapes of all links, the same ones for every checker of a robot.
 
-
-def own_pairs(robot: Robot, geometry: Geometry) -> tuple[IntArray, IntArray]:
-    """As :func:`self_pairs` for :func:`links_of`, found once for each robot."""
-    known = _known(robot)
-    if ("pairs", geometry) not in known:
-        known["pairs", geometry] = self_pairs(robot, links_of(robot, geometry))
-    found: tuple[IntArray, IntArray] = known["pairs", geometry]
-    return found
-
-
-def _known(robot: Robot) -> dict[tuple[str, str], Any]:
-    """What was found for a robot before.
-
-    Hashing meshes and trying configurations takes longer than a plan in free space.
+    Args:
+        robot: The robot.
+        geometry: What meshes are taken as.
+        cut: Names of the links whose meshes are taken as that, the others being taken
+            as one hull each; None for all.
     """
-    found: dict[tuple[str, str], Any] = robot.__dict__.setdefault("_collision", {})
-    return found
+    known = _known(robot)
+    found: list[Body] = []
+    for part in range(len(robot.collision_model.geometryObjects)):
+        whole = cut is not None and part_link(robot, part) not in cut
+        taken_as: Geometry = "hull" if whole else geometry
+        if (part, taken_as) not in known:
+            known[part, taken_as] = part_bodies(robot, part, taken_as)
+        found += known[part, taken_as]
+    return tuple(found)
 
 
-def self_pairs(robot: Robot, bodies: Sequence[Body]) -> tuple[IntArray, IntArray]:
+def own_pairs(
+    robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
+) -> tuple[IntArray, IntArray]:
     """Pair the links of a robot with each other, and with what is fixed to its base.
 
     Left out are the pairs that the semantic description disables (if it disables any),
     else neighbours; links that overlap at nearly all configurations; and links whose
-    convex pieces overlap at most of them while their meshes do not at any.
+    convex pieces overlap at most of them while their meshes do not at any. This does
+    not depend on which links are cut.
 
     Args:
         robot: The robot.
-        bodies: Its links.
+        geometry: What meshes are taken as.
+        cut: See :func:`links_of`, whose bodies are paired.
 
     Returns:
         Bodies of the pairs, of which the first moves, shapes (pairs,).
     """
+    known = _known(robot)
+    if ("left out", geometry) not in known:
+        known["left out", geometry] = _inseparable(robot, geometry)
+    if ("pairs", geometry, cut) not in known:
+        bodies = links_of(robot, geometry, cut)
+        left_out = known["left out", geometry]
+        known["pairs", geometry, cut] = _without(
+            left_out, bodies, *_candidates(robot, bodies)
+        )
+    found: tuple[IntArray, IntArray] = known["pairs", geometry, cut]
+    return found
+
+
+def _known(robot: Robot) -> dict[tuple[Any, ...], Any]:
+    """What was found for a robot before.
+
+    Hashing meshes and trying configurations takes longer than a plan in free space.
+    """
+    found: dict[tuple[Any, ...], Any] = robot.__dict__.setdefault("_collision", {})
+    return found
+
+
+def _candidates(robot: Robot, bodies: Sequence[Body]) -> tuple[IntArray, IntArray]:
+    """All pairs of links but those that the robot's files say may touch."""
     disabled = set() if robot.srdf is None else set(robot.srdf.disabled_pairs)
     carriers = {body.joint for body in bodies}
     candidates = []
@@ -89,8 +117,7 @@ def self_pairs(robot: Robot, bodies: Sequence[Body]) -> tuple[IntArray, IntArray
             candidates.append((i, k) if one.joint else (k, i))
     first = np.array([i for i, _ in candidates], dtype=np.int64)
     second = np.array([k for _, k in candidates], dtype=np.int64)
-    kept = _sometimes_apart(robot, bodies, first, second)
-    return first[kept], second[kept]
+    return first, second
 
 
 def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
@@ -104,32 +131,61 @@ def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
     return False
 
 
-def _sometimes_apart(
-    robot: Robot, bodies: Sequence[Body], first: IntArray, second: IntArray
-) -> IntArray:
-    """Indices of the pairs of links that their shapes can tell apart."""
-    if not first.size:
-        return first
-    share = _overlapping(robot, bodies, first, second)
-    left_out = {name for name, often in share.items() if often > ALWAYS}
-    doubtful = {name for name, often in share.items() if MOSTLY < often <= ALWAYS}
+def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
+    """Names of links that their shapes cannot tell apart.
+
+    Shapes are within their hulls, so that those whose hulls seldom overlap need not be
+    known: cutting a mesh into pieces takes a second.
+    """
+    share = _shares(robot, links_of(robot, "hull"), None)
+    often = {names for names, value in share.items() if value > MOSTLY}
+    if often and geometry != "hull":
+        cut = frozenset(name for names in often for name in names)
+        share = _shares(robot, links_of(robot, geometry, cut), often)
+    left_out = {names for names, value in share.items() if value > ALWAYS}
+    doubtful = {names for names, value in share.items() if MOSTLY < value <= ALWAYS}
     if doubtful:
-        meshes = robot_bodies(robot, "mesh")
-        pairs = [
-            (i, k) if meshes[i].joint else (k, i)
-            for i, k in combinations(range(len(meshes)), 2)
-            if frozenset((meshes[i].name, meshes[k].name)) in doubtful
-        ]
-        exact = _overlapping(robot, meshes, *np.array(pairs, dtype=np.int64).T)
-        left_out |= {name for name in doubtful if exact.get(name, 0.0) == 0.0}
-    return np.array(
-        [
+        exact = _shares(robot, robot_bodies(robot, "mesh"), doubtful)
+        left_out |= {names for names in doubtful if exact.get(names, 0.0) == 0.0}
+    return frozenset(left_out)
+
+
+def _shares(
+    robot: Robot, bodies: Sequence[Body], wanted: set[frozenset[str]] | None
+) -> dict[frozenset[str], float]:
+    """Share of random configurations at which links overlap, by their names.
+
+    Args:
+        robot: The robot.
+        bodies: Its links.
+        wanted: Which of the candidates; None for all.
+    """
+    first, second = _candidates(robot, bodies)
+    if wanted is not None:
+        chosen = [
             index
             for index, (i, k) in enumerate(zip(first, second, strict=True))
-            if frozenset((bodies[i].name, bodies[k].name)) not in left_out
-        ],
-        np.int64,
-    )
+            if frozenset((bodies[i].name, bodies[k].name)) in wanted
+        ]
+        first, second = first[chosen], second[chosen]
+    return _overlapping(robot, bodies, first, second) if first.size else {}
+
+
+def _without(
+    left_out: frozenset[frozenset[str]],
+    bodies: Sequence[Body],
+    first: IntArray,
+    second: IntArray,
+) -> tuple[IntArray, IntArray]:
+    """The pairs of bodies that are not of links that are left out."""
+    if not left_out:
+        return first, second
+    kept = [
+        index
+        for index, (i, k) in enumerate(zip(first, second, strict=True))
+        if frozenset((bodies[i].name, bodies[k].name)) not in left_out
+    ]
+    return first[kept], second[kept]
 
 
 def _overlapping(

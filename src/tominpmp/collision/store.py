@@ -6,6 +6,7 @@ import hashlib
 import logging
 import os
 import tempfile
+import time
 import zipfile
 from functools import lru_cache
 from pathlib import Path
@@ -45,8 +46,8 @@ def cache_folder() -> Path:
 class Content:
     """A mesh that is known by what it is made of."""
 
-    def __init__(self, mesh: Any) -> None:
-        self.mesh = mesh
+    def __init__(self, mesh: Any, name: str = "") -> None:
+        self.mesh, self.name = mesh, name
         content = hashlib.sha256(f"tominpmp pieces {VERSION}".encode())
         content.update(np.ascontiguousarray(mesh.vertices(), np.float64).tobytes())
         for index in range(mesh.num_tris):
@@ -63,16 +64,17 @@ class Content:
         return hash(self.key)
 
 
-def pieces_of(mesh: Any) -> Pieces | None:
+def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
     """Convex pieces of a mesh of Coal, from the disk if it was cut before.
 
     Args:
         mesh: The mesh.
+        name: What it belongs to, for the log.
 
     Returns:
         The pieces; None if the mesh is flat.
     """
-    return _known_pieces(Content(mesh), cache_folder())
+    return _known_pieces(Content(mesh, name), cache_folder())
 
 
 # A mesh that cannot be kept on disk is still cut only once.
@@ -82,13 +84,19 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     found = _read(path, np.array(content.mesh.vertices(), dtype=np.float64))
     if found is not None:
         return found
+    what = f"the mesh of {brief(content.name)}" if content.name else "a mesh"
+    logger.info(
+        "%s (%d triangles) is cut into convex pieces, once: they are kept in %s",
+        what,
+        content.mesh.num_tris,
+        folder,
+    )
+    begin = time.perf_counter()
     pieces = decomposition.decompose(content.mesh)
     if pieces is not None:
-        logger.info(
-            "a mesh of %d triangles became %d convex pieces",
-            content.mesh.num_tris,
-            len(pieces.corners),
-        )
+        seconds = time.perf_counter() - begin
+        count = len(pieces.corners)
+        logger.info("%s became %d convex pieces in %.1f s", what, count, seconds)
         _write(path, pieces)
     return pieces
 

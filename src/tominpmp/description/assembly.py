@@ -11,8 +11,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.arrays import real_array
-from tominpmp.description.links import write_numbers
 from tominpmp.description.urdf import UrdfDescription
+from tominpmp.description.urdf_syntax import write_numbers
 from tominpmp.exceptions import ProblemError, brief
 
 Array = NDArray[np.float64]
@@ -184,25 +184,8 @@ def _fix(
 def _origin(element: Element, placement: pin.SE3) -> None:
     origin = SubElement(element, "origin")
     write_numbers(origin, "xyz", placement.translation.tolist())
-    write_numbers(origin, "rpy", roll_pitch_yaw(np.array(placement.rotation)))
-
-
-def roll_pitch_yaw(rotation: Array) -> list[float]:
-    """Angles of a rotation about the fixed axes x, y and z [rad].
-
-    Exact to rounding also where the pitch is a right angle; there the roll is zero.
-    """
-    level = float(np.hypot(rotation[0, 0], rotation[1, 0]))
-    pitch = float(np.arctan2(-rotation[2, 0], level))
-    if level < 1e-9:
-        yaw = float(np.arctan2(-rotation[0, 1], rotation[1, 1]))
-        return [0.0, pitch, yaw]
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    # What is left once yaw and pitch are undone turns about x.
-    sine, cosine = np.sin(yaw), np.cos(yaw)
-    across = sine * rotation[0, 2] - cosine * rotation[1, 2]
-    along = cosine * rotation[1, 1] - sine * rotation[0, 1]
-    return [float(np.arctan2(across, along)), pitch, yaw]
+    # Exact to rounding also where the pitch is a right angle.
+    write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
 
 
 def stack_parts(

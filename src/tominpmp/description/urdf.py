@@ -1,7 +1,8 @@
 """Reading URDF files into a form that parses the same way everywhere.
 
-The file is checked and written anew, with nothing but what kinematics, dynamics and
-geometry need: parsers print about the remains of simulators, differ in how they take
+The file is guarded and checked (:mod:`~tominpmp.description.urdf_syntax`), parsed by
+yourdfpy and written anew, with nothing but what kinematics and geometry need: parsers
+print about the remains of simulators, differ in how they take
 missing attributes, and report any mistake as "no valid URDF". In the new text
 
 - every mesh is an absolute path of a file that exists,
@@ -18,27 +19,21 @@ element gives a gravity [m/s^2] other than the usual one along -z.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
+
+import numpy as np
 
 from tominpmp.arrays import record_line
-from tominpmp.description.links import (
-    copy_link,
-    copy_origin,
-    read_materials,
-    write_numbers,
-)
+from tominpmp.description.links import simplified_link
 from tominpmp.description.urdf_keys import warn_of_unread
-from tominpmp.description.xml_reader import XmlContext, read_xml
+from tominpmp.description.urdf_syntax import checked_copy
+from tominpmp.description.xml_reader import MAX_NUMBER, XmlContext, read_xml
 from tominpmp.exceptions import brief
-
-# The parsers recurse into the tree; humanoids have some hundred links.
-MAX_LINKS = 2000
-
-_ENDS = ("parent", "child")
 
 
 @dataclass(frozen=True)
@@ -133,29 +128,51 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
         RobotLoadError: If the file is no URDF file, contradicts itself, has a joint of
             several degrees of freedom, or refers to a mesh that is not there.
     """
-    root = read_xml(path)
-    context = XmlContext(path)
-    _check_root(root, context)
-    links = _by_name(root, "link", context)
-    joints = _by_name(root, "joint", context)
-    if not links:
-        context.fail("is no URDF file: it has no <link>")
-    if len(links) > MAX_LINKS:
-        context.fail(f"has {len(links)} links, at most {MAX_LINKS} are read")
-    _check_tree(links, joints, context)
-    warn_of_unread(root, links, joints, context)
+    return _read(read_xml(path), XmlContext(path), package_dirs)
 
-    name = root.get("name", "").strip() or path.stem
-    clean = Element("robot", name=name)
-    materials = read_materials(root)
-    for link_name, link in links.items():
-        copy_link(link_name, link, clean, context, materials, package_dirs)
-    for joint_name, joint in joints.items():
-        _copy_joint(joint_name, joint, clean, context)
+
+def read_parsed(
+    parsed: Any, path: Path, package_dirs: Sequence[Path] = ()
+) -> UrdfDescription:
+    """Take what yourdfpy has read, or what was made of it, as a file that says it.
+
+    Args:
+        parsed: A ``yourdfpy.URDF``.
+        path: Where it comes from; names of meshes are relative to it.
+        package_dirs: Folders in which to look for ``package://``.
+
+    Raises:
+        RobotLoadError: As :func:`read_urdf`.
+    """
+    root = fromstring(parsed.write_xml_string())
+    for element, joint in zip(root.iter("joint"), parsed.robot.joints, strict=True):
+        # What its writer leaves out.
+        for tag in ("mimic", "safety_controller"):
+            said = getattr(joint, tag)
+            if said is not None:
+                given = {k: str(v) for k, v in vars(said).items() if v is not None}
+                SubElement(element, tag, given)
+    return _read(root, XmlContext(path), package_dirs)
+
+
+def _read(
+    root: Element, context: XmlContext, folders: Sequence[Path]
+) -> UrdfDescription:
+    _check_root(root, context)
+    copy, beyond = checked_copy(root, context)
+    # Its import takes a second: only what reads a file needs it.
+    import yourdfpy
+
+    source = BytesIO(tostring(copy))
+    robot = yourdfpy.URDF.load(source, build_scene_graph=False).robot
+    warn_of_unread(root, robot.joints, context)
+    links = _by_name(robot.links, "link", context)
+    joints = _by_name(robot.joints, "joint", context)
+    _check_tree(links, joints, context)
     moving = tuple(
-        _describe_joint(joint_name, joint, context)
-        for joint_name, joint in joints.items()
-        if joint.get("type") != "fixed"
+        _describe_joint(joint, beyond.motion.get(name, {}), context)
+        for name, joint in joints.items()
+        if joint.type != "fixed"
     )
     for described in moving:
         mimic = described.mimic
@@ -164,15 +181,49 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
                 f"joint {described.name} follows {brief(mimic.leader)}, which is no "
                 "joint"
             )
+    # Limits are placeholders, for the parsers demand some.
+    limit = yourdfpy.Limit(effort=1.0, velocity=1.0, lower=-1.0, upper=1.0)
+    simple = yourdfpy.Robot(
+        robot.name,
+        [simplified_link(link, context, folders) for link in links.values()],
+        [_simplified_joint(joint, limit, context) for joint in joints.values()],
+    )
+    writer = yourdfpy.URDF(
+        simple, build_scene_graph=False, filename_handler=yourdfpy.filename_handler_null
+    )
     return UrdfDescription(
-        name=name,
-        xml=tostring(clean, encoding="unicode"),
+        name=robot.name,
+        xml=_with_capsules(writer.write_xml_string(), beyond.capsules),
         links=tuple(links),
         joints=moving,
-        gravity=_read_gravity(root, context),
-        path=path,
-        package_dirs=tuple(package_dirs),
+        gravity=beyond.gravity,
+        path=context.path,
+        package_dirs=tuple(folders),
     )
+
+
+def _with_capsules(xml: bytes, capsules: Collection[tuple[str, int]]) -> str:
+    """Say which cylinders are capsules, as Pinocchio reads it."""
+    root = fromstring(xml)
+    for link in root.iter("link"):
+        own = sorted(i for name, i in capsules if name == link.get("name"))
+        checking = SubElement(link, "collision_checking") if own else link
+        for i in own:
+            SubElement(checking, "capsule", name=str(i))
+    return tostring(root, encoding="unicode")
+
+
+def _simplified_joint(joint: Any, limit: Any, context: XmlContext) -> Any:
+    """A joint as every parser reads it: its motion is said elsewhere."""
+    if joint.type == "fixed":
+        return replace(joint, axis=None)
+    norm = np.linalg.norm(joint.axis)
+    if norm < 1e-6:
+        axis = tuple(joint.axis.tolist())
+        context.fail(f"joint {joint.name}: the axis {axis} has no direction")
+    kind = "revolute" if joint.type == "continuous" else joint.type
+    axis = joint.axis / norm
+    return replace(joint, type=kind, axis=axis, limit=limit, dynamics=None)
 
 
 def _check_root(root: Element, context: XmlContext) -> None:
@@ -187,34 +238,25 @@ def _check_root(root: Element, context: XmlContext) -> None:
             )
 
 
-def _by_name(root: Element, tag: str, context: XmlContext) -> dict[str, Element]:
-    """Collect the links or the joints, whose names must differ."""
-    elements: dict[str, Element] = {}
-    for element in root.findall(tag):
-        # Joints of a <transmission> or <gazebo> are not children of the root.
-        name = context.text(element, "name", f"{tag} number {len(elements) + 1}")
-        if name in elements:
-            context.fail(f"there are two {tag}s named {brief(name)}")
-        elements[name] = element
-    return elements
-
-
-def _read_gravity(root: Element, context: XmlContext) -> tuple[float, ...] | None:
-    element = root.find("tominpmp")
-    if element is None or "gravity" not in element.attrib:
-        return None
-    return context.numbers(element, "gravity", "robot", (0.0, 0.0, 0.0))
+def _by_name(items: Sequence[Any], tag: str, context: XmlContext) -> dict[str, Any]:
+    """Links or joints by their names, which must differ."""
+    found: dict[str, Any] = {}
+    for item in items:
+        if item.name in found:
+            context.fail(f"there are two {tag}s named {brief(item.name)}")
+        found[item.name] = item
+    return found
 
 
 def _check_tree(
-    links: Mapping[str, Element], joints: Mapping[str, Element], context: XmlContext
+    links: Mapping[str, Any], joints: Mapping[str, Any], context: XmlContext
 ) -> None:
     """Check that the joints make one tree of the links."""
     children: dict[str, list[str]] = {name: [] for name in links}
     parent_joint: dict[str, str] = {}
     for name, joint in joints.items():
-        parent, child = (_end_link(name, joint, end, context) for end in _ENDS)
-        for end, link in zip(_ENDS, (parent, child), strict=True):
+        parent, child = joint.parent, joint.child
+        for end, link in (("parent", parent), ("child", child)):
             if link not in links:
                 context.fail(
                     f"joint {name}: its {end} link {brief(link)} does not exist"
@@ -242,73 +284,39 @@ def _check_tree(
         context.fail(f"the links {', '.join(rest[:10])} form a loop without a base")
 
 
-def _end_link(name: str, joint: Element, end: str, context: XmlContext) -> str:
-    """Name of the parent or the child link of a joint."""
-    element = joint.find(end)
-    if element is None:
-        context.fail(f"joint {name} lacks <{end}>")
-    return context.text(element, "link", f"joint {name}")
-
-
-def _copy_joint(name: str, joint: Element, clean: Element, context: XmlContext) -> None:
-    """Copy a joint; its limits are placeholders, for the parsers demand some."""
-    kind = context.text(joint, "type", f"joint {name}")
+def _describe_joint(
+    joint: Any, motion: Mapping[str, float], context: XmlContext
+) -> JointDescription:
+    """Limits, friction and leader of a joint that can move."""
+    where = f"joint {joint.name}"
+    kind = joint.type
     if kind in ("floating", "planar"):
         context.fail(
-            f"joint {name} is {kind}; only revolute, continuous, prismatic and fixed "
+            f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
             "joints can be planned for"
         )
-    if kind not in ("revolute", "continuous", "prismatic", "fixed"):
-        context.fail(f"joint {name} has the unknown type {brief(kind)}")
-    new = SubElement(
-        clean, "joint", name=name, type="revolute" if kind == "continuous" else kind
+    if kind not in ("revolute", "continuous", "prismatic"):
+        context.fail(f"{where} has the unknown type {brief(kind)}")
+    lower, upper, velocity, effort = (
+        _limit(getattr(joint.limit, name, None))
+        for name in ("lower", "upper", "velocity", "effort")
     )
-    where = f"joint {name}"
-    copy_origin(where, joint, new, context)
-    for end in _ENDS:
-        SubElement(new, end, link=_end_link(name, joint, end, context))
-    if kind == "fixed":
-        return
-    axis = context.numbers(joint.find("axis"), "xyz", where, (1.0, 0.0, 0.0))
-    norm = math.hypot(*axis)
-    if norm < 1e-6:
-        context.fail(f"{where}: the axis {axis} has no direction")
-    write_numbers(SubElement(new, "axis"), "xyz", [x / norm for x in axis])
-    SubElement(new, "limit", lower="-1", upper="1", effort="1", velocity="1")
-
-
-def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDescription:
-    """Read limits, friction and leader of a joint that can move."""
-    where = f"joint {name}"
-    kind = joint.get("type", "").strip()
-    limit = joint.find("limit")
-    lower = context.limit(limit, "lower", where)
-    upper = context.limit(limit, "upper", where)
     if kind == "continuous":
         lower, upper = -math.inf, math.inf
     elif math.isnan(lower) != math.isnan(upper):
         # By the specification a limit left out is zero; if both are, they are missing.
         lower, upper = (0.0 if math.isnan(x) else x for x in (lower, upper))
-    velocity = context.limit(limit, "velocity", where)
-    effort = context.limit(limit, "effort", where)
-    # These are not in all versions of the format.
-    further = {
-        quantity: context.limit(limit, quantity, where)
-        for quantity in ("acceleration", "deceleration", "jerk")
-    }
-    given = {"velocity": velocity, "effort": effort, **further}
-    for quantity, value in given.items():
+    for quantity, value in {"velocity": velocity, "effort": effort, **motion}.items():
         if value < 0:
             context.fail(f"{where}: limit {quantity}={value:g} is negative")
-    known = {
-        quantity: value if value > 0.0 else math.inf  # zero and NaN: not given
-        for quantity, value in further.items()
-    }
-    losses = joint.find("dynamics")
-    damping = context.number(losses, "damping", where, low=0.0)
-    friction = context.number(losses, "friction", where, low=0.0)
+    # Zero means that none is given.
+    known = {name: _limit(value) for name, value in motion.items() if value > 0.0}
+    # yourdfpy keeps these as text.
+    losses = (getattr(joint.dynamics, name, None) for name in ("damping", "friction"))
+    damping, friction = (float(loss or 0.0) for loss in losses)
+    leader = joint.mimic
     return JointDescription(
-        name,
+        joint.name,
         kind,
         lower,
         upper,
@@ -316,19 +324,17 @@ def _describe_joint(name: str, joint: Element, context: XmlContext) -> JointDesc
         effort,
         damping,
         friction,
-        _read_mimic(joint, context),
-        acceleration=min(known["acceleration"], known["deceleration"]),
-        jerk=known["jerk"],
+        leader and Mimic(leader.joint, leader.multiplier, leader.offset),
+        acceleration=min(
+            known.get(name, math.inf) for name in ("acceleration", "deceleration")
+        ),
+        jerk=known.get("jerk", math.inf),
     )
 
 
-def _read_mimic(joint: Element, context: XmlContext) -> Mimic | None:
-    element = joint.find("mimic")
-    if element is None:
-        return None
-    where = f"joint {joint.get('name')}"
-    return Mimic(
-        leader=context.text(element, "joint", where),
-        multiplier=context.number(element, "multiplier", where, default=1.0),
-        offset=context.number(element, "offset", where),
-    )
+def _limit(value: float | None) -> float:
+    """A limit: NaN if it is not given, infinite if it is beyond reason."""
+    if value is None:
+        return math.nan
+    # "No limit" is commonly written as 1e16 or the like.
+    return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else value

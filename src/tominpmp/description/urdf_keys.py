@@ -5,30 +5,21 @@ from __future__ import annotations
 import difflib
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Sequence
+from typing import Any
 from xml.etree.ElementTree import Element
 
+from tominpmp.description.urdf_syntax import FORMS, Form
 from tominpmp.description.xml_reader import XmlContext
 from tominpmp.exceptions import TominpmpWarning
 
-# Elements and attributes that are read; others mean something to other programs, unless
-# they are nearly these: then they are mistakes.
-ELEMENTS = {
+# What is compared with what a file has: other names mean something to other programs,
+# unless they are nearly these.
+CHILDREN = ("limit", "dynamics", "mimic", "origin", "axis", "mass")
+KNOWN = {
     "robot": ("link", "joint", "material"),
     "link": ("inertial", "visual", "collision"),
-    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
-    "inertial": ("origin", "mass", "inertia"),
-}
-ATTRIBUTES = {
-    "limit": (
-        *("lower", "upper", "velocity", "effort"),
-        *("acceleration", "deceleration", "jerk"),
-    ),
-    "dynamics": ("damping", "friction"),
-    "mimic": ("joint", "multiplier", "offset"),
-    "origin": ("xyz", "rpy"),
-    "axis": ("xyz",),
-    "mass": ("value",),
+    **{tag: (*FORMS[tag].needs, *FORMS[tag].may) for tag in ("joint", "inertial")},
 }
 # How alike a name must be to be taken for a mistake, from 0 to 1.
 ALIKE = 0.8
@@ -38,32 +29,23 @@ SLIGHT = 1e-9
 MOST = 10
 
 
-def warn_of_unread(
-    root: Element,
-    links: Mapping[str, Element],
-    joints: Mapping[str, Element],
-    context: XmlContext,
-) -> None:
+def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) -> None:
     """Warn of likely mistakes, and of soft limits within the limits.
 
     Controllers may keep a ``<safety_controller>``'s soft limits; they are not read.
 
     Args:
         root: The file.
-        links: Its links by name.
-        joints: Its joints by name.
+        joints: Its joints, each a ``yourdfpy.Joint``.
         context: The file, for messages.
     """
-    told = _mistakes(root, "robot", "robot")
-    for name, link in links.items():
-        told += _mistakes(link, "link", f"link {name}")
-        for inertial in link.findall("inertial"):
-            told += _mistakes(inertial, "inertial", f"link {name}")
-    soft = []
-    for name, joint in joints.items():
-        told += _mistakes(joint, "joint", f"joint {name}")
-        if _is_softer(joint):
-            soft.append(name)
+    told = _mistakes(root, "robot")
+    for element in (*root.findall("link"), *root.findall("joint")):
+        where = f"{element.tag} {element.get('name', '').strip()}"
+        told += _mistakes(element, where)
+        for inertial in element.findall("inertial"):
+            told += _mistakes(inertial, where)
+    soft = [joint.name for joint in joints if _is_softer(joint)]
     if told:
         warnings.warn(
             f"{context.path}: not read: {'; '.join(told[:MOST])}",
@@ -81,17 +63,16 @@ def warn_of_unread(
         )
 
 
-def _mistakes(element: Element, kind: str, where: str) -> list[str]:
+def _mistakes(element: Element, where: str) -> list[str]:
     """Names of children, and of their attributes, that are nearly those read."""
     found = []
     for child in element:
-        if not isinstance(child.tag, str):
-            continue
-        meant = _nearly(child.tag, ELEMENTS[kind])
+        meant = _nearly(child.tag, KNOWN[element.tag])
         if meant:
             found.append(f"<{child.tag}> of {where} (did you mean <{meant}>?)")
+        form = FORMS[child.tag] if child.tag in CHILDREN else Form()
         for name in child.attrib:
-            meant = _nearly(name, ATTRIBUTES.get(child.tag, ()))
+            meant = _nearly(name, (*form.texts, *form.numbers, *form.limits))
             if meant:
                 found.append(
                     f"the attribute {name!r} of <{child.tag}> of {where} (did you mean "
@@ -107,23 +88,13 @@ def _nearly(name: str, known: tuple[str, ...]) -> str | None:
     return close[0] if close else None
 
 
-def _is_softer(joint: Element) -> bool:
+def _is_softer(joint: Any) -> bool:
     """Whether a joint that has ends has soft limits within its limits."""
-    soft, hard = joint.find("safety_controller"), joint.find("limit")
-    ends = joint.get("type") in ("revolute", "prismatic")
-    if soft is None or hard is None or not ends:
+    soft, hard = joint.safety_controller, joint.limit
+    if soft is None or hard is None or joint.type not in ("revolute", "prismatic"):
         return False
-    lower, upper = (_number(soft, f"soft_{end}_limit") for end in ("lower", "upper"))
-    if not lower < upper:  # left out, which the specification takes for zero
-        return False
-    return lower > _number(hard, "lower") + SLIGHT or upper < (
-        _number(hard, "upper") - SLIGHT
-    )
-
-
-def _number(element: Element, attribute: str) -> float:
-    """A number; NaN, which is neither more nor less, if it is none."""
-    try:
-        return float(element.get(attribute, ""))
-    except ValueError:
-        return math.nan
+    ends = (soft.soft_lower_limit, soft.soft_upper_limit, hard.lower, hard.upper)
+    # What is left out is neither more nor less than anything.
+    lower, upper, least, most = (math.nan if x is None else x for x in ends)
+    # Two that are alike were left out, which the specification takes for zero.
+    return lower < upper and (lower > least + SLIGHT or upper < most - SLIGHT)

@@ -22,6 +22,9 @@ MAX_BYTES = 32 * 2**20
 MAX_ELEMENTS = 500_000
 MAX_DEPTH = 64
 
+# No attribute of a description is longer; other parsers stumble over such.
+MAX_TEXT = 100_000
+
 # Lengths, masses and inertias beyond this are mistakes, and their squares overflow.
 MAX_NUMBER = 1e9
 
@@ -133,6 +136,8 @@ class XmlContext:
         value = element.get(attribute, "").strip()
         if not value:
             self.fail(f"{where}: <{element.tag}> lacks the attribute {attribute!r}")
+        if len(value) > MAX_TEXT:
+            self.fail(f"{where}: {element.tag} {attribute} is longer than {MAX_TEXT}")
         return value
 
     def numbers(
@@ -141,18 +146,24 @@ class XmlContext:
         attribute: str,
         where: str,
         default: tuple[float, ...],
+        low: float | None = None,
     ) -> tuple[float, ...]:
-        """Read an attribute of as many numbers as the default has."""
+        """Read an attribute of as many numbers as the default has, from ``low`` on."""
         if element is None or attribute not in element.attrib:
             return default
         text = element.attrib[attribute]
-        values = tuple(map(_to_number, text.split()))
+        values = tuple(map(to_number, text.split()))
         count = len(default)
         if len(values) != count or not all(abs(v) <= MAX_NUMBER for v in values):
             wanted = "a number" if count == 1 else f"{count} numbers"
             self.fail(
                 f"{where}: {element.tag} {attribute}={text[:80]!r}, expected {wanted} "
                 f"of at most {MAX_NUMBER:g} in size"
+            )
+        if low is not None and min(values) < low:
+            self.fail(
+                f"{where}: {element.tag} {attribute}={min(values):g}, expected at "
+                f"least {low:g}"
             )
         return values
 
@@ -161,31 +172,21 @@ class XmlContext:
         element: Element | None,
         attribute: str,
         where: str,
-        default: float = 0.0,
         low: float | None = None,
     ) -> float:
-        """Read an attribute of one number, not below ``low`` if that is given."""
-        (value,) = self.numbers(element, attribute, where, (default,))
-        if element is not None and low is not None and value < low:
-            self.fail(
-                f"{where}: {element.tag} {attribute}={value:g}, expected at least "
-                f"{low:g}"
-            )
-        return value
+        """Read an attribute of one number: zero if it is left out."""
+        return self.numbers(element, attribute, where, (0.0,), low)[0]
 
-    def limit(self, element: Element | None, attribute: str, where: str) -> float:
-        """Read a limit: NaN if it is not given, infinite if it is beyond reason."""
-        if element is None or attribute not in element.attrib:
-            return math.nan
+    def limit(self, element: Element, attribute: str, where: str) -> float:
+        """Read a number that may be infinite."""
         text = element.attrib[attribute]
-        value = _to_number(text.strip())
+        value = to_number(text.strip())
         if math.isnan(value):
             self.fail(f"{where}: {element.tag} {attribute}={text[:80]!r} is no number")
-        # "No limit" is commonly written as 1e16 or the like.
-        return value if abs(value) <= MAX_NUMBER else math.copysign(math.inf, value)
+        return value
 
 
-def _to_number(text: str) -> float:
+def to_number(text: str) -> float:
     """Convert a word to a number, NaN if it is none."""
     try:
         return float(text)

@@ -9,10 +9,18 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import trimesh
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
-from tominpmp.output.surfaces import Surface, capsule, moved, native_surface, scaled
+from tominpmp.output.surfaces import (
+    Surface,
+    capsule,
+    joined,
+    moved,
+    native_surface,
+    scaled,
+)
 from tominpmp.robot import Robot
 
 # Collision geometry is not coloured; the bodies of a robot without visuals are steel.
@@ -114,10 +122,6 @@ def _extent(surface: Surface) -> Array:
 
 def _colored_mesh(path: str) -> Surface | None:
     """Read a mesh with its colours; None if it has none or cannot be read."""
-    try:
-        import trimesh
-    except ImportError:
-        return None
     if Path(path).suffix.lower() not in (".dae", ".obj", ".ply", ".glb", ".gltf"):
         return None  # STL has no colours worth reading
     try:
@@ -125,24 +129,18 @@ def _colored_mesh(path: str) -> Surface | None:
             warnings.simplefilter("ignore")  # of files that break their standard
             scene: Any = trimesh.load(path, force="scene", process=False)
             parts = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
-            surfaces = [(mesh, _face_colors(mesh)) for mesh in parts]
+            surfaces = [
+                Surface(np.array(mesh.vertices), np.array(mesh.faces), _colors(mesh))
+                for mesh in parts
+            ]
     except Exception:  # whatever a mesh reader may raise; the shape is known already
         return None
-    if not surfaces or all(colors is None for _, colors in surfaces):
+    if all(surface.colors is None for surface in surfaces):
         return None
-    vertices, faces, colors, offset = [], [], [], 0
-    for mesh, own in surfaces:
-        vertices.append(np.asarray(mesh.vertices, dtype=np.float64))
-        faces.append(np.asarray(mesh.faces, dtype=np.int64) + offset)
-        plain = np.full((len(mesh.faces), 3), 0.9)
-        colors.append(plain if own is None else own)
-        offset += len(mesh.vertices)
-    return Surface(
-        np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors)
-    )
+    return joined(surfaces)
 
 
-def _face_colors(mesh: Any) -> Array | None:
+def _colors(mesh: Any) -> Array | None:
     """Colours of the triangles of a mesh, shape (k, 3), or None if it has none."""
     if mesh.visual.kind == "texture":
         color = np.asarray(mesh.visual.material.main_color)[:3] / 255.0

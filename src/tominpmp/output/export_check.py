@@ -1,15 +1,17 @@
-"""Whether a file does what the motion does that was written to it.
+"""Files of motions, judged as their readers will follow them.
 
 A file is some points of a motion; whoever reads it joins them in a way of his own, and
-what moves the arm is that. So a file is read back, joined as its reader does, and
-judged like a plan. Where it does not hold, other times between the points are tried, so
-that there is something to say beyond that.
+what moves the arm is that. So a file is read, joined as its reader does, and judged
+like a plan, whoever made it. Where one does not hold that a plan was written to, other
+times between the points are tried, so that there is something to say beyond that.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +36,7 @@ from tominpmp.output.ros_rules import (
 )
 from tominpmp.problem import Problem
 from tominpmp.recorded import Joined, join
+from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.solution import Solution
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification import Verification, verify
@@ -76,6 +79,7 @@ class ExportCheck:
             is nothing to say.
         notes: What else is to be known of it, in sentences.
         seconds: Time taken [s].
+        duration: Duration of the motion that its reader makes of it [s].
     """
 
     path: Path
@@ -89,6 +93,7 @@ class ExportCheck:
     replan: float | None = None
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+    duration: float = math.nan
 
     @property
     def message(self) -> str:
@@ -127,6 +132,40 @@ def _listed(steps: tuple[float | None, ...]) -> str:
     )
 
 
+def check_file(
+    problem: Problem,
+    path: str | Path,
+    *,
+    tolerances: Tolerances | None = None,
+    interpolation: Interpolation | None = None,
+) -> ExportCheck:
+    """Read a motion from a file, whoever made it, and judge it as its reader.
+
+    Args:
+        problem: What it is to solve.
+        path: The file, see :func:`~tominpmp.output.export.load_motion`.
+        tolerances: What is tolerated; None for the defaults.
+        interpolation: How the points are joined; None for what the kind of file says.
+
+    Returns:
+        What was found, with the replay.
+
+    Raises:
+        ProblemError: If an argument is wrong.
+        ScenarioError: If the file cannot be read, or is of another robot.
+    """
+    expect(problem, Problem, "problem", "a Problem")
+    if interpolation is not None:
+        check_interpolation(interpolation)
+    within = Tolerances() if tolerances is None else tolerances
+
+    def judge(motion: Trajectory) -> _Found:
+        found = verify(problem, motion, within)
+        return _Found(found.violations, found, found.ok)
+
+    return _check(problem, path, judge, interpolation)
+
+
 def check_export(
     solution: Solution, path: str | Path, *, dt: float | None = None
 ) -> ExportCheck:
@@ -150,47 +189,81 @@ def check_export(
     if motion is None:
         raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
     path = checked_path(path)
-    broken: tuple[Refusal, ...] = ()
+    judge = _Judge(solution, motion)
+    check = _check(solution.problem, path, judge)
+    if not check.violations:
+        return check
+    holding: list[float | None] = []
+    tried: list[float | None] = []
+    for step in _others(dt):
+        # The check must not take longer than planning did.
+        if time.perf_counter() - begin > solution.planning_time:
+            break
+        samples = file_samples(motion, path, step)
+        tried.append(step)
+        if not judge(_joined(samples, solution.problem, path).trajectory).violations:
+            holding.append(step)
+            if step is not None:
+                break  # shorter periods hold less surprise
+    return replace(
+        check,
+        holding=tuple(holding),
+        tried=tuple(tried),
+        replan=_replan(solution, path, dt),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _check(
+    problem: Problem,
+    path: str | Path,
+    judge: Callable[[Trajectory], _Found],
+    interpolation: Interpolation | None = None,
+) -> ExportCheck:
+    """Read, join and judge."""
+    begin = time.perf_counter()
+    path = checked_path(path)
+    refusals: tuple[Refusal, ...] = ()
     notes: list[str] = []
     if is_message(path):
         message = load_message(path)
         samples = message_motion(message, path)
         effort = bool(np.any(np.isfinite(samples.u)))
-        moving = ends_moving(solution.problem.goal)
-        broken = controller_refusals(
-            message, motion.joint_names, effort_interface=effort, moving_end=moving
+        moving = ends_moving(problem.goal)
+        refusals = controller_refusals(
+            message, effort_interface=effort, moving_end=moving
         )
         notes += controller_needs(samples, moving)
     else:
         samples = load_motion(path)
-    judge = _Judge(solution, motion)
-    joined = judge.join(samples, path)
-    found = judge.judge(joined.trajectory)
-    holding: list[float | None] = []
-    tried: list[float | None] = []
-    if found.violations:
-        for step in _others(dt):
-            # The check must not take longer than planning did.
-            if time.perf_counter() - begin > solution.planning_time:
-                break
-            other = judge.join(file_samples(motion, path, step), path).trajectory
-            tried.append(step)
-            if not judge.judge(other).violations:
-                holding.append(step)
-                if step is not None:
-                    break  # shorter periods hold less surprise
+    joined = _joined(samples, problem, path, interpolation)
+    found = judge(joined.trajectory)
     return ExportCheck(
         path,
-        not (found.violations or broken),
+        found.ok and not refusals,
         str(joined),
-        broken,
+        refusals,
         found.violations,
         found.verification,
-        tuple(holding),
-        tuple(tried),
-        _replan(solution, path, dt) if found.violations else None,
-        tuple(notes),
-        time.perf_counter() - begin,
+        notes=tuple(notes),
+        seconds=time.perf_counter() - begin,
+        duration=joined.trajectory.duration,
+    )
+
+
+def _joined(
+    samples: Samples,
+    problem: Problem,
+    path: Path,
+    interpolation: Interpolation | None = None,
+) -> Joined:
+    return join(
+        samples,
+        problem.robot,
+        path,
+        start=problem.q_start,
+        start_velocity=problem.v_start,
+        interpolation=interpolation,
     )
 
 
@@ -214,6 +287,7 @@ def _others(dt: float | None) -> list[float | None]:
 class _Found:
     violations: tuple[Excess, ...]
     verification: Verification | None
+    ok: bool
 
 
 @dataclass(frozen=True)
@@ -223,34 +297,17 @@ class _Judge:
     solution: Solution
     motion: Trajectory
 
-    @property
-    def problem(self) -> Problem:
-        return self.solution.problem
-
-    @property
-    def tolerances(self) -> Tolerances:
-        return self.solution.options.tolerances
-
-    def join(self, samples: Samples, path: Path) -> Joined:
-        problem = self.problem
-        return join(
-            samples,
-            problem.robot,
-            path,
-            start=problem.q_start,
-            start_velocity=problem.v_start,
-        )
-
-    def judge(self, motion: Trajectory) -> _Found:
+    def __call__(self, motion: Trajectory) -> _Found:
         """Judge a motion; by its replay if nothing simpler tells."""
-        known = self.solution.verification
+        problem, known = self.solution.problem, self.solution.verification
+        tolerances = self.solution.options.tolerances
         if known is not None and known.ok and self._is_planned(motion):
-            return _Found((), known)
-        broken = tuple(excesses(self.problem, motion, CLEARLY * self.tolerances.limits))
+            return _Found((), known, True)
+        broken = tuple(excesses(problem, motion, CLEARLY * tolerances.limits))
         if broken:
-            return _Found(broken, None)
-        found = verify(self.problem, motion, self.tolerances)
-        return _Found(found.violations, found)
+            return _Found(broken, None, False)
+        found = verify(problem, motion, tolerances)
+        return _Found(found.violations, found, found.ok)
 
     def _is_planned(self, motion: Trajectory) -> bool:
         """Whether a motion is the planned one, up to rounding."""
@@ -260,7 +317,7 @@ class _Judge:
         nodes = np.union1d(plan.t, motion.t)
         times = inner_instants(nodes)
         ours, theirs = plan(times), motion(times)
-        limits = self.problem.robot.limits
+        limits = self.solution.problem.robot.limits
         span = limits.effort_upper - limits.effort_lower
         span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
         apart = (

@@ -8,11 +8,10 @@ import json
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from importlib.util import find_spec
 from pathlib import Path
 
 from tominpmp.exceptions import MissingDependency
-from tominpmp.output.commands import Command, packed
+from tominpmp.output.viewer import Command, import_meshcat
 
 # Meshcat's viewer evaluates no strings and loads nothing; the browser is told to see to
 # that, whatever the page contains.
@@ -61,17 +60,15 @@ def build_page(
 
 
 def _text(command: Command) -> str:
-    return base64.b64encode(packed(command)).decode("ascii")
+    import umsgpack
+
+    return base64.b64encode(umsgpack.packb(command)).decode("ascii")
 
 
 @cache
 def _viewer() -> tuple[str, str]:
     """Script of Meshcat's viewer and the licences of what is in it."""
-    spec = find_spec("meshcat")
-    if spec is None or not spec.submodule_search_locations:
-        raise MissingDependency("meshcat", "viz", "playback")
-    # The package itself is not imported: it brings a server and half of IPython.
-    folder = Path(next(iter(spec.submodule_search_locations))) / "viewer"
+    folder = Path(import_meshcat().viewer_assets_path())
     script = folder / "dist" / "main.min.js"
     if not script.is_file():
         raise MissingDependency("meshcat", "viz", "playback")

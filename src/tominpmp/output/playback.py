@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +12,13 @@ import numpy as np
 
 from tominpmp.exceptions import OptionsError, TominpmpWarning, brief
 from tominpmp.output.browser import show_page
-from tominpmp.output.commands import Command
 from tominpmp.output.files import write_file
 from tominpmp.output.page import build_page
 from tominpmp.output.skeleton import check_motion
-from tominpmp.output.stage import Appearance, stage_commands
+from tominpmp.output.stage import Appearance, draw
+from tominpmp.output.viewer import Recorder, import_meshcat
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class _Message:
-    """A command in the form in which Meshcat's Python package sends it."""
-
-    command: Command
-
-    def lower(self) -> Command:
-        return self.command
 
 
 def play(
@@ -79,15 +68,17 @@ def play(
     _check_positive(rate=rate, fps=fps)
     if not isinstance(ghosts, (int, np.integer)) or not 0 <= ghosts <= 100:
         raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
-    commands = stage_commands(problem, trajectory, Appearance(fps, int(ghosts), frame))
+    appearance = Appearance(fps, int(ghosts), frame)
+    meshcat = import_meshcat()
     if viewer is not None:
         viewer["/meshcat"].delete()
-        for command in commands:
-            viewer.window.send(_Message(command))
+        draw(meshcat.Visualizer(window=viewer.window), problem, trajectory, appearance)
         return viewer
+    recorder = Recorder()
+    draw(meshcat.Visualizer(window=recorder), problem, trajectory, appearance)
     name = problem.robot.name
     page = build_page(
-        commands,
+        recorder.commands,
         title=title or f"{name}: T = {trajectory.duration:.4g} s",
         caption=_caption(problem),
         rate=rate,

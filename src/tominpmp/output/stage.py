@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array
 from tominpmp.goals import PoseGoal, PositionGoal
 from tominpmp.output.bodies import Body, robot_bodies
-from tominpmp.output.commands import (
-    Command,
-    columns,
-    geometry,
-    material,
-    node_name,
-    set_object,
-    set_property,
-    set_transform,
-    solid,
-)
 from tominpmp.output.skeleton import Skeleton, View, best_view, end_frame, skeleton
 from tominpmp.output.surfaces import (
     cylinder,
@@ -30,6 +21,7 @@ from tominpmp.output.surfaces import (
     sphere,
     tube,
 )
+from tominpmp.output.viewer import SetCopies, import_meshcat, node_name, put_body
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle
@@ -67,18 +59,16 @@ class Appearance:
     frame: str | None = None
 
 
-def stage_commands(
-    problem: Problem, trajectory: Trajectory, appearance: Appearance
-) -> list[Command]:
-    """Build the commands that show a motion.
+def draw(
+    viewer: Any, problem: Problem, trajectory: Trajectory, appearance: Appearance
+) -> None:
+    """Draw a motion.
 
     Args:
+        viewer: The ``meshcat.Visualizer`` to draw it in; the animation comes last.
         problem: The problem, for robot, obstacles and goal.
         trajectory: The motion.
         appearance: How it is shown.
-
-    Returns:
-        The commands, in order; the animation is the last one.
     """
     robot = problem.robot
     frame = appearance.frame or end_frame(problem)
@@ -89,19 +79,24 @@ def stage_commands(
     points = np.concatenate([robot_points, *_obstacle_points(problem, times[[0, -1]])])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     view = _camera_view(best_view(motion.points), np.ptp(robot_points, axis=0))
-    commands = _surroundings(view, points, size)
-    commands += _robot(robot.model, bodies, motion)
+    _surroundings(viewer, view, points, size)
+    _robot(viewer, robot.model, bodies, motion)
     for obstacle in problem.scene:
-        path = _obstacle_path(obstacle)
-        commands.append(solid(path, obstacle_surface(obstacle), OBSTACLE_COLOR))
-        commands.append(set_transform(path, obstacle_placement(obstacle)))
-    commands += _goal(problem, size)
-    commands += _trail(robot, trajectory, frame, size)
+        node = viewer[_obstacle_path(obstacle)]
+        put_body(node, obstacle_surface(obstacle), OBSTACLE_COLOR)
+        node.set_transform(obstacle_placement(obstacle))
+    _goal(viewer["/meshcat/goal"], problem, size)
+    _trail(viewer, robot, trajectory, frame, size)
     if appearance.ghosts:
-        commands.append(_ghosts(problem, trajectory, frame, bodies, appearance.ghosts))
+        viewer.window.send(
+            _ghosts(problem, trajectory, frame, bodies, appearance.ghosts)
+        )
     moving = [_moving_obstacle(item, times) for item in problem.scene.moving]
-    commands.append(_animation(robot.model, motion, times, moving))
-    return commands
+    joints = [
+        (_joint_path(robot.model, joint), motion.placements[:, joint])
+        for joint in range(1, robot.model.njoints)
+    ]
+    _animate(viewer, times, [*joints, *moving])
 
 
 def frame_times(duration: float, fps: float) -> Array:
@@ -125,79 +120,53 @@ def _joint_path(model: pin.Model, joint: int) -> str:
     return f"/meshcat/robot/{node_name(str(model.names[joint]))}"
 
 
-def _robot(model: pin.Model, bodies: list[Body], motion: Skeleton) -> list[Command]:
-    commands = []
+def _robot(viewer: Any, model: pin.Model, bodies: list[Body], motion: Skeleton) -> None:
     for body in bodies:
-        path = f"{_joint_path(model, body.joint)}/{node_name(body.name)}"
-        commands.append(solid(path, body.surface, body.color))
-        commands.append(set_transform(path, body.placement))
+        node = viewer[f"{_joint_path(model, body.joint)}/{node_name(body.name)}"]
+        put_body(node, body.surface, body.color)
+        node.set_transform(body.placement)
     for joint in sorted({body.joint for body in bodies}):
         place = motion.placements[0, joint]
-        commands.append(set_transform(_joint_path(model, joint), place))
-    return commands
+        viewer[_joint_path(model, joint)].set_transform(place)
 
 
-def _animation(
-    model: pin.Model,
-    motion: Skeleton,
-    times: Array,
-    moving: list[tuple[str, Array]],
-) -> Command:
-    clips = []
-    seconds = [float(time) for time in times]
-    joints = [
-        (_joint_path(model, joint), motion.placements[:, joint])
-        for joint in range(1, model.njoints)
-    ]
-    for path, placements in [*joints, *moving]:
-        quaternions = np.array(
-            [pin.Quaternion(place[:3, :3].copy()).coeffs() for place in placements]
-        )
+def _animate(viewer: Any, times: Array, moving: list[tuple[str, Array]]) -> None:
+    """Animate what is at paths by its placements, shape (m, 4, 4), at times (m,)."""
+    meshcat = import_meshcat().animation
+    clips = {}
+    for path, placements in moving:
+        quaternions = Rotation.from_matrix(placements[:, :3, :3]).as_quat()
         # q and -q are one rotation; neighbours must be on one side to be interpolated.
         flips = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1]) < 0.0
         quaternions[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-        tracks = [
-            _track(".position", "vector3", seconds, placements[:, :3, 3]),
-            _track(".quaternion", "quaternion", seconds, quaternions),
-        ]
+        tracks = {
+            name: meshcat.AnimationTrack(name, kind, times.tolist(), values.tolist())
+            for name, kind, values in (
+                ("position", "vector3", placements[:, :3, 3]),
+                ("quaternion", "quaternion", quaternions),
+            )
+        }
         # With one frame a second the times of the keys are in seconds.
-        clip = {"fps": 1.0, "name": "motion", "tracks": tracks}
-        clips.append({"path": path, "clip": clip})
-    return {
-        "type": "set_animation",
-        "path": "",
-        "animations": clips,
-        "options": {"play": True, "repetitions": 1},
-    }
+        clip = meshcat.AnimationClip(tracks, fps=1.0, name="motion")
+        clips[viewer[path].path] = clip
+    viewer.set_animation(meshcat.Animation(clips))
 
 
-def _track(name: str, kind: str, seconds: list[float], values: Array) -> Command:
-    keys = [
-        {"time": time, "value": row}
-        for time, row in zip(seconds, values.tolist(), strict=True)
-    ]
-    return {"name": name, "type": kind, "keys": keys}
-
-
-def _goal(problem: Problem, size: float) -> list[Command]:
+def _goal(node: Any, problem: Problem, size: float) -> None:
     goal = problem.goal
-    path = "/meshcat/goal"
     if isinstance(goal, PositionGoal):
+        put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR)
         place = np.eye(4)
         place[:3, 3] = goal.position
-        marker = solid(path, sphere(GOAL_RADIUS * size), GOAL_COLOR)
-        return [marker, set_transform(path, place)]
-    if not isinstance(goal, PoseGoal):
-        return []
-    length = TRIAD_LENGTH * size
-    rod = moved(cylinder(0.05 * length, length), _shift(length / 2))
-    commands = []
-    for axis, color in enumerate(TRIAD_COLORS):
-        turn = np.eye(4)
-        turn[:3, :3] = np.roll(np.eye(3), axis + 1, axis=0)
-        name = f"{path}/{'xyz'[axis]}"
-        commands.append(solid(name, moved(rod, turn), (*color, 1.0)))
-    return [*commands, set_transform(path, np.array(goal.pose.homogeneous))]
+        node.set_transform(place)
+    elif isinstance(goal, PoseGoal):
+        length = TRIAD_LENGTH * size
+        rod = moved(cylinder(0.05 * length, length), _shift(length / 2))
+        for axis, color in enumerate(TRIAD_COLORS):
+            turn = np.eye(4)
+            turn[:3, :3] = np.roll(np.eye(3), axis + 1, axis=0)
+            put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
+        node.set_transform(np.array(goal.pose.homogeneous))
 
 
 def _shift(height: float) -> Array:
@@ -207,42 +176,29 @@ def _shift(height: float) -> Array:
 
 
 def _trail(
-    robot: Robot, trajectory: Trajectory, frame: str, size: float
-) -> list[Command]:
+    viewer: Any, robot: Robot, trajectory: Trajectory, frame: str, size: float
+) -> None:
     times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
     points = skeleton(robot, trajectory(times).q, frame).end
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
     points = points[np.concatenate([[True], apart])]
-    if len(points) < 2:
-        return []
-    line = tube(points, TRAIL_RADIUS * size)
-    return [solid(f"/meshcat/path of {node_name(frame)}", line, TRAIL_COLOR)]
+    if len(points) > 1:
+        node = viewer[f"/meshcat/path of {node_name(frame)}"]
+        put_body(node, tube(points, TRAIL_RADIUS * size), TRAIL_COLOR)
 
 
 def _ghosts(
     problem: Problem, trajectory: Trajectory, frame: str, bodies: list[Body], count: int
-) -> Command:
-    """Copies of the robot between start and end, which share their geometry."""
-    path = "/meshcat/ghosts"
+) -> SetCopies:
+    """Copies of the robot between start and end."""
     times = np.linspace(0.0, trajectory.duration, count)
     poses = skeleton(problem.robot, trajectory(times).q, frame).placements
-    shapes, children = [], []
-    for i, body in enumerate(body for body in bodies if body.joint):
-        color = (*body.color[:3], GHOST_OPACITY * body.color[3])
-        shapes.append(geometry(f"{path}#g{i}", body.surface))
-        shapes.append(material(f"{path}#m{i}", color, body.surface.colors is not None))
-        children += [
-            {
-                "uuid": f"{path}#{i}.{k}",
-                "type": "Mesh",
-                "geometry": f"{path}#g{i}",
-                "material": f"{path}#m{i}",
-                "matrix": columns(pose[body.joint] @ body.placement),
-            }
-            for k, pose in enumerate(poses)
-        ]
-    root = {"uuid": path, "type": "Group", "children": children}
-    return set_object(path, shapes, root)
+    moving = [body for body in bodies if body.joint]
+    return SetCopies(
+        "/meshcat/ghosts",
+        [(b.surface, (*b.color[:3], GHOST_OPACITY * b.color[3])) for b in moving],
+        [poses[:, body.joint] @ body.placement for body in moving],
+    )
 
 
 def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
@@ -285,7 +241,7 @@ def _camera_view(view: View, extent: Array) -> View:
     return View(right, np.cross(normal, right), ("", ""), False)
 
 
-def _surroundings(view: View, points: Array, size: float) -> list[Command]:
+def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
     """Background, floor, lights, and a camera that has all points in view."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = (low + high) / 2
@@ -294,14 +250,13 @@ def _surroundings(view: View, points: Array, size: float) -> list[Command]:
     distance = float(((points - center) @ view.normal + across.max(axis=1)).max())
     distance = MARGIN * distance or 1.0
     offset = distance * view.normal
-    camera = {
-        "uuid": "camera",
-        "type": "PerspectiveCamera",
-        "fov": FIELD_OF_VIEW,
-        "aspect": ASPECT,
-        "near": distance / 200.0,
-        "far": 40.0 * distance + 100.0,
-    }
+    camera = import_meshcat().geometry.PerspectiveCamera(
+        fov=FIELD_OF_VIEW,
+        aspect=ASPECT,
+        near=distance / 200.0,
+        far=40.0 * distance + 100.0,
+    )
+    camera.uuid = "camera"
     # The viewer looks at its origin; so the world is moved, not the camera.
     world, floor = np.eye(4), np.eye(4)
     world[:3, 3] = floor[:3, 3] = -center
@@ -310,24 +265,21 @@ def _surroundings(view: View, points: Array, size: float) -> list[Command]:
     floor[:3, :3] *= _round_length(size / 12.0) / 0.5
     # The camera's own axes have y upwards.
     place = [float(offset[0]), float(offset[2]), float(-offset[1])]
-    path = "/Cameras/default/rotated"
-    commands = [
-        set_property("/Background", "top_color", [0.96, 0.97, 0.98]),
-        set_property("/Background", "bottom_color", [0.78, 0.82, 0.87]),
-        set_property("/Grid/<object>", "color", [1.0, 1.0, 1.0, 0.25]),
-        set_property("/Axes", "visible", False),
-        set_transform("/meshcat", world),
-        set_transform("/Grid", floor),
-        {"type": "set_object", "path": path, "object": {"object": camera}},
-        set_property(f"{path}/<object>", "position", place),
-    ]
+    viewer["/Background"].set_property("top_color", [0.96, 0.97, 0.98])
+    viewer["/Background"].set_property("bottom_color", [0.78, 0.82, 0.87])
+    viewer["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.25])
+    viewer["/Axes"].set_property("visible", False)
+    viewer["/meshcat"].set_transform(world)
+    viewer["/Grid"].set_transform(floor)
+    viewer["/Cameras/default/rotated"].set_object(camera)
+    viewer["/Cameras/default/rotated/<object>"].set_property("position", place)
+    lights = viewer["/Lights"]
     for light in ("PointLightNegativeX", "PointLightPositiveX"):
         # These reach 10 m otherwise, which lights half of a large arm.
-        commands.append(set_property(f"/Lights/{light}/<object>", "distance", 0.0))
-        commands.append(set_property(f"/Lights/{light}/<object>", "intensity", 0.22))
-    commands.append(set_property("/Lights/AmbientLight/<object>", "intensity", 0.5))
-    commands.append(set_property("/Lights/FillLight/<object>", "intensity", 0.3))
-    return commands
+        lights[f"{light}/<object>"].set_property("distance", 0.0)
+        lights[f"{light}/<object>"].set_property("intensity", 0.22)
+    lights["AmbientLight/<object>"].set_property("intensity", 0.5)
+    lights["FillLight/<object>"].set_property("intensity", 0.3)
 
 
 def _round_length(length: float) -> float:

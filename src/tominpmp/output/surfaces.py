@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.arrays import Array, IntArray
@@ -27,6 +28,9 @@ from tominpmp.scene import (
 
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
 AROUND = 40
+
+# Brightness of what has no colour beside what has one.
+LIGHT = 0.9
 
 # Edges sharper than this stay edges, others are shaded smoothly [rad].
 CREASE = np.radians(35.0)
@@ -65,37 +69,26 @@ class ShadedSurface:
     faces: NDArray[np.uint32]
 
 
-def lathe(profile: ArrayLike, around: int = AROUND) -> Surface:
+def lathe(profile: ArrayLike) -> Surface:
     """Turn a profile about the z axis.
 
     Args:
         profile: Radius and height of its points from the bottom up, shape (k, 2) [m];
             the first and the last lie on the axis.
-        around: Number of facets around the axis.
 
     Returns:
         The closed surface.
     """
     points = np.asarray(profile, dtype=np.float64)
-    angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(around)], axis=1)
-    rings = points[1:-1, :1, None] * circle
-    rings[:, :, 2] = points[1:-1, 1:]
-    ends = [[0.0, 0.0, points[0, 1]], [0.0, 0.0, points[-1, 1]]]
-    vertices = np.concatenate([rings.reshape(-1, 3), ends])
-    bottom, top = len(vertices) - 2, len(vertices) - 1
-    here = np.arange(around)
-    there = np.roll(here, -1)
-    last = (len(points) - 3) * around
-    faces = [
-        np.stack([there, here, np.full(around, bottom)], axis=1),
-        np.stack([last + here, last + there, np.full(around, top)], axis=1),
-    ]
-    for low in range(0, last, around):
-        high = low + around
-        faces.append(np.stack([low + here, low + there, high + there], axis=1))
-        faces.append(np.stack([low + here, high + there, high + here], axis=1))
-    return Surface(vertices, np.concatenate(faces))
+    # It drops triangles of less than 1e-8, whatever the size of the body.
+    unit = 1e-4 * float(np.abs(points).max())
+    return scaled(
+        _surface(trimesh.creation.revolve(points / unit, sections=AROUND)), unit
+    )
+
+
+def _surface(mesh: Any) -> Surface:
+    return Surface(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64))
 
 
 def capsule(radius: float, length: float) -> Surface:
@@ -140,17 +133,7 @@ def box(size: ArrayLike) -> Surface:
     Args:
         size: Edge lengths, shape (3,) [m].
     """
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    quads = [
-        [0, 1, 3, 2],
-        [4, 6, 7, 5],
-        [0, 4, 5, 1],
-        [2, 3, 7, 6],
-        [0, 2, 6, 4],
-        [1, 5, 7, 3],
-    ]
-    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
-    return Surface(signs * np.asarray(size, dtype=np.float64) / 2, np.array(faces))
+    return _surface(trimesh.creation.box(np.asarray(size, dtype=np.float64)))
 
 
 def scaled(surface: Surface, factors: ArrayLike) -> Surface:
@@ -219,10 +202,10 @@ def obstacle_surface(obstacle: Obstacle) -> Surface:
     if isinstance(obstacle, Mesh):
         return Surface(obstacle.points, np.array(obstacle.triangles))
     if isinstance(obstacle, HeightField):
-        return _joined([_prism(corners) for corners in obstacle.cells])
+        return joined([_prism(corners) for corners in obstacle.cells])
     if isinstance(obstacle, OcTree):
         places = zip(*obstacle.boxes, strict=True)
-        return _joined([_shifted(box(size), centre) for centre, size in places])
+        return joined([_shifted(box(size), centre) for centre, size in places])
     raise SceneError(
         f"obstacle {obstacle.name!r}: a {type(obstacle).__name__} cannot be drawn",
         obstacle.name,
@@ -241,13 +224,21 @@ def _shifted(surface: Surface, offset: Array) -> Surface:
     return Surface(surface.vertices + offset, surface.faces)
 
 
-def _joined(surfaces: list[Surface]) -> Surface:
-    """Several surfaces as one."""
-    first = np.cumsum([0, *(len(surface.vertices) for surface in surfaces[:-1])])
-    faces = [s.faces + at for s, at in zip(surfaces, first.tolist(), strict=True)]
+def joined(surfaces: list[Surface]) -> Surface:
+    """Several surfaces as one; where some have colours, the others become light."""
+    points, faces = trimesh.util.append_faces(
+        [surface.vertices for surface in surfaces],
+        [surface.faces for surface in surfaces],
+    )
+    colors = [
+        np.full((len(s.faces), 3), LIGHT) if s.colors is None else s.colors
+        for s in surfaces
+    ]
+    plain = all(surface.colors is None for surface in surfaces)
     return Surface(
-        np.concatenate([surface.vertices for surface in surfaces]),
-        np.concatenate(faces),
+        points.astype(np.float64),
+        faces.astype(np.int64),
+        None if plain else np.concatenate(colors),
     )
 
 
@@ -370,13 +361,5 @@ def _mesh_surface(geometry: Any) -> Surface:
 
 
 def _hull_surface(geometry: Any) -> Surface:
-    from scipy.spatial import ConvexHull
-
-    points = np.array([geometry.point(i) for i in range(geometry.num_points)])
-    hull = ConvexHull(points)
-    faces = hull.simplices.astype(np.int64)
-    corners = points[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
-    return Surface(points, faces)
+    points = [geometry.point(i) for i in range(geometry.num_points)]
+    return _surface(trimesh.convex.convex_hull(np.array(points)))

@@ -43,6 +43,7 @@ def load_moveit(
     request_path: str | Path,
     *,
     margin: float = 0.0,
+    self_collision: bool | None = None,
 ) -> Problem:
     """Load a problem from a MoveIt planning scene and a motion plan request.
 
@@ -61,6 +62,8 @@ def load_moveit(
         scene_path: YAML file with a ``PlanningScene`` message.
         request_path: YAML file with a ``MotionPlanRequest`` message.
         margin: Distance to keep from obstacles [m].
+        self_collision: Whether the links keep clear of each other; None as for
+            :class:`~tominpmp.problem.Problem`.
 
     Returns:
         The problem. Joints of the start state that the robot lacks, and locked ones
@@ -91,6 +94,7 @@ def load_moveit(
             scene=scene,
             margin=margin,
             v_start=_start_velocity(arm, state.get("joint_state")),
+            self_collision=self_collision,
         )
     except ProblemError as error:
         blamed = (error.field or "").split(".")[0]

@@ -25,7 +25,7 @@ class Mesh(Obstacle):
     For distances it is taken as convex pieces that cover it, see ``convex``.
 
     Attributes:
-        path: File to read (STL or OBJ, or another that the package trimesh knows); None
+        path: File to read (STL, OBJ, DAE, GLB, glTF, OFF or PLY); None
             where vertices and triangles are given.
         vertices: Vertices without the scale [m], shape (k, 3).
         triangles: Indices of the corners of each triangle, shape (l, 3).

@@ -12,6 +12,7 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import directions
 from tominpmp.goals import JointGoal, PlaceGoal
 from tominpmp.seeding.inverse_kinematics import goal_configurations
+from tominpmp.seeding.pace import stretch
 from tominpmp.seeding.path import RoundedPath
 from tominpmp.seeding.sampling import (
     is_free,
@@ -80,7 +81,7 @@ def straight_guess(system: System, q_end: Array, name: str = "straight line") ->
     problem = system.problem
     timing = time_straight_line(system, problem.q_start, q_end)
     if timing is not None:
-        return _timed_guess(timing, name)
+        return _timed_guess(system, timing, name)
     return _smooth_guess(system, np.stack([problem.q_start, q_end]), name)
 
 
@@ -100,14 +101,16 @@ def path_guess(system: System, corners: Array, name: str = "sampled path") -> Gu
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
     timing = time_path(system, path)
     if timing is not None:
-        return _timed_guess(timing, name)
+        return _timed_guess(system, timing, name)
     q, _, _ = path.evaluate(_quintic())
     return _untimed_guess(system, q, name)
 
 
-def _timed_guess(timing: PathTiming, name: str) -> Guess:
+def _timed_guess(system: System, timing: PathTiming, name: str) -> Guess:
     times = np.linspace(0.0, timing.duration, SAMPLES)
-    return Guess(name, times, timing.position(times), True)
+    q = timing.position(times)
+    factor = stretch(system, q, timing.duration)
+    return Guess(name, factor * times, q, factor == 1.0)
 
 
 def resting_guess(system: System, duration: float) -> Guess:
@@ -154,6 +157,7 @@ def _smooth_guess(system: System, corners: Array, name: str) -> Guess:
 
 def _untimed_guess(system: System, q: Array, name: str) -> Guess:
     duration = LEISURE * _least_time(system, q)
+    duration *= stretch(system, q, duration)
     return Guess(name, duration * np.linspace(0.0, 1.0, SAMPLES), q, False)
 
 

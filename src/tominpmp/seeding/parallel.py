@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import os
+import pickle
 import signal
 import threading
 import time
+import uuid
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any, TypeVar
 
-from tominpmp.stopping import Stop, check, grace
+from tominpmp.stopping import Stop, check, grace, seconds_to_end
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 # Idle processes are kept this long for the next call [s]; to start one takes seconds.
 KEEP = 120.0
+# They are still counted on within this time [s].
+READY = 0.9 * KEEP
 # Results that are late by this are no longer waited for [s]: those of processes that
 # were asked to stop, and those of processes at the end of the time.
 GRACE = 4.0
@@ -54,8 +59,9 @@ def run_parallel(
     however it ends.
 
     Args:
-        function: Function of an item. It is copied for each item, so that results do
-            not depend on which process made them; both must be picklable.
+        function: Function of an item. Processes keep their copy of it during a call,
+            so it should forget what it did with other items: results must not depend
+            on which process made them. Both must be picklable.
         items: What it is applied to.
         processes: Number of processes, at least 1; with 1 it runs in this process.
         seconds: Time after which results are no longer waited for [s]; a function that
@@ -75,7 +81,7 @@ def run_parallel(
                 return
             yield number, function(item)
         return
-    crew = _Crew(processes)
+    crew = _Crew(processes, function)
     numbered = enumerate(items)
     try:
         while True:
@@ -84,7 +90,7 @@ def run_parallel(
                 following = next(numbered, None)
                 if following is None:
                     break
-                crew.submit(function, *following)
+                crew.submit(*following)
             if not crew.pending:
                 return
             late = None if deadline is None else deadline + LATE
@@ -94,8 +100,10 @@ def run_parallel(
             yield from crew.results(done)
     except (Stop, KeyboardInterrupt):
         crew.ask()
-        end = time.perf_counter() + GRACE
-        with grace(GRACE):
+        # At the end of the time they end by themselves, and that is all there is.
+        patience = min(GRACE, seconds_to_end())
+        end = time.perf_counter() + patience
+        with grace(patience):
             while crew.pending and (done := crew.wait(end)):
                 yield from crew.results(done)
         raise
@@ -103,12 +111,21 @@ def run_parallel(
         crew.dismiss()
 
 
+_idle_since = -math.inf
+
+
+def ready() -> bool:
+    """Whether processes of a former call are still there, and wait for work."""
+    return time.perf_counter() - _idle_since < READY
+
+
 class _Crew:
     """Processes at work, of which those that are idle are kept for the next call."""
 
-    def __init__(self, processes: int) -> None:
+    def __init__(self, processes: int, function: Callable[[Any], Any]) -> None:
         # Takes a while, and most plans run in this process.
         from loky import get_reusable_executor
+        from loky.backend.reduction import dumps
 
         self._asking = _event()
         self._asking.clear()
@@ -120,10 +137,11 @@ class _Crew:
             initargs=(os.getpid(), self._asking),
         )
         self.pending: dict[Future[Any], int] = {}
+        self._function = uuid.uuid4().hex, bytes(dumps(function))
 
-    def submit(self, function: Callable[[Any], Any], number: int, item: Any) -> None:
+    def submit(self, number: int, item: Any) -> None:
         """Give an item to the next process that is free."""
-        self.pending[self._executor.submit(function, item)] = number
+        self.pending[self._executor.submit(_apply, *self._function, item)] = number
 
     def wait(self, until: float | None) -> set[Future[Any]]:
         """Futures that are done; none at the end of the time [s].
@@ -153,8 +171,11 @@ class _Crew:
         """Let all go on with other work, or end those that do not come to an end."""
         self.ask()
         if self.pending:
-            wait(self.pending, LATE)
+            wait(self.pending, min(LATE, seconds_to_end()))
+        global _idle_since
+        _idle_since = time.perf_counter()
         if not all(future.done() for future in self.pending):
+            _idle_since = -math.inf
             self._executor.shutdown(wait=False, kill_workers=True)
 
 
@@ -177,6 +198,22 @@ _asked: Callable[[], bool] | None = None
 def asked_to_stop() -> bool:
     """In a process of :func:`run_parallel`: whether it is to stop."""
     return _asked is not None and _asked()
+
+
+_copy: tuple[str, Callable[[Any], Any]] | None = None
+
+
+def _apply(key: str, pickled: bytes, item: Any) -> Any:
+    """In a process of :func:`run_parallel`: the result for an item.
+
+    The function is kept for the next item: to read the meshes of an arm again may take
+    longer than to plan.
+    """
+    global _copy
+    if _copy is None or _copy[0] != key:
+        _copy = None
+        _copy = key, pickle.loads(pickled)
+    return _copy[1](item)
 
 
 def _prepare(parent: int, asking: Any) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.exceptions import MissingDependency
-from tominpmp.transcription.system import System
+from tominpmp.transcription.system import PADDING, System
 
 # Longest branches that are grown at once [rad]; tries take turns. On the Panda among
 # shelves and tables 0.5 finds 9 of 10 paths in half a second, a fifth of OMPL's choice
@@ -51,6 +51,8 @@ def sampling_available() -> bool:
 
 def is_free(system: System, q: Array) -> bool:
     """Whether a configuration, shape (n,), keeps the clearance that is asked for."""
+    if system.watched is None or system.problem.checker.hulls_clear(q, PADDING):
+        return True
     clearance = system.clearance
     if clearance is None:
         return True

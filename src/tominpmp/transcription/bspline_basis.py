@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -37,14 +38,21 @@ class Basis:
 
     def derivative(self, order: int) -> sp.csr_matrix:
         """Control points of a derivative from those of the curve."""
-        matrix = sp.identity(self.count, format="csr")
-        for k in range(order):
+        known = self._derivatives
+        if order not in known:
+            k = order - 1
             p, t = self.degree - k, self.knots[k : self.knots.size - k]
             m = t.size - p - 1  # control points before this differentiation
             span = t[p + 1 : p + m] - t[1:m]
             difference = sp.diags([-1.0, 1.0], [0, 1], shape=(m - 1, m))
-            matrix = sp.diags(p / span) @ difference @ matrix
-        return matrix.tocsr()
+            matrix = sp.diags(p / span) @ difference @ self.derivative(k)
+            known[order] = matrix.tocsr()
+        return known[order]
+
+    @cached_property
+    def _derivatives(self) -> dict[int, sp.csr_matrix]:
+        """Those that were asked for: they are, again and again."""
+        return {0: sp.identity(self.count, format="csr")}
 
     def at(self, times: Array, order: int) -> sp.csr_matrix:
         """Values of a derivative at shares of T, from the control points."""

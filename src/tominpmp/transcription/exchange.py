@@ -17,8 +17,9 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Constraint
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.transcription.base import Motion, Transcription
+from tominpmp.transcription.blocks import Block, Sampled
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.program import Block, NonlinearProgram, Sampled
+from tominpmp.transcription.program import NonlinearProgram
 
 # What is continuous is looked at this often [s], and this often an interval at least.
 STEP = 2e-3
@@ -37,9 +38,10 @@ FINE = 0.25
 FINEST = 128
 # So many instants take the place of one when it is looked at more closely.
 SPLIT = 4
-# No more instants than this are looked at, nor this many more closely at a time: they
-# take memory, and the verification looks again.
-MOST_SAMPLES, MOST_SPLIT = 20_000, 4_000
+# No more instants than this are looked at, nor this many more closely at a time, and no
+# table of instants by values has more numbers: they take memory, and the verification
+# looks again.
+MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
 # Where nothing is padded, a trace may be missing.
 LEAST = 1e-5
 
@@ -178,6 +180,7 @@ class _Continuous:
         assert constraint.usable is not None  # noqa: S101
         self._usable = constraint.usable
         self._close = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
+        self._most = most_instants(constraint.count)
 
     def violated(self, known: Instants) -> Instants:
         """For each interval and value the worst instant, if it is violated there.
@@ -185,9 +188,10 @@ class _Continuous:
         Those near others are left out.
         """
         h, moving = self._motion.h, self._constraint.moving
-        at, missing = self._closer(_samples(h))
+        regular = _samples(h, self._most)
+        at, missing = self._closer(regular)
         if moving:
-            more, there = self._finer(_samples(h))
+            more, there = self._finer(regular)
             at, missing = at.joined(more), np.concatenate([missing, there])
         worst = np.max(missing, axis=1)
         found: list[tuple[int, float]] = []
@@ -221,6 +225,7 @@ class _Continuous:
         """
         missing = self._missing(at, self._close)
         near = dipping(missing, 0.0, self._close)
+        near = _worst(near, missing, DIPS.size, self._most)
         if not near.size:
             return at, missing
         count = np.bincount(at.interval, minlength=self._motion.h.size)
@@ -253,17 +258,16 @@ class _Continuous:
             over = np.flatnonzero(np.max(missing, axis=1) > 0.0)
             found = found.joined(Instants(at.interval[over], at.share[over]))
             lacking.append(missing[over])
-            moved = np.where(
-                rises > 0.0, missing + self._usable + step[:, None] * rises, -np.inf
-            )
-            moved = np.max(moved, axis=1)
+            rising = np.flatnonzero(rises > 0.0)
+            ahead = missing[:, rising] + self._usable[rising]
+            ahead += step[:, None] * rises[rising]
+            moved = np.max(ahead, axis=1, initial=-np.inf)
             near = np.flatnonzero(moved > 0.0)
             if parts <= 1.0 or not near.size:
                 return found, np.concatenate(lacking)
             split = min(int(np.ceil(parts)), SPLIT)
-            if near.size > MOST_SPLIT:
-                order = np.argsort(-moved[near], kind="stable")
-                near = np.sort(near[order[:MOST_SPLIT]])
+            most = min(MOST_SPLIT, self._most // SPLIT)
+            near = _worst(near, moved[:, None], 1, most)
             places = (np.arange(split) + 0.5) / split - 0.5
             share = at.share[near, None] + places * width[near, None]
             at = Instants(np.repeat(at.interval[near], split), share.ravel())
@@ -281,17 +285,37 @@ def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
     Returns:
         Indices of the instants.
     """
-    change = np.abs(np.diff(missing, axis=0))
-    none = np.zeros((1, missing.shape[1]))
-    change = np.maximum(np.vstack([none, change]), np.vstack([change, none]))
+    step = np.diff(missing, axis=0)
+    np.abs(step, out=step)
+    change = np.zeros_like(missing)  # tables may be large: no more of them than needed
+    change[1:] = step
+    np.maximum(change[:-1], step, out=change[:-1])
     # Half a step away it has risen by half of that at the most, if evenly.
-    dips = (missing + 0.5 * change > tolerance) & (missing > -close)
+    change *= 0.5
+    change += missing
+    dips = change > tolerance
+    dips &= missing > -close
     return np.flatnonzero(np.any(dips, axis=1))
 
 
-def _samples(h: Array) -> Instants:
+def most_instants(values: int) -> int:
+    """How many instants are looked at in all, with so many values at each."""
+    most = MOST_NUMBERS // max(values, 1)
+    return int(np.clip(most, MOST_SPLIT // 20, MOST_SAMPLES))
+
+
+def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
+    """Those rows at which most is missing, if each of all has too many parts."""
+    count = max(most // parts, 1)
+    if near.size <= count:
+        return near
+    lacking = np.max(missing[near], axis=1)
+    return np.sort(near[np.argsort(-lacking, kind="stable")[:count]])
+
+
+def _samples(h: Array, most: int) -> Instants:
     """Instants at which to look at what is continuous; fewer a second if T is long."""
-    apart = max(STEP, float(h.sum()) / MOST_SAMPLES)
+    apart = max(STEP, float(h.sum()) / most)
     counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)
     interval = np.repeat(np.arange(h.size), counts)
     first = np.repeat(np.cumsum(counts) - counts, counts)

@@ -6,7 +6,6 @@ on the iterate alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -15,18 +14,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Constraint, GoalReached, JointLimit, Partials, States
-from tominpmp.exceptions import OptionsError
+from tominpmp.constraints import Constraint, GoalReached, States
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import (
-    Hull,
     Linearization,
-    Motion,
     Rows,
     StepBounds,
     Transcription,
     Variation,
 )
+from tominpmp.transcription.blocks import Always, Block, Sampled, block_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.system import System
 
@@ -36,177 +33,6 @@ BROKEN = 1e3
 ATTAINED = 1e-4
 
 Selection = Literal["near", "exact", "violated"]
-
-
-@dataclass(frozen=True, eq=False)
-class Always:
-    """Rows that hold at all times, or equations of a transcription.
-
-    Attributes:
-        name: Name of the kind.
-        hull: The rows.
-        curable: Whether a slower motion violates them less.
-    """
-
-    name: str
-    hull: Hull[Any]
-    curable: bool = False
-    gradual: bool = False
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds, shape (1, m)."""
-        return self.hull.lower[None]
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds, shape (1, m)."""
-        return self.hull.upper[None]
-
-    def groups(self, by_component: bool) -> IntArray:
-        """One group."""
-        return np.zeros(self.hull.lower.size, dtype=np.int64)
-
-    def values(self, of: Transcription[Any], motion: Motion) -> Array:
-        """Row values."""
-        return self.hull.values(motion)
-
-    def jacobian(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> sp.csr_matrix:
-        """Jacobian of some of them."""
-        whole = self.hull.jacobian(motion)
-        return whole if chosen.size == whole.shape[0] else whole[chosen]
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """A constraint at instants.
-
-    Attributes:
-        constraint: The constraint, with what it takes for granted at the instants.
-        fixed: Instants at shares of intervals. Those at which the constraint has kinks
-            in real time come on top of them.
-    """
-
-    constraint: Constraint
-    fixed: Instants
-
-    @property
-    def name(self) -> str:
-        """Name of the constraint."""
-        return self.constraint.name
-
-    @property
-    def gradual(self) -> bool:
-        """Whether rows far below their bounds may be left out."""
-        return self.constraint.gradual
-
-    @property
-    def curable(self) -> bool:
-        """Whether a slower motion violates them less."""
-        return self.constraint.curable
-
-    @cached_property
-    def _bounds(self) -> tuple[Array, Array]:
-        return self.constraint.bounds(self.fixed.size + self.constraint.kinks.size)
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds, shape (r, p)."""
-        return self._bounds[0]
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds, shape (r, p)."""
-        return self._bounds[1]
-
-    def groups(self, by_component: bool) -> IntArray:
-        """One group; or one for each component, or instant."""
-        rows, count = self.lower.shape
-        if by_component and rows > 1:
-            return np.tile(np.arange(count), rows)
-        if self.constraint.shared:
-            return np.zeros(rows * count, dtype=np.int64)
-        return np.repeat(np.arange(rows), count)
-
-    def instants(self, h: Array) -> Instants:
-        """The instants on intervals of given lengths [s], shape (N,).
-
-        Those that are due after the end of the motion are at its end.
-        """
-        kinks = self.constraint.kinks
-        return (
-            self.fixed.joined(Instants.at_times(kinks, h)) if kinks.size else self.fixed
-        )
-
-    def states(self, of: Transcription[Any], motion: Motion) -> tuple[Instants, States]:
-        """The instants, and the states there."""
-        at = self.instants(motion.h)
-        return at, of.states(motion, at, self.constraint.order)
-
-    def values(self, of: Transcription[Any], motion: Motion) -> Array:
-        """Row values."""
-        _, states = self.states(of, motion)
-        return self.constraint.evaluate(states, of.cutoff).ravel()
-
-    def jacobian(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> sp.csr_matrix:
-        """Jacobian of some of the values."""
-        if not chosen.size:
-            return sp.csr_matrix((0, of.size))
-        at, partials = self.partials(of, motion, chosen)
-        matrix = of.pull_back(motion, at, partials)
-        if partials.row is None:
-            return matrix
-        shape = (chosen.size, partials.row.size)
-        ones = np.ones(partials.row.size), (partials.row, np.arange(partials.row.size))
-        return sp.csr_matrix(sp.csr_matrix(ones, shape=shape) @ matrix)
-
-    def partials(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> tuple[Instants, Partials]:
-        """Instants, and partial derivatives of some of the values there."""
-        at, states = self.states(of, motion)
-        row, which = np.divmod(chosen, max(self.constraint.count, 1))
-        partials = self.constraint.differentiate(states, row, which)
-        return at, self._pinned(of, motion, at, partials)
-
-    def _pinned(
-        self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
-    ) -> Partials:
-        """Partial derivatives of values some of whose instants are fixed in real time.
-
-        An obstacle that begins to move at once, or turns a corner, makes a kink in the
-        time that the arm may be somewhere. A row at a share of an interval jumps over
-        it when the duration changes; a row at that very instant stays there, and the
-        path shifts under it.
-        """
-        kinks = self.constraint.kinks
-        due = np.concatenate(
-            [np.zeros(self.fixed.size, dtype=bool), kinks < motion.h.sum()]
-        )
-        pinned: BoolArray = due[partials.at]
-        if not pinned.any() or partials.by_q is None or partials.by_t is None:
-            return partials
-        rates = of.rates(motion, at)[partials.at]
-        shift = np.einsum("kj,kj->k", partials.by_q, rates)
-        return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
-
-    def adapted(
-        self,
-        change: Callable[[Constraint, States, Array], Constraint],
-        of: Transcription[Any],
-        motion: Motion,
-    ) -> Sampled:
-        """The same with a constraint that is changed by a motion."""
-        at, states = self.states(of, motion)
-        beside = of.states(motion, at.middles, 1).v
-        return replace(self, constraint=change(self.constraint, states, beside))
-
-
-Block = Always | Sampled
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,13 +61,17 @@ class NonlinearProgram:
         if transcription.equations is not None:
             blocks.append(Always("dynamics", transcription.equations))
         for constraint in system.constraints:
-            block = _block(transcription, constraint)
+            block = block_of(transcription, constraint)
             if block is not None and block.lower.size:
                 blocks.append(block)
         scale = transcription.goal_scale
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
-            blocks.append(Sampled(goal, Instants.end(transcription.intervals)))
+            # First as in the paper, where nothing but the torques is unknown: of two
+            # steps that are as good, linear programs then find the better one.
+            first = 0 if transcription.by_component else len(blocks)
+            last = Sampled(goal, Instants.end(transcription.intervals))
+            blocks.insert(first, last)
         return cls(transcription, tuple(blocks), selection)
 
     def at(self, z: Array) -> NonlinearProgram:
@@ -403,20 +233,3 @@ class NonlinearProgram:
 
 def _first_look(constraint: Constraint, states: States, beside: Array) -> Constraint:
     return constraint if constraint.informed else constraint.assumed(states, beside)
-
-
-def _block(of: Transcription[Any], constraint: Constraint) -> Block | None:
-    """Rows of a constraint; None where bounds of the unknowns keep it."""
-    if constraint.field in of.kept:
-        return None
-    if constraint.order > of.highest:
-        raise OptionsError(
-            f"{constraint.name}: limits of it need continuous accelerations, expected "
-            "control 'linear' or 'spline'",
-            "control",
-        )
-    if isinstance(constraint, JointLimit):
-        hull = of.hull(constraint)
-        if hull is not None:
-            return Always(constraint.name, hull, curable=constraint.curable)
-    return Sampled(constraint, of.instants(constraint.order, constraint.field))

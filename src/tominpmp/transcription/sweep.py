@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.transcription.integrator import Sensitivities
+from tominpmp.transcription.rollout import Sensitivities
 
 
 def sweep_adjoint(

@@ -36,6 +36,43 @@ PADDING_SHARE = 0.5
 MOVING_PADDING = 4e-4
 
 
+class Watched:
+    """Rows for distances, made when they are first asked for.
+
+    An arm alone is planned without them at first, and mostly that will do; making them
+    may take as long as a plan, and seconds where meshes were never cut into pieces.
+
+    Args:
+        problem: The problem.
+        reach: Length of the arm, which scales lengths [m].
+    """
+
+    def __init__(self, problem: Problem, reach: float) -> None:
+        self._problem, self._reach = problem, reach
+
+    @cached_property
+    def room(self) -> Array:
+        """Clearance to ask for beyond the margin, by pair [m]."""
+        checker = self._problem.checker
+        # When it is asked for shall not change what former queries have left behind.
+        return _padding(self._problem, checker.anew() if checker.lone else checker)
+
+    @cached_property
+    def clearance(self) -> ClearanceConstraint | None:
+        """Distances to obstacles and between links; None without either."""
+        checker = self._problem.checker
+        if not checker.pairs:
+            return None
+        margin = self._problem.margins + self.room
+        padding = self.room / self._reach
+        return ClearanceConstraint(checker, margin, self._reach, padding=padding)
+
+    def forget(self) -> None:
+        """Forget former queries of distances, if there were any."""
+        if isinstance(self.__dict__.get("clearance"), ClearanceConstraint):
+            self.__dict__["clearance"].forget()
+
+
 def _padding(problem: Problem, checker: CollisionChecker) -> Array:
     """Clearance beyond the margin to ask for, by pair [m]."""
     ends = [problem.q_start]
@@ -60,10 +97,8 @@ class System:
         dynamics: Equations of motion without dry friction, whose torques are what it
             leaves of those of the motors.
         kinematics: Placement of frames.
-        clearance: Distances to obstacles and between links; None without either.
         reach: Length of the arm, which scales lengths [m].
-        padding: Clearance that the rows ask for beyond the margin, so that the motion
-            keeps the margin between them, by pair, as shares of the reach.
+        watched: What makes the rows for distances; None for none.
         ways: Which way each joint moves all the time, 1, -1 or 0 for at rest, where
             that is taken for granted: torques are those that dry friction leaves, and
             their limits are shifted by it; None else, shape (n,).
@@ -72,9 +107,8 @@ class System:
     problem: Problem
     dynamics: Dynamics
     kinematics: RobotKinematics
-    clearance: ClearanceConstraint | None
     reach: float
-    padding: Array
+    watched: Watched | None
     ways: Array | None = None
 
     @classmethod
@@ -82,17 +116,24 @@ class System:
         """Build the functions of a problem."""
         kinematics = RobotKinematics(problem.robot)
         reach = max(kinematics.reach(), 1e-3)
-        checker = problem.checker
-        padding = _padding(problem, checker)
-        clearance = (
-            ClearanceConstraint(
-                checker, problem.margins + padding, reach, padding=padding / reach
-            )
-            if checker.pairs
-            else None
-        )
         dynamics = RobotDynamics(problem.robot, dry=False)
-        return cls(problem, dynamics, kinematics, clearance, reach, padding / reach)
+        watched = Watched(problem, reach)
+        if not problem.checker.lone:
+            _ = watched.clearance
+        return cls(problem, dynamics, kinematics, reach, watched)
+
+    @property
+    def clearance(self) -> ClearanceConstraint | None:
+        """Distances to obstacles and between links; None without either."""
+        return None if self.watched is None else self.watched.clearance
+
+    @property
+    def padding(self) -> Array:
+        """Clearance that the rows ask for beyond the margin, as shares of the reach.
+
+        So that the motion keeps the margin between the rows; by pair.
+        """
+        return np.zeros(0) if self.watched is None else self.watched.room / self.reach
 
     @property
     def alone(self) -> bool:
@@ -107,7 +148,7 @@ class System:
         They hardly ever do, and the verification tells where they do. Rows for them
         would take more time than all the rest.
         """
-        return replace(self, clearance=None) if self.alone else self
+        return replace(self, watched=None) if self.alone else self
 
     def resting(self, time: float | None = None) -> System:
         """The same problem without the obstacles that move.
@@ -128,8 +169,8 @@ class System:
         digit, nor on the process that makes it.
         """
         self.problem.checker.forget()
-        if self.clearance is not None:
-            self.clearance.forget()
+        if self.watched is not None:
+            self.watched.forget()
 
     @cached_property
     def motors(self) -> Motors:

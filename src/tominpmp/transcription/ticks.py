@@ -21,6 +21,9 @@ from tominpmp.transcription.program import NonlinearProgram
 
 # Durations that are a multiple of the period but for this share of it are one.
 ROUNDING = 1e-6
+# Interior-point solvers leave the duration a trace above its bound: by up to this share
+# of it, it is the bound.
+TRACE = 1e-6
 
 
 def ticks_of(duration: float, period: float) -> int:
@@ -124,13 +127,23 @@ class ClockedTranscription:
         """Gradient of the duration."""
         return self.inner.cost
 
+    def timed(self, z: Array) -> Array:
+        """An iterate with the duration of the ticks, where it is that but for a trace.
+
+        Rows are evaluated there, so that constraints hold in the time that there is.
+        """
+        T = self.ticks.duration
+        if abs(z[-1] - T) > TRACE * T:
+            return z
+        return np.append(z[:-1], T)
+
     def evaluate(self, z: Array) -> Array:
         """Row values."""
-        return self.inner.evaluate(z)
+        return self.inner.evaluate(self.timed(z))
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""
-        return self.inner.linearize(z, values, steps)
+        return self.inner.linearize(self.timed(z), values, steps)
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region, with the duration at that of the ticks or above."""
@@ -148,14 +161,9 @@ class ClockedTranscription:
         return self.inner.stretch(z, factor)
 
     def on_clock(self, z: Array) -> Array | None:
-        """The iterate with the duration of the ticks, if it has that but for rounding.
-
-        None if it is slower.
-        """
-        T = self.ticks.duration
-        if z[-1] > T + ROUNDING * self.ticks.period:
-            return None
-        return np.append(z[:-1], T)
+        """The iterate with the duration of the ticks; None if it is slower."""
+        timed = self.timed(z)
+        return timed if timed[-1] == self.ticks.duration else None
 
     def with_more_rows(self, z: Array, room: float) -> ClockedTranscription | None:
         """The same with rows where an iterate breaks its limits between the rows.

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
+from tominpmp.collision.selection import links_of
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
-from tominpmp.verification.approach import Approach, Closest
+from tominpmp.stopping import Stop
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification.approach import Approach, Closest, Course
 from tominpmp.verification.excess import Excess
-from tominpmp.verification.replay import Replay
+from tominpmp.verification.replay import TIME_STEP, Replay, planned
 
 # Where a start or a goal touches something, pairs may lack a trace of room as long as
 # no joint is farther from there than this [rad or m].
 NEAR_END = 0.05
+# Links are as near as pieces as they are as hulls if this is what differs [m].
+RESIDUE = 1e-6
+# Rows of a planned motion, with its nodes: between them it is known.
+GLIMPSES = 200
 
 
 class Nearest(NamedTuple):
@@ -49,14 +57,90 @@ def closest(
     Returns:
         The pair; None without pairs.
     """
+    if checker.lone:
+        if not checker.with_cut(frozenset()).pairs:
+            return None
+        found = _of_links(problem, replay, checker, tolerance)
+        if found is not None:
+            return found
     if not checker.pairs:
         return None
     margins = checker.margins(problem.margin)
     allowed = touching(problem, checker, margins, tolerance)
     if replay.t.size < 2:  # lost at once: the end is not reached anyway
         return _at_start(replay, checker, margins)
-    found = Approach(checker, replay, margins, allowed, NEAR_END).run()
-    return _nearest(found, checker, margins)
+    nearest = Approach(checker, replay, margins, allowed, NEAR_END).run()
+    return _nearest(nearest, checker, margins)
+
+
+def _of_links(
+    problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
+) -> Nearest | None:
+    """The links of a lone robot that come nearest, if they are clear of each other.
+
+    Links are taken as one hull each, which are never farther apart than the links as
+    pieces. Only those that come nearest are cut into pieces, until two are found that
+    come as near as pieces as all others do as hulls at least. There are a tenth of the
+    pairs then, and most meshes need not be cut, which takes a second each when it is
+    done for the first time.
+
+    Returns:
+        The pair; None where links touch, or it cannot be told.
+    """
+    cut: frozenset[str] = frozenset()
+    clear = None
+    while replay.t.size >= 2:
+        try:
+            part = checker.with_cut(cut)
+            margins = part.margins(problem.margin)
+            free = np.zeros((2, margins.size))
+            found = Approach(part, replay, margins, free, NEAR_END).run()
+            apart = found.room > tolerance and not (found.violated or found.doubt > 0.0)
+            clear = _nearest(found, part, margins) if apart else None
+            names = frozenset(part.pairs[found.pair])
+            if names <= cut or _of_one_piece(part, names):
+                return clear
+            cut |= names
+            q = Course(replay).positions(np.array([found.time]))
+            if _apart(checker.with_cut(cut), names, q) <= found.room + RESIDUE:
+                return clear
+        except Stop:
+            # No time to cut meshes: a bound of what is there is better than nothing.
+            if clear is None:
+                raise
+            return clear
+    return None
+
+
+def _apart(checker: CollisionChecker, names: frozenset[str], q: Array) -> float:
+    """Distance of two links at a configuration, shape (1, n) [m]."""
+    pairs = [k for k, pair in enumerate(checker.pairs) if names == frozenset(pair)]
+    every = np.zeros(len(pairs), dtype=np.int64)
+    enough = np.full(len(pairs), np.inf)
+    return float(np.min(checker.measured(q, every, np.array(pairs), enough)))
+
+
+def _of_one_piece(checker: CollisionChecker, names: frozenset[str]) -> bool:
+    """Whether cutting these links into pieces would change nothing."""
+    hulls = sum(body.name in names for body in checker.links)
+    cut = (checker.cut or frozenset()) | names
+    pieces = links_of(checker.robot, checker.geometry, cut)
+    return sum(body.name in names for body in pieces) == hulls
+
+
+def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> bool:
+    """Whether a motion touches nothing as it is planned, at any time.
+
+    Args:
+        problem: The problem, with the margin.
+        trajectory: The motion.
+        tolerance: What may be missing at ends that are at the margin [m].
+    """
+    step = max(TIME_STEP, trajectory.duration / GLIMPSES)
+    # Without the torques, which take most of the time.
+    motion = planned(replace(trajectory, inverse_dynamics=None), step)
+    found = closest(problem, motion, problem.checker, tolerance)
+    return found is None or not found.excess.violated
 
 
 def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:

@@ -24,6 +24,8 @@ ROUNDING = 1e-14
 HALVINGS = 5
 # Where the deviation is looked at, in [-1, 1]: far from the points.
 PROBES = (-0.999, 0.16, 0.93)
+# Times at which a curve is evaluated at once, for the sake of memory.
+CHUNK = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +100,13 @@ class Pieces:
         Returns:
             Shape (m, n).
         """
+        out = np.empty((times.size, self.coefficients.shape[1]))
+        for first in range(0, times.size, CHUNK):
+            part = slice(first, first + CHUNK)
+            out[part] = self._at(times[part])
+        return out
+
+    def _at(self, times: Array) -> Array:
         piece = np.searchsorted(self.t, times, side="right") - 1
         piece = np.clip(piece, 0, self.count - 1)
         begin, end = self.t[piece], self.t[piece + 1]

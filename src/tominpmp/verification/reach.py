@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,6 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Body
 from tominpmp.collision.placements import Placements
-from tominpmp.collision.selection import links_of
-from tominpmp.collision.shapes import outline
 from tominpmp.robot import Robot
 
 
@@ -43,7 +42,11 @@ class LinkReach:
     """
 
     def __init__(self, robot: Robot, balls: Sequence[Ball]) -> None:
-        self._robot, self._balls = robot, list(balls)
+        self._robot = robot
+        index: dict[str, list[int]] = {}
+        for i, ball in enumerate(balls):
+            index.setdefault(ball.link, []).append(i)
+        self._index = {k: np.array(v, dtype=np.int64) for k, v in index.items()}
         model = robot.model
         self._placements = Placements(model)
         self._joint = np.array([ball.joint for ball in balls], dtype=np.int64)
@@ -67,12 +70,12 @@ class LinkReach:
 
     def joint_of(self, link: str) -> int:
         """Joint that carries a link, 0 for none."""
-        return next((ball.joint for ball in self._balls if ball.link == link), 0)
+        balls = self.balls_of(link)
+        return int(self._joint[balls[0]]) if balls.size else 0
 
     def balls_of(self, link: str) -> IntArray:
         """Indices of the balls around a link."""
-        found = [i for i, ball in enumerate(self._balls) if ball.link == link]
-        return np.array(found, dtype=np.int64)
+        return self._index.get(link, np.zeros(0, dtype=np.int64))
 
     def centres(self, q: Array) -> Array:
         """Centres of the balls in the world [m], shape (m, n) to (m, balls, 3)."""
@@ -183,11 +186,13 @@ class RelativeMotion:
 
 def link_balls(checker: CollisionChecker) -> list[Ball]:
     """Balls around the links of a checker, about the middles of their bodies."""
-    return [_ball(body) for body in links_of(checker.robot, checker.geometry)]
+    return [_ball(body) for body in checker.links]
 
 
+# The bodies of a robot are the same ones in every problem.
+@lru_cache(maxsize=512)
 def _ball(body: Body) -> Ball:
-    shape = outline(body.shape)
+    shape = body.outline
     middle = 0.5 * (np.min(shape.points, axis=0) + np.max(shape.points, axis=0))
     radius = float(np.max(np.linalg.norm(shape.points - middle, axis=1)))
     place = body.placement

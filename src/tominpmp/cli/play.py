@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tominpmp.cli.files import PAGE_ENDINGS, check_target, need_package
-from tominpmp.cli.request import MotionRequest, RobotRequest
-from tominpmp.cli.sources import load_scene
+from tominpmp.cli.options import PlayOptions
+from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
+from tominpmp.cli.problem import load_scene
 from tominpmp.goals import JointGoal
 from tominpmp.output.export import load_motion
 from tominpmp.output.playback import play
@@ -14,16 +14,12 @@ from tominpmp.problem import Problem
 from tominpmp.recorded import recorded_motion
 
 
-def run_play(
-    motion: Path, robot: RobotRequest, surroundings: MotionRequest, page: Path | None
-) -> Path:
+def run_play(motion: Path, said: PlayOptions) -> Path:
     """Show a motion.
 
     Args:
         motion: File that holds it.
-        robot: Whose motion it is; or a scenario file.
-        surroundings: Obstacles to show.
-        page: File for the page; None opens it in the browser.
+        said: Whose motion it is, obstacles to show, and where.
 
     Returns:
         The page.
@@ -31,11 +27,10 @@ def run_play(
     Raises:
         TominpmpError: If anything given is wrong or does not fit together.
     """
-    need_package("meshcat", "viz", "tominpmp play")
-    if page is not None:
-        check_target(page, "--output", PAGE_ENDINGS)
+    if said.output is not None:
+        check_target(said.output, "--output", PAGE_ENDINGS)
     samples = load_motion(motion)
-    arm, scene = load_scene(robot, surroundings)
+    arm, scene = load_scene(said)
     trajectory = recorded_motion(samples, arm, motion)
     problem = Problem(
         arm,
@@ -44,4 +39,4 @@ def run_play(
         scene=scene,
         v_start=trajectory.v[0],
     )
-    return Path(play(problem, trajectory, path=page))
+    return Path(play(problem, trajectory, path=said.output))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from tominpmp.cli.request import OutputRequest
+from tominpmp.cli.options import PlanOptions
 from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
 from tominpmp.solution import Solution
 
@@ -24,37 +24,31 @@ if TYPE_CHECKING:
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
 MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
-SCENARIO_ENDINGS = (".toml",)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
+# Options that name a file, and how that must end.
+FILES = {
+    "save_scenario": (".toml",),
+    "plot": PLOT_ENDINGS,
+    "html": PAGE_ENDINGS,
+    "certificate": PLOT_ENDINGS,
+}
 
 
 @dataclass(frozen=True)
-class Targets:
+class OutputFiles:
     """Files to write.
 
     Attributes:
+        options: What was asked for.
         motion: File for the motion; None for none or standard output.
-        to_stdout: Whether the motion goes to standard output.
-        dt: Time between its rows [s]; None for the period of the plan, or the nodes.
-        plot: File for the plot.
-        page: File for the page.
-        certificate: File for the plot of the certificate.
-        with_effort: Whether a ROS message has the torques.
-        message: Which ROS message the motion is written as.
     """
 
+    options: PlanOptions
     motion: Path | None
-    to_stdout: bool
-    dt: float | None
-    plot: Path | None
-    page: Path | None
-    certificate: Path | None = None
-    with_effort: bool = False
-    message: str | None = None
 
     @classmethod
-    def of(cls, request: OutputRequest) -> Targets:
+    def of(cls, options: PlanOptions) -> OutputFiles:
         """Choose and check the files.
 
         Raises:
@@ -62,45 +56,34 @@ class Targets:
             ScenarioError: If a file cannot be written.
             MissingDependency: If a package for the plot or the page is missing.
         """
-        to_stdout = request.write and request.motion == STDOUT
-        if to_stdout and request.json:
+        name, dt = options.output, options.dt
+        if name == STDOUT and options.json:
             raise OptionsError(
                 "--json and --output - both write to standard output", "output"
             )
-        if request.motion is not None and not request.write:
+        if name is not None and options.no_output:
             raise OptionsError("--output and --no-output contradict", "output")
-        if request.dt is not None and not 0.0 < request.dt < float("inf"):
-            raise OptionsError(
-                f"--dt is {request.dt}, expected a positive time [s]", "dt"
-            )
+        if dt is not None and not 0.0 < dt < float("inf"):
+            raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
         motion = None
-        if request.write and not to_stdout:
-            motion = _free_name() if request.motion is None else Path(request.motion)
+        if not options.no_output and name != STDOUT:
+            motion = _free_name() if name is None else Path(name)
             check_target(motion, "--output", MOTION_ENDINGS)
             if motion.suffix.lower() == ".mcap":
                 need_package("rosbags", "ros", "--output with .mcap")
-        _check_message(request, motion)
-        if request.scenario is not None:
-            check_target(request.scenario, "--save-scenario", SCENARIO_ENDINGS)
-        if request.plot is not None:
-            check_target(request.plot, "--plot", PLOT_ENDINGS)
-            need_package("matplotlib", "plots", "--plot")
-        if request.page is not None:
-            check_target(request.page, "--html", PAGE_ENDINGS)
-            need_package("meshcat", "viz", "--html")
-        if request.certificate is not None:
-            check_target(request.certificate, "--certificate", PLOT_ENDINGS)
-            need_package("matplotlib", "plots", "--certificate")
-        return cls(
-            motion,
-            to_stdout,
-            request.dt,
-            request.plot,
-            request.page,
-            request.certificate,
-            request.with_effort,
-            request.message,
-        )
+        _check_message(options, motion)
+        for name, endings in FILES.items():
+            path, flag = getattr(options, name), f"--{name.replace('_', '-')}"
+            if path is not None:
+                check_target(path, flag, endings)
+                if endings == PLOT_ENDINGS:
+                    need_package("matplotlib", "plots", flag)
+        return cls(options, motion)
+
+    @property
+    def to_stdout(self) -> bool:
+        """Whether the motion goes to standard output."""
+        return self.options.output == STDOUT
 
     def write(self, solution: Solution) -> tuple[dict[str, str], ExportCheck | None]:
         """Write the files, and judge the motion as written.
@@ -109,25 +92,26 @@ class Targets:
             What was written, by what it holds; and what the file of the motion was
             found to do, None if there is none.
         """
-        files: dict[str, str] = {}
-        found = None
+        said, found = self.options, None
+        files = {
+            "motion": self.motion,
+            "plot": said.plot,
+            "page": said.html,
+            "certificate plot": said.certificate,
+        }
         if self.motion is not None:
             with self._rescued(solution, self.motion):
                 found = self._export(solution, self.motion)
-            files["motion"] = str(self.motion)
-        if self.to_stdout:
+        elif self.to_stdout:
             with self._rescued(solution, Path(DEFAULT_MOTION)):
                 found = self._stream(solution)
-        if self.plot is not None:
-            solution.plot(self.plot)
-            files["plot"] = str(self.plot)
-        if self.page is not None:
-            solution.play(self.page)
-            files["page"] = str(self.page)
-        if self.certificate is not None:
-            solution.plot_certificate(self.certificate)
-            files["certificate plot"] = str(self.certificate)
-        return files, found
+        if said.plot is not None:
+            solution.plot(said.plot)
+        if said.html is not None:
+            solution.play(said.html)
+        if said.certificate is not None:
+            solution.plot_certificate(said.certificate)
+        return {k: str(path) for k, path in files.items() if path is not None}, found
 
     @contextmanager
     def _rescued(self, solution: Solution, path: Path) -> Iterator[None]:
@@ -157,29 +141,28 @@ class Targets:
             except OSError:
                 continue
             with suppress(ScenarioError, OSError):
-                return solution.export(
-                    place / path.name,
-                    dt=self.dt,
-                    with_effort=self.with_effort,
-                    message=self.message,
-                    verify=False,
-                )
+                return self._write_motion(solution, place / path.name)
             with suppress(OSError):
                 place.rmdir()
         return None
+
+    def _write_motion(self, solution: Solution, path: Path) -> Path:
+        said = self.options
+        return solution.export(
+            path,
+            dt=said.dt,
+            with_effort=said.with_effort,
+            message=said.ros_message,
+            verify=False,
+        )
 
     def _export(self, solution: Solution, path: Path) -> ExportCheck:
         """Write the motion and judge the file."""
         from tominpmp.output.export_check import check_export
 
-        solution.export(
-            path,
-            dt=self.dt,
-            with_effort=self.with_effort,
-            message=self.message,
-            verify=False,
-        )
-        dt = solution.options.control_period if self.dt is None else self.dt
+        self._write_motion(solution, path)
+        dt = self.options.dt
+        dt = solution.options.control_period if dt is None else dt
         return check_export(solution, path, dt=dt)
 
     def _stream(self, solution: Solution) -> ExportCheck:
@@ -231,7 +214,7 @@ def need_package(package: str, extra: str, purpose: str) -> None:
         raise MissingDependency(package, extra, purpose)
 
 
-def _check_message(request: OutputRequest, motion: Path | None) -> None:
+def _check_message(options: PlanOptions, motion: Path | None) -> None:
     """Check the options of ROS messages before anything takes long.
 
     Raises:
@@ -241,9 +224,9 @@ def _check_message(request: OutputRequest, motion: Path | None) -> None:
     from tominpmp.output.export import check_options
     from tominpmp.output.ros import check_message
 
-    if request.message is not None:
-        check_message(request.message)
-    if not request.with_effort and request.message is None:
+    if options.ros_message is not None:
+        check_message(options.ros_message)
+    if not options.with_effort and options.ros_message is None:
         return
     if motion is None:
         raise OptionsError(
@@ -251,4 +234,4 @@ def _check_message(request: OutputRequest, motion: Path | None) -> None:
             "(--output FILE.yaml)",
             "output",
         )
-    check_options(motion, request.with_effort, request.message)
+    check_options(motion, options.with_effort, options.ros_message)

@@ -1,0 +1,235 @@
+"""The options of the commands: each is declared once, here or by the library.
+
+An option is a field of one of these records, and its text in the help what the
+docstring says of the field; what stands in brackets before it is how its value is
+called. The options of the planner and the limits beyond a robot's description are the
+fields of :class:`~tominpmp.options.Options` and of
+:class:`~tominpmp.motion_limits.MotionLimits` themselves, see
+:mod:`~tominpmp.cli.option_fields`. Only what is light is imported here, as the help is
+made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+from tominpmp.cli.option_fields import FieldsOf
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.options import Options
+
+PlannerOptions = Annotated[
+    Mapping[str, Any],
+    FieldsOf(Options, "Planning", {"max_planning_time": "--max-time"}),
+]
+LimitOptions = Annotated[Mapping[str, Any], FieldsOf(MotionLimits, "Robot")]
+
+
+# What the help lists an option under, if not under the panel of its class.
+ROBOT, SCENE, MOTION, PLANNING, OUTPUT = (
+    {"panel": panel} for panel in ("Robot", "Scene", "Motion", "Planning", "Output")
+)
+OUTPUT_FILE = {"flags": ("--output", "-o")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """What is different from the description of a robot.
+
+    Attributes:
+        package_dir (FOLDER): Folder in which to look for package://, repeatable.
+        srdf (FILE): Semantic description, with the group states. Default: the one
+            beside the URDF file.
+        group (NAME): Group of the SRDF file whose joints move; the others are held.
+        limits (NAME): datasheet: the limits that the maker publishes, accelerations
+            among them.
+        lock (JOINT=VALUE): Hold a joint at a position (rad or m), repeatable.
+        gravity (X Y Z): Gravity (m/s^2) instead of the robot's own.
+        effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for
+            all joints; or one for each; or JOINT=VALUE,...
+        velocity (VALUES): Velocity limits (rad/s or m/s), likewise.
+        position_lower (VALUES): Lower position limits (rad or m), likewise.
+        position_upper (VALUES): Upper position limits (rad or m), likewise.
+        damping (VALUES): Viscous friction (N m s/rad or N s/m), likewise.
+        armature (VALUES): Rotor inertia at the joint (kg m^2), likewise.
+        friction (VALUES): Dry friction (N m or N), likewise.
+        joint_limits (FILE): MoveIt's joint_limits.yaml: limits of velocity, effort and
+            position instead of the URDF's, and of acceleration and jerk.
+    """
+
+    panel: ClassVar = "Robot"
+    package_dir: list[Path] | None = None
+    srdf: Path | None = None
+    group: str | None = None
+    limits: str | None = None
+    lock: list[str] | None = None
+    gravity: str | None = None
+    effort: str | None = None
+    velocity: str | None = None
+    position_lower: str | None = None
+    position_upper: str | None = None
+    damping: str | None = None
+    armature: str | None = None
+    friction: str | None = None
+    joint_limits: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions(RobotOptions):
+    """A robot and what is around it.
+
+    Attributes:
+        scene (FILE): Obstacles of a MoveIt planning scene (.yaml), too.
+        obstacle (KIND:NAME:...): Something to stay clear of (m), repeatable:
+            sphere:NAME:r=R:at=X,Y,Z or box:NAME:size=X,Y,Z:at=X,Y,Z or
+            cylinder:NAME:r=R:length=L:at=X,Y,Z or capsule, as a cylinder, or
+            mesh:NAME:path=FILE:at=X,Y,Z; each may end in :quat=X,Y,Z,W.
+    """
+
+    scene: Path | None = field(default=None, metadata=SCENE)
+    obstacle: list[str] | None = field(default=None, metadata=SCENE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemOptions(SceneOptions):
+    """A robot, what is around it, a start and a goal.
+
+    Attributes:
+        start (POSITIONS): Joint positions at the start: numbers in joint order; or the
+            name of a group state; or JOINT=VALUE,... for all joints or after such a
+            name.
+        goal (POSITIONS): Joint positions at the end, likewise; joints that
+            JOINT=VALUE,... leaves out end where they started.
+        goal_position (FRAME X Y Z): Bring a frame to a point (m), in any orientation.
+        goal_pose (FRAME X Y Z QX QY QZ QW): Bring a frame to a point (m) and an
+            orientation (quaternion).
+        start_velocity (VALUES): Joint velocities at the start instead of rest.
+        goal_velocity (VALUES): Joint velocities at the end instead of rest; for a goal
+            on a frame, the three components of its velocity (m/s).
+        degrees: Take start and goal of joints that turn in degrees. All else is in SI
+            units.
+        request (FILE): Start and goal from a MoveIt motion plan request (.yaml), which
+            belongs to a --scene. Joints that its goal leaves out are held at the start.
+        margin (LENGTH): Distance to keep from obstacles (m).
+        self_collision: Whether the links keep clear of each other too. Default: they
+            do.
+        motion_limits (FILE): Limits of accelerations, jerks, torque rates and torques
+            over speed: .yaml, see examples/panda_motion_limits.yaml. Those below go
+            before it.
+    """
+
+    panel: ClassVar = "Motion"
+    start: str | None = None
+    goal: str | None = None
+    goal_position: tuple[str, float, float, float] | None = None
+    goal_pose: tuple[str, float, float, float, float, float, float, float] | None = None
+    start_velocity: str | None = None
+    goal_velocity: str | None = None
+    degrees: bool = False
+    request: Path | None = None
+    margin: float | None = field(default=None, metadata=SCENE)
+    self_collision: bool | None = field(default=None, metadata=SCENE)
+    motion_limits: Path | None = field(default=None, metadata=ROBOT)
+
+
+class Asked(NamedTuple):
+    """A problem as it was asked for.
+
+    Attributes:
+        robot: Name or path of the robot; or a scenario file.
+        options: What is different from it, start, goal and obstacles.
+        limits: Limits beyond those of the robot, as text by the names of the fields of
+            :class:`~tominpmp.motion_limits.MotionLimits`.
+    """
+
+    robot: str
+    options: ProblemOptions
+    limits: Mapping[str, Any] = MappingProxyType({})
+
+
+def is_scenario(robot: str) -> bool:
+    """Whether a scenario file was named instead of a robot."""
+    return robot.lower().endswith(".toml")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """How to report.
+
+    Attributes:
+        json: Report as JSON.
+    """
+
+    panel: ClassVar = "Output"
+    json: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(ReportOptions):
+    """What a plan begins with, what of it to write and what to show.
+
+    Attributes:
+        start_from (FILE): Motion of a former plan to begin with, for a problem that is
+            much like its own: .csv, .npz, .yaml or .json.
+        output (FILE): Write the motion there: .csv, .npz, or a ROS 2 message (.yaml,
+            .json, or .mcap for a bag); replaced if it exists; or - for standard output.
+            Default: motion.csv, or motion-2.csv, ... if that exists.
+        no_output: Write no motion.
+        dt (SECONDS): Time between the rows of the motion. Default: that of
+            --control-period, or the nodes of the grid.
+        with_effort: Put the torques into a ROS message too: for controllers that
+            command efforts; others refuse it.
+        ros_message (NAME): JointTrajectory, FollowJointTrajectory (the goal of that
+            action) or RobotTrajectory. Default: JointTrajectory.
+        plot (FILE): Plot positions, velocities and torques: .png, .pdf or .svg.
+        html (FILE): Write a page that plays the motion: .html.
+        certificate (FILE): Plot torques, switching functions, active limits and the
+            Hamiltonian, and report how far the motion is from optimal to first order:
+            .png, .pdf or .svg.
+        save_scenario (FILE): Write the problem and the options as a scenario: .toml.
+        quiet: No progress and no report, only warnings and errors.
+        verbose: Show the log too.
+    """
+
+    start_from: Path | None = field(default=None, metadata=PLANNING)
+    output: str | None = field(default=None, metadata=OUTPUT_FILE)
+    no_output: bool = False
+    dt: float | None = None
+    with_effort: bool = False
+    ros_message: str | None = None
+    plot: Path | None = None
+    html: Path | None = None
+    certificate: Path | None = None
+    save_scenario: Path | None = None
+    quiet: bool = field(default=False, metadata={"flags": ("--quiet", "-q")})
+    verbose: bool = field(default=False, metadata={"flags": ("--verbose", "-v")})
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifyOptions(ReportOptions):
+    """How a motion is judged.
+
+    Attributes:
+        interpolation (NAME): How the points are joined: controller (as ROS's joint
+            trajectory controller), linear, cubic, quintic, or auto (the motion that
+            they were taken from). Default: controller for ROS messages, else auto.
+    """
+
+    interpolation: str | None = field(default=None, metadata=MOTION)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayOptions(SceneOptions):
+    """Whose motion is shown, with what around it, and where.
+
+    Attributes:
+        robot (ROBOT): Name of a robot, path of a URDF file, or a scenario file (.toml).
+        output (FILE): Write the page there (.html) instead of opening it in the
+            browser.
+    """
+
+    robot: str = field(metadata=ROBOT)
+    output: Path | None = field(default=None, metadata=OUTPUT | OUTPUT_FILE)

@@ -1,0 +1,128 @@
+"""The command ``plan``: load, check, plan, write, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import typer
+
+from tominpmp.cli.json_text import json_text
+from tominpmp.cli.options import Asked, PlanOptions
+from tominpmp.cli.output_files import OutputFiles
+from tominpmp.cli.progress import Progress
+from tominpmp.cli.report import report_data, report_text
+from tominpmp.cli.signals import Signals, heeded_signals
+from tominpmp.cli.terminal import (
+    INTERRUPTED,
+    NO_PLAN,
+    PLANNED,
+    complain,
+    error_console,
+    logged,
+)
+from tominpmp.options import Options
+from tominpmp.solution import Solution, Status
+
+# Time that planning has at least, if loading has used up all of it [s].
+LEAST_TIME = 1e-3
+
+
+def run_plan(
+    asked: Asked,
+    options: Mapping[str, Any],
+    said: PlanOptions,
+) -> int:
+    """Plan and report.
+
+    Args:
+        asked: The problem.
+        options: Options of the planner that were given.
+        said: What to begin with, to write and to show.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        TominpmpError: If anything given is wrong.
+    """
+    begin = time.perf_counter()
+    files = OutputFiles.of(said)
+    with heeded_signals() as signals:
+        try:
+            with logged(said.verbose, error_console()):
+                solution = _solve(asked, options, said, begin, signals)
+            signals.writing()
+            sound = _write(solution, files)
+        except KeyboardInterrupt:
+            complain("error", "interrupted")
+            return signals.code or INTERRUPTED
+    if signals.code is not None:
+        return signals.code
+    if solution.status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return PLANNED if solution.success and sound else NO_PLAN
+
+
+def _solve(
+    asked: Asked,
+    options: Mapping[str, Any],
+    said: PlanOptions,
+    begin: float,
+    signals: Signals,
+) -> Solution:
+    """Load and plan; the time for both counts since the beginning."""
+    # Loading the libraries takes long, and may be interrupted.
+    from tominpmp.cli.problem import load_problem
+    from tominpmp.output.export import load_motion
+    from tominpmp.planner import plan
+    from tominpmp.scenario.scenario import save_scenario
+
+    with Progress(error_console(), quiet=said.quiet, verbose=said.verbose) as progress:
+        progress.phase(f"loading {asked.robot}")
+        problem, chosen = load_problem(asked, options)
+        if said.save_scenario is not None:
+            save_scenario(said.save_scenario, problem, chosen)
+        chosen = _with_callback(chosen, progress, time.perf_counter() - begin)
+        former = (
+            {} if said.start_from is None else {"start": load_motion(said.start_from)}
+        )
+        progress.phase("planning")
+        signals.check()
+        return plan(problem, chosen, **former)
+
+
+def _with_callback(options: Options, progress: Progress, spent: float) -> Options:
+    """Options that show progress, and whose time limit counts loading too."""
+    limit = options.max_planning_time
+    if limit is not None:
+        limit = max(limit - spent, LEAST_TIME)
+    return replace(options, callback=progress, max_planning_time=limit)
+
+
+def _write(solution: Solution, files: OutputFiles) -> bool:
+    """Write and report; returns whether what was written is as it should be."""
+    written: dict[str, str] = {}
+    found = None
+    try:
+        if solution.success:
+            written, found = files.write(solution)
+    finally:
+        # The figures are worth having even if the disk is full.
+        _report(solution, files, report_data(solution, written, found))
+    if found is not None and not found.ok:
+        complain("error", found.message)
+        return False
+    return True
+
+
+def _report(solution: Solution, files: OutputFiles, data: Mapping[str, Any]) -> None:
+    said = files.options
+    if said.json:
+        typer.echo(json_text(data))
+    elif not said.quiet:
+        typer.echo(report_text(data), err=files.to_stdout)
+    elif not solution.success:
+        typer.echo(solution.message, err=True)

@@ -1,0 +1,84 @@
+"""The command ``verify``: judge a motion from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import typer
+
+from tominpmp.cli.json_text import json_text, plain
+from tominpmp.cli.options import Asked, VerifyOptions, is_scenario
+from tominpmp.cli.problem import load_problem
+from tominpmp.cli.report import rows_text
+from tominpmp.cli.terminal import NO_PLAN, PLANNED
+from tominpmp.exceptions import ProblemError
+from tominpmp.output.export_check import ExportCheck, check_file
+from tominpmp.sampling import Interpolation
+
+# Rules that are shown where a message breaks more.
+SHOWN = 5
+
+
+def run_verify(asked: Asked, path: Path, how: VerifyOptions) -> int:
+    """Judge a motion and report.
+
+    Args:
+        asked: What it is to solve.
+        path: File that holds the motion.
+        how: How the points are joined, and how to report.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        TominpmpError: If a file is wrong or they do not belong together.
+    """
+    said = asked.options
+    if not is_scenario(asked.robot) and said.request is None and said.start is None:
+        raise ProblemError(
+            f"{asked.robot!r} is no scenario file (.toml): expected one, or a robot "
+            "with --scene and --request, or with --start and a goal",
+            "scenario",
+        )
+    problem, options = load_problem(asked)
+    found = check_file(
+        problem,
+        path,
+        tolerances=options.tolerances,
+        interpolation=cast("Interpolation | None", how.interpolation),
+    )
+    typer.echo(json_text(_data(found)) if how.json else _text(found))
+    return PLANNED if found.ok else NO_PLAN
+
+
+def _data(found: ExportCheck) -> dict[str, Any]:
+    return {
+        "motion": found.path,
+        "T": found.duration,
+        **plain(found.verification),
+        "ok": found.ok,
+        "joined": found.joined,
+        "notes": found.notes,
+        "refusals": [str(item) for item in found.refusals],
+    }
+
+
+def _text(found: ExportCheck) -> str:
+    """Write the judgement for people."""
+    replay = found.verification
+    assert replay is not None  # noqa: S101
+    verdict = "solves the problem" if replay.ok else "does not solve the problem"
+    if replay.ok and not found.ok:
+        verdict = "solves the problem, but a controller would refuse it"
+    rows = [("duration", f"{found.duration:.4f} s"), ("joined", f"by {found.joined}")]
+    rows += [("note", note) for note in found.notes]
+    rows += [("refused", str(item)) for item in found.refusals[:SHOWN]]
+    errors = f"{replay.goal_error:.1e} in position, {replay.speed_error:.1e} in speed"
+    rows.append(("goal error", errors))
+    if np.isfinite(replay.min_clearance):
+        rows.append(("clearance", f"{replay.min_clearance:.4f} m at least"))
+    rows.append(("replay", f"{replay.integrator}, {replay.seconds:.2f} s"))
+    rows += [("violation", str(item)) for item in found.violations]
+    return rows_text(f"The motion in {found.path} {verdict}.", rows)

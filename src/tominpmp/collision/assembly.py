@@ -1,0 +1,139 @@
+"""What a checker of distances is made of: bodies, pairs and the queries for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.collision.bodies import Body, Geometry, scene_bodies
+from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.movers import Movers
+from tominpmp.collision.narrow import NarrowPhase
+from tominpmp.collision.placements import Placements
+from tominpmp.collision.query import DistanceQuery
+from tominpmp.collision.selection import links_of, own_pairs, scene_pairs
+from tominpmp.collision.shapes import is_convex
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Bodies and pairs of a checker, with their queries.
+
+    Attributes:
+        links: Shapes of the links.
+        pairs: Names (link, other) of the pairs, first those with obstacles.
+        obstacle_pairs: How many of them are with obstacles.
+        first: First body of each pair, shape (pairs,).
+        second: Second body of each pair, shape (pairs,).
+        joint: What carries each body, shape (bodies,).
+        narrow: Exact distances.
+        query: Bounds where they will do, else exact distances.
+    """
+
+    links: tuple[Body, ...]
+    pairs: tuple[tuple[str, str], ...]
+    obstacle_pairs: int
+    first: IntArray
+    second: IntArray
+    joint: IntArray
+    narrow: NarrowPhase
+    query: DistanceQuery
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        scene: Scene,
+        movers: Movers,
+        self_collision: bool,
+        geometry: Geometry,
+        cut: frozenset[str] | None,
+    ) -> Assembly:
+        """Put it together; see :class:`~tominpmp.collision.CollisionChecker`."""
+        watching = self_collision or len(scene)
+        links = links_of(robot, geometry, cut) if watching else ()
+        bodies = [*links, *scene_bodies(scene, movers.first)]
+        first, second = scene_pairs(bodies, len(links))
+        obstacle_pairs = int(first.size)
+        if self_collision:
+            own = own_pairs(robot, geometry, cut)
+            first = np.concatenate([first, own[0]])
+            second = np.concatenate([second, own[1]])
+        pairs = tuple(
+            (bodies[i].name, bodies[k].name)
+            for i, k in zip(first.tolist(), second.tolist(), strict=True)
+        )
+        narrow = NarrowPhase(robot.model, bodies, first, second, movers)
+        query = DistanceQuery(
+            robot,
+            Placements(robot.model),
+            BroadPhase(bodies, first, second),
+            narrow,
+            np.array([is_convex(body.shape) for body in bodies], dtype=bool),
+            movers,
+        )
+        joint = np.array([body.joint for body in bodies], dtype=np.int64)
+        return cls(links, pairs, obstacle_pairs, first, second, joint, narrow, query)
+
+    def derivatives(
+        self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives of distances by the coordinates of the model, and by time.
+
+        Args:
+            rows: Configurations of the model, shape (m, nv).
+            instants: Index of the configuration of each pair, shape (k,).
+            pairs: Indices of the pairs, shape (k,).
+            times: Times [s], shape (m,).
+
+        Returns:
+            Shapes (k, nv) and (k,) [m/s].
+        """
+        k, movers = len(pairs), self.query.movers
+        normal, points = np.empty((k, 3)), np.empty((2, k, 3))
+        order = np.argsort(instants, kind="stable")
+        starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
+        for chosen in np.split(order, starts[1:]) if k else []:
+            instant = instants[chosen[0]]
+            self.narrow.place(rows[instant], float(times[instant]))
+            found = self.narrow.witnesses(pairs[chosen].tolist())
+            normal[chosen] = found.normal
+            points[0, chosen], points[1, chosen] = found.first, found.second
+        placements = self.query.placements
+        R, t = placements.joints(rows)
+        placed = R[instants], t[instants]
+        out = np.zeros((k, rows.shape[1]))
+        for bodies, point, sign in (
+            (self.first, points[0], -1.0),
+            (self.second, points[1], 1.0),
+        ):
+            joint = self.joint[bodies[pairs]]
+            joint = np.where(joint < movers.first, joint, 0)
+            out += sign * placements.jacobian_rows(placed, joint, point, normal)
+        other = self.joint[self.second[pairs]]
+        return out, movers.approach(other, times[instants], points[1], normal)
+
+    def obstacle_speeds(self, begin: Array, end: Array) -> Array:
+        """Bounds on the speed of all points of the other body of each pair.
+
+        Args:
+            begin: Beginnings of stretches of time [s], shape (m,).
+            end: Their ends, shape (m,).
+
+        Returns:
+            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
+        """
+        movers = self.query.movers
+        out = np.zeros((begin.size, len(self.pairs)))
+        moving = np.flatnonzero(self.joint[self.second] >= movers.first)
+        if moving.size:
+            linear, angular = movers.speeds(begin, end)
+            body = self.second[moving]
+            number = self.joint[body] - movers.first
+            farthest = self.query.broad.farthest[body]
+            out[:, moving] = linear[:, number] + angular[:, number] * farthest
+        return out

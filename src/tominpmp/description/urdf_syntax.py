@@ -1,0 +1,243 @@
+"""What a URDF file must look like: checked by name, and copied for yourdfpy.
+
+yourdfpy reads what the specification has, but does not say which joint and which field
+is wrong, stumbles over the remains of other programs, and knows no capsules and no
+limits of acceleration and jerk. So it gets a copy that holds nothing but what it reads,
+in which every number is one; the rest is handed on beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
+
+from tominpmp.description.xml_reader import XmlContext, to_number
+
+# The parsers recurse into the tree; humanoids have some hundred links.
+MAX_LINKS = 2000
+SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
+# Limits that yourdfpy does not read.
+MOTION = ("acceleration", "deceleration", "jerk")
+
+
+class Form(NamedTuple):
+    """What an element may hold; whatever else it holds is passed over.
+
+    Attributes:
+        texts: Attributes that must be there.
+        numbers: Attributes of numbers, with their count.
+        low: What no number may be below.
+        limits: Attributes that may be infinite.
+        hints: Numbers for other programs: wrong ones are passed over.
+        needs: Children that must be there.
+        may: Children that may be there; of several the first counts.
+    """
+
+    texts: Sequence[str] = ()
+    numbers: Mapping[str, int] = {}
+    low: float | None = None
+    limits: Sequence[str] = ()
+    hints: Sequence[str] = ()
+    needs: Sequence[str] = ()
+    may: Sequence[str] = ()
+
+
+_ROD = Form(("radius", "length"), {"radius": 1, "length": 1})
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+FORMS = {
+    "link": Form(("name",), may=("inertial",)),
+    "inertial": Form(needs=("mass",), may=("origin", "inertia")),
+    "mass": Form(numbers={"value": 1}, low=0.0),
+    # No check of the sign: rounding leaves moments of -1e-20, and whether the robot as
+    # a whole has inertia is checked on its mass matrix.
+    "inertia": Form(numbers=dict.fromkeys(_MOMENTS, 1)),
+    "collision": Form(may=("origin",)),
+    "visual": Form(may=("origin",)),
+    "box": Form(("size",), {"size": 3}),
+    "cylinder": _ROD,
+    "capsule": _ROD,
+    "sphere": Form(("radius",), {"radius": 1}),
+    "mesh": Form(("filename",), {"scale": 3}),
+    "joint": Form(
+        ("name", "type"),
+        needs=("parent", "child"),
+        may=("origin", "axis", "limit", "dynamics", "mimic", "safety_controller"),
+    ),
+    "fixed joint": Form(("name", "type"), needs=("parent", "child"), may=("origin",)),
+    "parent": Form(("link",)),
+    "child": Form(("link",)),
+    "origin": Form(numbers={"xyz": 3, "rpy": 3}),
+    "axis": Form(numbers={"xyz": 3}),
+    "limit": Form(limits=("lower", "upper", "velocity", "effort", *MOTION)),
+    "dynamics": Form(numbers={"damping": 1, "friction": 1}, low=0.0),
+    "mimic": Form(("joint",), {"multiplier": 1, "offset": 1}),
+    "safety_controller": Form(hints=("soft_lower_limit", "soft_upper_limit")),
+}
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What a file says that yourdfpy does not keep.
+
+    Attributes:
+        gravity: Gravity [m/s^2], if the file gives one.
+        capsules: Link and index of the collision shapes that are capsules, which are
+            cylinders in the copy.
+        motion: Limits of acceleration, deceleration and jerk by joint, where given.
+    """
+
+    gravity: tuple[float, ...] | None
+    capsules: set[tuple[str, int]] = field(default_factory=set)
+    motion: dict[str, dict[str, float]] = field(default_factory=dict)
+
+
+def write_numbers(element: Element, attribute: str, values: Iterable[float]) -> None:
+    """Write numbers so that every parser reads exactly them."""
+    element.set(attribute, " ".join(repr(float(value)) for value in values))
+
+
+def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
+    """Copy what yourdfpy reads.
+
+    Args:
+        root: The file.
+        context: The file, for messages.
+
+    Returns:
+        The copy, and what is not in it.
+
+    Raises:
+        RobotLoadError: If something is missing, or is no number.
+    """
+    # Joints of a <transmission> or <gazebo> are not children of the root.
+    links, joints = root.findall("link"), root.findall("joint")
+    if not links:
+        context.fail("is no URDF file: it has no <link>")
+    for items in (links, joints):
+        if len(items) > MAX_LINKS:
+            context.fail(
+                f"has {len(items)} {items[0].tag}s, at most {MAX_LINKS} are read"
+            )
+    gravity, own = None, root.find("tominpmp")
+    if own is not None and "gravity" in own.attrib:
+        gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
+    beyond = Beyond(gravity)
+    # Colours may be defined anywhere, and be used by their name.
+    materials: dict[str, Element] = {}
+    for element in root.iter("material"):
+        if len(element):
+            materials.setdefault(element.get("name", ""), element)
+    copy = Element("robot", name=root.get("name", "").strip() or context.path.stem)
+    for i, link in enumerate(links, 1):
+        name = context.text(link, "name", f"link number {i}")
+        copy.append(_link(name, link, context, materials, beyond))
+    for i, joint in enumerate(joints, 1):
+        name = context.text(joint, "name", f"joint number {i}")
+        kind = context.text(joint, "type", f"joint {name}")
+        form = FORMS["fixed joint" if kind == "fixed" else "joint"]
+        new = _copied(joint, f"joint {name}", context, form)
+        copy.append(new)
+        for limit in new.findall("limit"):
+            given = {k: float(limit.attrib[k]) for k in MOTION if k in limit.attrib}
+            beyond.motion[name] = given
+    return copy, beyond
+
+
+def _copied(
+    element: Element, where: str, context: XmlContext, form: Form | None = None
+) -> Element:
+    """Copy an element with what its form has."""
+    tag = element.tag
+    form = FORMS[tag] if form is None else form
+    copy = Element(tag)
+    for name in form.texts:
+        copy.set(name, context.text(element, name, where))
+    for name in element.attrib:
+        if name in form.numbers:
+            zeros = (0.0,) * form.numbers[name]
+            numbers = context.numbers(element, name, where, zeros, form.low)
+            write_numbers(copy, name, numbers)
+        elif name in form.limits:
+            write_numbers(copy, name, [context.limit(element, name, where)])
+        elif name in form.hints and _is_number(element.attrib[name]):
+            copy.set(name, element.attrib[name])
+    for child_tag in (*form.needs, *form.may):
+        child = element.find(child_tag)
+        if child is not None:
+            copy.append(_copied(child, where, context))
+        elif child_tag in form.needs:
+            holder = "" if "name" in form.texts else f": <{tag}>"
+            context.fail(f"{where}{holder} lacks <{child_tag}>")
+    return copy
+
+
+def _link(
+    name: str,
+    link: Element,
+    context: XmlContext,
+    materials: Mapping[str, Element],
+    beyond: Beyond,
+) -> Element:
+    copy = _copied(link, f"link {name}", context)
+    for inertia in copy.iter("inertia"):
+        for moment in _MOMENTS:
+            inertia.attrib.setdefault(moment, "0")  # yourdfpy takes 1 for some
+    capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
+    for tag in ("collision", "visual"):
+        for i, old in enumerate(link.findall(tag)):
+            where = f"link {name}, {tag} {i + 1}"
+            new = _copied(old, where, context)
+            shape = _shape(old, where, context)
+            named = shape.tag == "cylinder" and old.get("name") in capsules
+            if tag == "collision" and (shape.tag == "capsule" or named):
+                beyond.capsules.add((name, i))
+            if shape.tag == "capsule":
+                shape.tag = "cylinder"
+            SubElement(new, "geometry").append(shape)
+            material = old.find("material")
+            if material is not None:
+                defined = materials.get(material.get("name", ""), material)
+                new.append(_material(material if len(material) else defined))
+            copy.append(new)
+    return copy
+
+
+def _shape(item: Element, where: str, context: XmlContext) -> Element:
+    """Copy the one shape of a <collision> or <visual>."""
+    shapes = item.findall("geometry[1]/*")
+    if len(shapes) != 1 or shapes[0].tag not in SHAPES:
+        found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
+        context.fail(
+            f"{where}: <geometry> has {found}, expected one of {', '.join(SHAPES)}"
+        )
+    copy = _copied(shapes[0], where, context)
+    for name in FORMS[copy.tag].numbers:
+        sizes = [float(word) for word in copy.get(name, "1").split()]
+        if copy.tag == "mesh" and 0.0 in sizes:
+            context.fail(f"{where}: mesh {name}={sizes}, expected none to be zero")
+        if copy.tag != "mesh" and min(sizes) <= 0.0:
+            context.fail(
+                f"{where}: {copy.tag} {name}={shapes[0].get(name)!r}, expected numbers "
+                "greater than zero"
+            )
+    return copy
+
+
+def _material(element: Element) -> Element:
+    """Copy a colour and texture; these are looks, so what is wrong is left out."""
+    copy = Element("material")
+    color, texture = element.find("color"), element.find("texture")
+    rgba = "" if color is None else color.get("rgba", "")
+    words = rgba.split()
+    if len(words) == 4 and all(_is_number(x) and 0 <= float(x) <= 1 for x in words):
+        SubElement(copy, "color", rgba=rgba)
+    if texture is not None and texture.get("filename"):
+        SubElement(copy, "texture", filename=texture.get("filename", ""))
+    return copy
+
+
+def _is_number(text: str) -> bool:
+    return not math.isnan(to_number(text))

@@ -1,0 +1,82 @@
+"""How fast a guess may be: what limits beyond speeds and torques leave, and no more.
+
+A path is timed by speeds and torques alone. Where these are as good as unlimited, as
+one may set them to say that accelerations, jerks or torque rates are what limits a
+motion, the time of the path says nothing, and programs that begin with it are badly
+scaled: it is then as long as these limits let a motion be.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import ProblemError
+from tominpmp.kinematics import prismatic_joints
+from tominpmp.transcription.system import System
+
+# A guess is stretched if it takes less than this share of the time that is needed.
+HASTY = 0.1
+# Joints that go faster than this on average are no joints of an arm [rad/s or m/s].
+FASTEST = 2000.0
+
+
+def least_duration(system: System, q: Array) -> float:
+    """Time about which motion limits make a path take, from rest to rest [s].
+
+    Args:
+        system: The problem.
+        q: Configurations on the path, shape (m, n).
+
+    Returns:
+        The time, rather less than more; 0 without such limits.
+    """
+    limits = system.problem.motion_limits
+    if limits is None:
+        return 0.0
+    joints = system.problem.robot.joint_names
+    way = np.ptp(q, axis=0)
+    zero = np.zeros((1, q.shape[1]))
+    load = system.dynamics.inverse(q[:1], zero, way[None])
+    load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
+    found = (
+        2.0 * np.sqrt(way / limits.by_joint("acceleration", joints)),
+        np.cbrt(32.0 * way / limits.by_joint("jerk", joints)),
+        np.cbrt(32.0 * load / limits.by_joint("effort_rate", joints)),
+    )
+    return float(np.max(found))
+
+
+def stretch(system: System, q: Array, duration: float) -> float:
+    """How many times longer a guess should take.
+
+    Args:
+        system: The problem.
+        q: Its configurations, shape (m, n).
+        duration: Its duration as speeds and torques let it be [s].
+
+    Raises:
+        ProblemError: If nothing limits the motion in practice.
+    """
+    needed = least_duration(system, q)
+    factor = needed / duration if duration < HASTY * needed else 1.0
+    speed = np.ptp(q, axis=0) / (factor * duration)
+    joint = int(np.argmax(speed))
+    if speed[joint] > FASTEST:
+        raise _unlimited(system, joint, float(np.ptp(q[:, joint])), factor * duration)
+    return factor
+
+
+def _unlimited(system: System, joint: int, way: float, duration: float) -> ProblemError:
+    robot = system.problem.robot
+    unit = "m" if prismatic_joints(robot)[joint] else "rad"
+    limits = robot.limits
+    effort = max(abs(limits.effort_lower[joint]), abs(limits.effort_upper[joint]))
+    return ProblemError(
+        f"robot: joint {robot.joint_names[joint]!r} would go {way:.3g} {unit} in "
+        f"{duration:.1e} s, as its limits of velocity ({limits.velocity[joint]:.3g} "
+        f"{unit}/s) and effort ({effort:.3g}) hardly limit it: a time-optimal motion "
+        "needs limits. Expected those of the arm as velocity= and effort= of "
+        "load_robot, limits='datasheet', or an acceleration= of MotionLimits",
+        "robot",
+    )

@@ -1,0 +1,196 @@
+"""Tests of options that are declared by the library's own records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import pytest
+import typer
+from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run
+from typer.testing import CliRunner
+
+from tominpmp.cli.option_fields import FieldsOf, command
+from tominpmp.cli.options import ProblemOptions
+from tominpmp.cli.usage import Commands
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.scene import Mesh
+
+if TYPE_CHECKING:
+    from nowhere import Unknown
+
+# What is no number, word or truth value, nor values per joint.
+UNTYPED = {"callback", "initial_control", "effort_curves"}
+
+
+def option_names(run: Run, *words: str) -> set[str]:
+    return set(run(*words, "--help").stdout.replace(",", " ").split())
+
+
+@pytest.mark.parametrize("kind", [Options, MotionLimits])
+def test_fields_of_the_library_are_options(kind: type[Any], run: Run) -> None:
+    flags = {
+        f"--{f.name.replace('_', '-')}" for f in fields(kind) if f.name not in UNTYPED
+    }
+    assert flags <= option_names(run, "plan")
+    absent = {f"--{name.replace('_', '-')}" for name in UNTYPED}
+    assert not absent & option_names(run, "plan")
+
+
+def test_what_a_problem_has_beside_start_and_goal_are_options() -> None:
+    """An option that is repeated has the name of one item."""
+    elsewhere = {"robot", "q_start", "goal", "scene", "v_start"}
+    options = {item.name for item in fields(ProblemOptions)}
+    for item in fields(Problem):
+        if item.init and item.name not in elsewhere:
+            assert {item.name, item.name.removesuffix("s")} & options, item.name
+
+
+VALUES: dict[str, Any] = {
+    "method": "adjoint", "grid": "uniform", "control": "linear", "refine": "grid",
+    "objective": "feasible", "step_rule": "paper", "lp_solver": "piqp", "slack": 0.5,
+    "tolerance": 3e-3, "feasibility": 1e-5,
+}  # fmt: skip
+
+
+def test_every_option_reaches_the_planner(run: Run, planner: Planner) -> None:
+    given: dict[str, Any] = {}
+    for item in fields(Options):
+        if item.name not in UNTYPED:
+            given[item.name] = VALUES.get(
+                item.name, 7 if "int" in str(item.type) else 0.25
+            )
+    words = [
+        word
+        for name, value in given.items()
+        for word in (f"--{name.replace('_', '-')}", value)
+    ]
+    result = run(*PLAN, *words, "--no-output")
+    assert result.exit_code == 0, result.stderr
+    for name, value in given.items():
+        if name != "max_planning_time":  # from which loading is taken
+            assert getattr(planner.options, name) == value, name
+
+
+@dataclass
+class Later:
+    """A record with fields that nobody has declared anywhere else.
+
+    Attributes:
+        colour: What the next version knows,
+            see :class:`~tominpmp.nowhere.Colour`.
+        count: How ``many``; None for any.
+
+        share: Of what.
+        really: Whether at all.
+        others: What cannot be typed.
+        nothing: Nor this.
+    """
+
+    colour: Literal["red", "blue"] = "red"
+    count: int | None = None
+    share: float = 0.5
+    really: bool = True
+    others: list[int] | None = None
+    nothing: Unknown | None = None
+
+
+def test_a_new_field_is_an_option_with_its_text() -> None:
+    told: list[Any] = []
+    app = typer.Typer(cls=Commands, rich_markup_mode=None, callback=lambda: None)
+
+    @command(app)
+    def show(later: Annotated[dict[str, Any], FieldsOf(Later, "Planning")]) -> int:
+        told.append(later)
+        return 3
+
+    runner = CliRunner()
+    text = " ".join(runner.invoke(app, ["show", "--help"]).stdout.split())
+    assert "--colour NAME What the next version knows. Default: red." in text
+    assert "--count N How many; none for any." in text
+    assert "--share NUMBER Of what. Default: 0.5." in text
+    assert "--really / --no-really Whether at all. Default: True." in text
+    assert "others" not in text and "nothing" not in text
+    words = ["show", "--colour", "blue", "--count", "none", "--no-really"]
+    assert runner.invoke(app, words).exit_code == 3
+    assert told.pop() == {"colour": "blue", "count": None, "really": False}
+    runner.invoke(app, ["show"])
+    assert told.pop() == {}
+    wrong = runner.invoke(app, ["show", "--count", "many"])
+    assert wrong.exit_code == 2 and not told
+
+
+def test_none_goes_before_a_scenario(run: Run, planner: Planner) -> None:
+    Path("s.toml").write_text(SCENARIO + 'refine = "grid"\nstarts = 3\n')
+    assert run("plan", "s.toml").exit_code == 0
+    assert (planner.options.refine, planner.options.starts) == ("grid", 3)
+    words = ("--refine", "none", "--starts", "none")
+    assert run("plan", "s.toml", *words).exit_code == 0
+    assert (planner.options.refine, planner.options.starts) == (None, None)
+    result = run("plan", "s.toml", "--starts", "1.5")
+    assert result.exit_code == 2
+    assert "--starts" in result.stderr and "'1.5'" in result.stderr
+
+
+def test_limits_are_typed(run: Run, planner: Planner) -> None:
+    words = ("--acceleration", 9, 8, 7, "--jerk", "joint2=50", "--effort-scale", 0.9)
+    assert run(*PLAN, *words).exit_code == 0
+    limits = planner.problem.motion_limits
+    names = planner.problem.robot.joint_names
+    assert limits.by_joint("acceleration", names).tolist() == [9.0, 8.0, 7.0]
+    assert limits.by_joint("jerk", names).tolist() == [np.inf, 50.0, np.inf]
+    assert limits.effort_scale == 0.9
+    # They go before a file, and that before a scenario.
+    Path("s.toml").write_text(
+        SCENARIO + "[motion_limits]\njerk = 5\nacceleration = 4\n"
+    )
+    Path("more.yaml").write_text("acceleration: 3\neffort_rate: 2\n")
+    words = ("--motion-limits", "more.yaml", "--effort-rate", 1)
+    assert run("plan", "s.toml", *words).exit_code == 0
+    limits = planner.problem.motion_limits
+    for name, value in (("jerk", 5), ("acceleration", 3), ("effort_rate", 1)):
+        assert limits.by_joint(name, names).tolist() == [value] * 3
+    wrong = run(*PLAN, "--jerk", "elbow=3")
+    assert wrong.exit_code == 2 and "no joint 'elbow'" in wrong.stderr
+
+
+def test_positions_and_self_collision(run: Run, planner: Planner) -> None:
+    words = ("--position-upper", "joint1=2.5", "--no-self-collision")
+    assert run(*PLAN, *words).exit_code == 0
+    assert planner.problem.robot.limits.position_upper[0] == 2.5
+    assert planner.problem.self_collision is False
+    assert run(*PLAN, "--self-collision").exit_code == 0
+    assert planner.problem.self_collision is True
+    assert run(*PLAN).exit_code == 0
+    assert planner.problem.self_collision is None
+
+
+def test_a_mesh_is_an_obstacle(run: Run, planner: Planner, tmp_path: Path) -> None:
+    corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+    faces = ("1 2 3", "1 2 4", "1 3 4", "2 3 4")
+    lines = [f"v {c}" for c in corners] + [f"f {f}" for f in faces]
+    (tmp_path / "tent.obj").write_text("\n".join(lines) + "\n")
+    words = ("--obstacle", "mesh:tent:path=tent.obj:scale=0.1:convex=hull:at=0,9,0")
+    result = run(*PLAN, *words)
+    assert result.exit_code == 0, result.stderr
+    (tent,) = planner.problem.scene
+    assert isinstance(tent, Mesh)
+    assert tent.convex == "hull"
+    np.testing.assert_array_equal(tent.scale, 0.1)
+    lacking = run(*PLAN, "--obstacle", "mesh:tent:at=0,9,0")
+    assert lacking.exit_code == 2 and "tent" in lacking.stderr
+
+
+def test_a_motion_is_judged_by_what_is_typed(run: Run) -> None:
+    """With the same words as it was planned with."""
+    words = ("planar3r", "--start", START, "--goal", GOAL, "--effort", "30,15,15")
+    assert run("plan", *words, "--intervals", 10, "-o", "m.csv").exit_code == 0
+    good = run("verify", "planar3r", "m.csv", *words[1:])
+    assert good.exit_code == 0, (good.stdout, good.stderr)
+    weak = run("verify", "planar3r", "m.csv", *words[1:5], "--effort", "29,8,4")
+    assert weak.exit_code == 1
+    assert "effort limit" in weak.stdout

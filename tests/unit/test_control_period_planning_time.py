@@ -1,0 +1,280 @@
+"""Planning for a controller's clock takes little more than planning without one.
+
+An interior-point solver leaves the duration a trace above its bound: that was taken for
+another period, and tried again and again. And motions of the search, which nobody is
+given, were replayed as well as the one on the clock that is made of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.attempts import attempt as attempts
+from tominpmp.attempts import clock
+from tominpmp.attempts.clock import Deadline
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.seeding.warm import former_motion
+from tominpmp.solution import IterationRecord
+from tominpmp.transcription.bspline_basis import Basis
+from tominpmp.transcription.system import System
+from tominpmp.transcription.ticks import TRACE, Ticks, ticks_of
+from tominpmp.verification.excess import Excess
+from tominpmp.verification.nearest import keeps_clear
+
+# A small problem, solved fast.
+QUICK: dict[str, Any] = {"control": "constant", "starts": 1, "intervals": 20}
+LIMITS = tm.MotionLimits(acceleration=14.0, jerk=900.0, effort_rate=3000.0)
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return tm.load_robot("ur5")
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return tm.load_robot("planar3r")
+
+
+def ur5_problem(robot, **changes):
+    start, end = (0.4, -1.1, 1.3, -0.7, 0.6, 0.2), (-0.5, -1.6, 0.7, 0.4, 0.1, 1.0)
+    return tm.Problem(robot, start, tm.JointGoal(end), **changes)
+
+
+def planar_problem(robot, **changes):
+    goal = tm.JointGoal((0.9, -1.2, -0.9))
+    return tm.Problem(robot, (0.5, 1.7, -1.7), goal, **changes)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Replays of the search and of the clock, and programs of the clock, counted."""
+    seen = SimpleNamespace(search=0, clock=0, tries=0)
+
+    def counted(name, function):
+        def count(*given, **named):
+            setattr(seen, name, getattr(seen, name) + 1)
+            return function(*given, **named)
+
+        return count
+
+    monkeypatch.setattr(attempts, "verify", counted("search", attempts.verify))
+    monkeypatch.setattr(clock, "verify", counted("clock", clock.verify))
+    monkeypatch.setattr(clock, "_solve", counted("tries", clock._solve))
+    return seen
+
+
+def not_right(verification):
+    """A verdict that finds fault with a motion."""
+    fault = Excess("effort", "joint1", 0.1, 1.0, "N m", 0.1, True)
+    return replace(verification, ok=False, violations=(fault,))
+
+
+def clocked_program(problem, trajectory, period):
+    system = System.of(problem).first_tried
+    count = ticks_of(trajectory.duration, period) + 1
+    ticks = Ticks.near(period, count, trajectory.t, trajectory.t.size - 1)
+    return former_motion(system, trajectory).clocked_program(system, ticks)
+
+
+@pytest.mark.parametrize("control", ["constant", "linear", "spline"])
+def test_a_trace_of_time_is_no_period(planar, control):
+    problem = planar_problem(planar)
+    motion = tm.plan(problem, control=control, starts=1, intervals=20).trajectory
+    program, z = clocked_program(problem, motion, 0.01)
+    T = program.ticks.duration
+    exact = np.append(z[:-1], T)
+    for share in (-0.5 * TRACE, 1e-9, 1e-7, 0.9 * TRACE):
+        off = np.append(z[:-1], T * (1.0 + share))
+        kept = program.on_clock(off)
+        assert kept is not None and kept[-1] == T
+        np.testing.assert_array_equal(kept[:-1], off[:-1])
+        # Constraints are judged in the time that there will be.
+        np.testing.assert_array_equal(program.evaluate(off), program.evaluate(exact))
+    for share in (1.1 * TRACE, 1e-3):
+        off = np.append(z[:-1], T * (1.0 + share))
+        assert program.on_clock(off) is None
+        assert np.any(program.evaluate(off) != program.evaluate(exact))
+
+
+def record(duration, violation, predicted):
+    return IterationRecord(
+        iteration=1,
+        duration=duration,
+        violation=violation,
+        objective=duration,
+        predicted=predicted,
+        actual=predicted,
+        radius=1.0,
+        accepted=True,
+        programs=1,
+        pivots=1,
+        program_seconds=0.0,
+        seconds=0.0,
+    )
+
+
+def deadline():
+    watch = SimpleNamespace(start=0, seconds=0.0)
+    return Deadline(tm.Options(), watch, None, goal=1.0)
+
+
+def test_the_iteration_ends_at_the_goal_but_for_a_trace():
+    assert deadline()(record(1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
+    assert deadline()(record(1.0 + 1e-8, 1e-3, 1.0)) is None
+    assert deadline()(record(1.0 + 1e-4, 0.0, 1.0)) is None
+
+
+def test_the_iteration_ends_where_the_duration_stays_above():
+    """Removing what violates limits is no progress of the duration."""
+    see = deadline()
+    assert see(record(1.005, 5e-3, 10.0)) is None
+    assert see(record(1.0051, 1e-6, 0.1)) is tm.Status.STALLED
+    see = deadline()
+    assert see(record(1.005, 5e-3, 10.0)) is None
+    assert see(record(1.003, 1e-3, 1.0)) is None  # it still falls
+    assert see(record(1.003, 0.5, 1.0)) is None  # and may be far from admissible
+
+
+@pytest.mark.parametrize("period", [0.001, 0.004, 0.008])
+def test_one_replay_and_few_programs(ur5, calls, period):
+    problem, few = ur5_problem(ur5, motion_limits=LIMITS), {"intervals": 20}
+    solution = tm.plan(problem, control_period=period, **few)
+    assert solution.success and solution.verification.ok
+    assert (calls.search, calls.clock) == (0, 1)
+    assert calls.tries <= 2
+    records = [item for item in solution.history if item.programs]
+    free = tm.plan(problem, **few)
+    assert len(records) - len(free.history) <= 4
+    assert solution.T <= ticks_of(free.T, period) * period + period * 1.001
+
+
+def test_without_a_clock_the_motion_itself_is_replayed(ur5, calls):
+    solution = tm.plan(ur5_problem(ur5, motion_limits=LIMITS), intervals=20)
+    assert solution.verification.ok
+    assert (calls.search, calls.clock) == (1, 0)
+
+
+def test_where_time_is_limited_nothing_is_put_off(planar, calls):
+    """There may be no time for a clock, and what was found has to be known to hold."""
+    problem = planar_problem(planar)
+    solution = tm.plan(problem, control_period=0.01, max_planning_time=60.0, **QUICK)
+    assert solution.success
+    assert calls.search >= 1
+    assert calls.clock == 1
+
+
+def test_torques_that_are_held_are_replayed_at_once(planar, calls):
+    """What they bring about is not the motion as planned."""
+    problem = planar_problem(planar)
+    solution = tm.plan(problem, method="collocation", control_period=0.01)
+    assert solution.success
+    assert calls.search >= 1
+
+
+def test_what_touches_is_replayed_at_once(planar, calls, monkeypatch):
+    monkeypatch.setattr(attempts, "keeps_clear", lambda *given: False)
+    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    assert solution.success
+    assert calls.search >= 1
+
+
+def test_clearance_of_planned_motions(planar):
+    """Between the rows too: the motion is there for a moment only."""
+    problem = planar_problem(planar)
+    motion = tm.plan(problem, **QUICK).trajectory
+    assert keeps_clear(problem, motion, 1e-5)
+    middle = motion(0.5 * motion.duration).q
+    link = planar.model.names[planar.n]
+    place = RobotKinematics(planar).placement(middle, link).translation
+    for away, clear in ((0.0, False), (20.0, True)):
+        ball = tm.Sphere("ball", radius=0.01, position=tuple(place + away))
+        there = planar_problem(planar, scene=tm.Scene([ball]))
+        assert keeps_clear(there, motion, 1e-5) is clear
+
+
+def test_a_motion_off_the_clock_is_replayed_in_the_end(planar, calls, monkeypatch):
+    """Where none on the clock is found, what is kept is known to hold."""
+    monkeypatch.setattr(clock, "TRIES", 1)
+    less = lambda T, period: int(0.8 * T / period)  # noqa: E731
+    monkeypatch.setattr(clock, "ticks_of", less)
+    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    assert not solution.success
+    assert solution.verification is not None and solution.verification.ok
+    assert "keeps all else" in solution.message
+    assert (calls.search, calls.clock) == (0, 1)
+
+
+def test_no_time_for_that_replay(planar, monkeypatch):
+    def interrupt(*given, **named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(clock, "_solve", interrupt)
+    monkeypatch.setattr(clock, "verify", interrupt)
+    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    assert not solution.success
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.verification is None
+    assert "no time to verify" in solution.message
+
+
+def test_a_replay_put_off_that_fails_begins_the_search_again(
+    planar, calls, monkeypatch
+):
+    """With replays at once, as if none had been put off."""
+    judged, seen = clock.verify, []
+
+    def verify(*given, **named):
+        seen.append(calls.search)
+        found = judged(*given, **named)
+        return found if calls.search else not_right(found)
+
+    monkeypatch.setattr(clock, "TRIES", 2)
+    monkeypatch.setattr(clock, "verify", verify)
+    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    assert solution.success and solution.verification.ok
+    assert calls.search >= 1
+    # Two tries on the clock and the motion without, then with replays of the search.
+    assert seen[:3] == [0, 0, 0] and all(seen[3:])
+    assert solution.planning_time >= solution.verification.seconds
+
+
+def test_nothing_on_the_clock_is_right_though_the_motion_is(planar, calls, monkeypatch):
+    """What is kept was replayed, and the search is not made again."""
+    judged = clock.verify
+
+    def verify(problem, motion, *rest, **named):
+        found = judged(problem, motion, *rest, **named)
+        ticks = motion.t / 0.01
+        on_clock = np.all(np.abs(ticks - np.rint(ticks)) < 1e-9)
+        return not_right(found) if on_clock else found
+
+    monkeypatch.setattr(clock, "TRIES", 2)
+    monkeypatch.setattr(clock, "verify", verify)
+    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    assert not solution.success
+    assert solution.status is tm.Status.UNVERIFIED
+    assert solution.verification.ok
+    assert calls.search == 0
+    assert "keeps all else" in solution.message
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_derivatives_of_a_basis_are_the_same_however_often_asked(degree):
+    nodes = np.array([0.0, 0.1, 0.35, 0.5, 0.9, 1.0])
+    points = np.random.default_rng(3).normal(size=(nodes.size + degree - 1, 2))
+    times, step = np.array([0.05, 0.2, 0.42, 0.7, 0.95]), 1e-6
+    first, again = Basis.on(nodes, degree), Basis.on(nodes, degree)
+    for order in (3, 1, 2):
+        found = first.at(times, order) @ points
+        before = again.at(times - step, order - 1) @ points
+        after = again.at(times + step, order - 1) @ points
+        slope = (after - before) / (2.0 * step)
+        np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-4)
+        np.testing.assert_array_equal(found, first.at(times, order) @ points)

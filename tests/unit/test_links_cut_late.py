@@ -1,0 +1,204 @@
+"""Meshes of links are cut into pieces where links come near each other, and not before.
+
+An arm with nothing around it is judged with one hull a link; only the links that come
+nearest are taken as convex pieces.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import tominpmp as tm
+from tominpmp.cli.progress import LOGGER, Progress
+from tominpmp.collision import CollisionChecker, decomposition, store
+from tominpmp.stopping import Stop
+from tominpmp.verification.nearest import closest
+
+ENDS = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
+MESHES = 7
+
+
+@pytest.fixture
+def cut(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[int]]:
+    """Numbers of triangles of the meshes that are cut, with nothing cut before."""
+    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path))
+    store._known_pieces.cache_clear()
+    found: list[int] = []
+    usual = decomposition.decompose
+
+    def decompose(mesh: Any) -> Any:
+        found.append(mesh.num_tris)
+        return usual(mesh)
+
+    monkeypatch.setattr(decomposition, "decompose", decompose)
+    yield found
+    store._known_pieces.cache_clear()
+
+
+def straight(robot: tm.Robot | None = None) -> tm.Problem:
+    arm = tm.load_robot("ur5") if robot is None else robot
+    return tm.Problem(arm, ENDS[0], tm.JointGoal(ENDS[1]))
+
+
+def test_a_problem_in_free_space_cuts_no_mesh(cut: list[int]) -> None:
+    problem = straight()
+    assert cut == []
+    assert not problem.checker.is_free(np.array([0.0, -1.0, 3.1, 0.0, 0.0, 0.0]))
+    assert len(cut) == MESHES  # once it is asked for
+
+
+def test_a_plan_in_free_space_cuts_the_nearest_links_only(cut: list[int]) -> None:
+    solution = tm.plan(straight())
+    assert solution.success
+    assert 0 < len(cut) <= 3
+    # It is the distance of the pieces that is told.
+    times = np.linspace(0.0, solution.T, 2000)
+    room = solution.problem.checker.distances(solution.trajectory(times).q)
+    assert len(cut) == MESHES
+    assert solution.verification.min_clearance == pytest.approx(room.min(), abs=1e-5)
+
+
+def test_what_was_cut_before_changes_nothing(cut: list[int]) -> None:
+    fresh = tm.plan(straight())
+    problem = straight()
+    _ = problem.checker.pairs
+    assert len(cut) == MESHES
+    again = tm.plan(problem)
+    assert again.T == fresh.T
+    np.testing.assert_array_equal(again.trajectory.q, fresh.trajectory.q)
+    one, other = fresh.verification, again.verification
+    assert one.min_clearance == other.min_clearance
+    assert str(one.worst["clearance"]) == str(other.worst["clearance"])
+
+
+def test_links_that_touch_are_parted_alike_whatever_was_cut() -> None:
+    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    ends = (
+        [1.1983, 1.5287, -0.6743, -2.9015, 2.2466, 1.8704, 0.3356],
+        [-2.3445, 1.3482, 2.7482, -2.7004, 1.2406, 2.9528, 0.9919],
+    )
+    durations = []
+    for early in (False, True):
+        panda = tm.load_robot("panda", locked_joints=fingers)
+        problem = tm.Problem(panda, ends[0], tm.JointGoal(ends[1]))
+        if early:
+            problem.checker.distances(np.array(ends))
+        solution = tm.plan(problem)
+        assert solution.success
+        durations.append(solution.T)
+    assert durations[0] == durations[1]
+
+
+def test_hulls_are_never_farther_apart_than_pieces() -> None:
+    arm = tm.load_robot("ur5")
+    checker = CollisionChecker(arm, tm.Scene(), self_collision=True)
+    q = np.random.default_rng(3).uniform(-3.0, 3.0, size=(30, 6))
+    nearest = []
+    for part in (checker.with_cut(frozenset()), checker):
+        found: dict[frozenset[str], Any] = {}
+        for pair, room in zip(part.pairs, part.distances(q).T, strict=True):
+            names = frozenset(pair)
+            found[names] = np.minimum(found.get(names, np.inf), room)
+        nearest.append(found)
+    hulls, pieces = nearest
+    assert hulls.keys() == pieces.keys()
+    assert any(np.any(room > 0.0) for room in hulls.values())
+    # How deep an overlap is depends on what overlaps, and is another question.
+    for names, room in hulls.items():
+        apart = room > 0.0
+        assert np.all(room[apart] <= pieces[names][apart] + 1e-7)
+
+
+def test_starts_clear_by_pieces_and_not_by_hulls_are_taken() -> None:
+    arm = tm.load_robot("ur5")
+    checker = CollisionChecker(arm, tm.Scene(), self_collision=True)
+    hulls = checker.with_cut(frozenset())
+    rng = np.random.default_rng(5)
+    drawn = (rng.uniform(-3.0, 3.0, 6) for _ in range(4000))
+    q = next(q for q in drawn if checker.is_free(q) and not hulls.is_free(q))
+    assert not checker.hulls_clear(q)
+    tm.Problem(arm, q, tm.JointGoal(q))
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_which_links_are_watched_does_not_depend_on_what_is_cut(name: str) -> None:
+    checker = CollisionChecker(tm.load_robot(name), tm.Scene(), self_collision=True)
+    some = frozenset([checker.pairs[0][0]])
+    every = {frozenset(pair) for pair in checker.pairs}
+    for cut in (frozenset(), some):
+        part = checker.with_cut(frozenset(cut))
+        assert {frozenset(pair) for pair in part.pairs} == every
+        assert len(part.pairs) <= len(checker.pairs)
+
+
+def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
+    cut: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solution = tm.plan(straight())
+    known = solution.verification.min_clearance
+    store._known_pieces.cache_clear()
+    problem = straight()
+    found = closest(problem, solution.verification.replay, problem.checker, 1e-6)
+    assert found is not None and found.distance == known
+
+    def late(mesh: Any) -> Any:
+        raise Stop(requested=False)
+
+    store._known_pieces.cache_clear()
+    monkeypatch.setattr(decomposition, "decompose", late)
+    monkeypatch.setattr(store, "_read", lambda path, vertices: None)
+    problem = straight()
+    bound = closest(problem, solution.verification.replay, problem.checker, 1e-6)
+    assert bound is not None and not bound.excess.violated
+    assert 0.0 < bound.distance <= known
+
+
+def test_a_motion_through_itself_is_no_less_so_without_time(
+    cut: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = tm.load_robot("ur5")
+    folded = [0.0, -1.0, 3.1, 0.0, 0.0, 0.0]
+    blind = tm.Problem(arm, ENDS[0], tm.JointGoal(folded), self_collision=False)
+    motion = tm.plan(blind)
+    assert motion.success
+
+    def late(mesh: Any) -> Any:
+        raise Stop(requested=False)
+
+    monkeypatch.setattr(decomposition, "decompose", late)
+    watched = straight(arm)
+    with pytest.raises(Stop):
+        closest(watched, motion.verification.replay, watched.checker, 1e-6)
+
+
+def test_cutting_is_told_before_and_after(
+    cut: list[int], caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, logger="tominpmp")
+    tm.plan(straight())
+    told = [r.getMessage() for r in caplog.records if "pieces" in r.getMessage()]
+    assert len(told) == 2 * len(cut) > 0
+    assert "is cut into convex pieces" in told[0]
+    assert "_link'" in told[0]  # whose mesh it is
+    assert "became" in told[1]
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_terminal_shows_what_is_cut(cut: list[int], quiet: bool) -> None:
+    shown = StringIO()
+    console = Console(file=shown, force_terminal=True, width=300)
+    logger = logging.getLogger(LOGGER)
+    level, handlers = logger.level, list(logger.handlers)
+    with Progress(console, quiet=quiet, verbose=False):
+        tm.plan(straight())
+    assert cut
+    assert ("is cut into convex pieces" in shown.getvalue()) is not quiet
+    assert (logger.level, logger.handlers) == (level, handlers)

@@ -1,0 +1,71 @@
+"""Several processes keep a time limit as one does, and what they found is kept."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from parallel_work import square, wait_and_tell
+
+import tominpmp as tm
+from tominpmp.seeding.parallel import ready, run_parallel
+from tominpmp.stopping import Stop, Stopper
+
+
+def stopper_of(seconds: float, end: float) -> Stopper:
+    stopper = Stopper()
+    stopper.deadline = time.perf_counter() + seconds
+    stopper.last = time.perf_counter() + end
+    return stopper
+
+
+def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end() -> None:
+    list(run_parallel(square, range(3), 2))  # to start processes takes its time
+    assert ready()
+    stopper = stopper_of(0.5, 1.0)
+    begin = time.perf_counter()
+    with stopper.in_force(), pytest.raises(Stop):
+        list(run_parallel(wait_and_tell, [60.0, 60.0], 2))
+    assert time.perf_counter() - begin < 3.0
+    assert not ready(), "they were ended, and have to be started anew"
+    assert dict(run_parallel(square, range(3), 2)) == {0: 0, 1: 1, 2: 4}
+
+
+def test_results_by_the_end_are_kept() -> None:
+    list(run_parallel(square, range(3), 2))
+    stopper = stopper_of(0.3, 20.0)
+    found = []
+    with stopper.in_force(), pytest.raises(Stop):
+        for number, _ in run_parallel(wait_and_tell, [1.0, 1.0], 2):
+            found.append(number)
+    assert sorted(found) == [0, 1]
+
+
+def reach() -> tm.Problem:
+    robot = tm.load_robot("planar3r")
+    ball = tm.Sphere("ball", radius=0.8, position=(4.0, 0.0, 0.0))
+    goal = tm.PositionGoal("tip", (4.0, 1.0, 0.0))
+    return tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=tm.Scene([ball]))
+
+
+def test_a_plan_in_two_processes_ends_in_time() -> None:
+    limit = 6.0
+    # Far more starts than there is time for, each with a grid that takes long.
+    options = tm.Options(processes=2, starts=200, intervals=160, tolerance=1e-9)
+    begin = time.perf_counter()
+    solution = tm.plan(reach(), options, max_planning_time=limit)
+    spent = time.perf_counter() - begin
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert spent < 1.1 * limit + 0.2 + 1.5  # processes may have to wait for a core
+
+
+def test_processes_are_not_started_where_there_is_no_time_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def started(*_: object) -> None:
+        raise AssertionError("processes were started")
+
+    monkeypatch.setattr("tominpmp.attempts.starts.ready", lambda: False)
+    monkeypatch.setattr("tominpmp.attempts.starts.run_parallel", started)
+    solution = tm.plan(reach(), processes=2, starts=2, max_planning_time=4.9)
+    assert solution.success
