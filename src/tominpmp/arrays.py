@@ -83,6 +83,14 @@ def real_number(value: object) -> float:
     return float(array)
 
 
+def is_single(value: object) -> bool:
+    """Whether a caller's value is one number, or anything that is no row of them.
+
+    Ranges are rows however long they are, without being written out.
+    """
+    return not isinstance(value, range) and np.ndim(value) == 0  # type: ignore[arg-type]
+
+
 def comparable(value: Any) -> Any:
     """Turn an array into its shape and numbers; other values remain."""
     if isinstance(value, np.ndarray):

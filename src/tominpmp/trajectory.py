@@ -65,6 +65,7 @@ class State(NamedTuple):
 def _names(value: Any) -> tuple[str, ...]:
     """Names of joints as a tuple, if they are names."""
     listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+    listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
     good = listed and all(isinstance(name, str) and name for name in value)
     names = tuple(str(name) for name in value) if good else ()
     if not names or len(set(names)) < len(names):

@@ -209,3 +209,20 @@ def test_an_endless_period_is_one_row_and_the_end(world: World, tmp_path: Path) 
         path = tmp_path / "a.csv"
         export(world.trajectory, path, dt=dt)
         assert tm.load_motion(path).t.size == 2
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: tm.JointRegionGoal([0.0], [1.0], joints=range(10**15)),
+        lambda: tm.JointRegionGoal([0.0], range(10**15)),
+        lambda: tm.RegionGoal(
+            "tip", (0, 0, 0), (1, 1, 1), angle_tolerance=range(10**15)
+        ),
+        lambda: tm.Samples(np.array("one"), [0.0], [[0.0]], [[0.0]], [[0.0]], [[0.0]]),
+    ],
+)
+def test_rows_longer_than_the_memory_and_scalar_arrays_are_refused(call):
+    with pytest.raises((tm.TominpmpError, TypeError)) as caught:
+        call()
+    assert isinstance(caught.value, tm.TominpmpError), caught.value

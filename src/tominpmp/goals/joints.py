@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, Record, is_single
 from tominpmp.exceptions import JointNotFound, ProblemError, brief
 from tominpmp.goals.base import (
     Goal,
@@ -100,7 +100,7 @@ class JointRegionGoal(Record, PlaceGoal):
             object.__setattr__(self, "joints", self._checked_joints(self.joints))
 
     def _checked_tolerance(self) -> float | Array:
-        if np.ndim(self.tolerance) == 0:
+        if is_single(self.tolerance):
             return goal_tolerance(self.tolerance, "goal.tolerance", "rad or m")
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"
         given = goal_vector(self.tolerance, "goal.tolerance", expected, self.q.size)
@@ -113,8 +113,10 @@ class JointRegionGoal(Record, PlaceGoal):
 
     def _checked_joints(self, joints: Sequence[str]) -> tuple[str, ...]:
         listed = isinstance(joints, Sequence) and not isinstance(joints, str)
-        names = tuple(joints) if listed else ()
-        if not names or not all(isinstance(name, str) for name in names):
+        # Looked at one by one: a range may be longer than the memory.
+        named = listed and all(isinstance(name, str) for name in joints)
+        names = tuple(joints) if named else ()
+        if not names:
             raise ProblemError(
                 f"goal.joints is {brief(joints)}, expected names of joints",
                 "goal.joints",

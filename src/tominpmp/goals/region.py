@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Record, frozen_array
+from tominpmp.arrays import Array, Record, frozen_array, is_single
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Place, goal_vector
 from tominpmp.goals.frames import (
@@ -76,7 +76,7 @@ class RegionGoal(Record, FrameGoal):
 
     def _checked_angles(self) -> float | Array:
         given = self.angle_tolerance
-        one = np.ndim(given) == 0
+        one = is_single(given)
         angles = goal_vector(
             [given] if one else given,
             "goal.angle_tolerance",
