@@ -105,15 +105,37 @@ class RobotKinematics:
         by_q, by_v = pin.getFrameVelocityDerivatives(
             robot.model, data, index, pin.ReferenceFrame.LOCAL
         )
+        # Pinocchio drops the second dimension of arms with a single joint.
+        by_q, by_v = np.reshape(by_q, (6, -1)), np.reshape(by_v, (6, -1))
         rotation = pin.updateFramePlacement(robot.model, data, index).rotation
         velocity = by_v[:3] @ v_model
         # d(R v) = R (dv + w x v), as the axes of the frame turn with q.
-        turned = by_q[:3] + np.cross(by_v[3:].T, velocity).T
+        turned = by_q[:3] - pin.skew(velocity) @ by_v[3:]
         return FrameMotion(
             np.asarray(rotation @ velocity),
             robot.reduce_tangent(rotation @ turned),
             robot.reduce_tangent(rotation @ by_v[:3]),
         )
+
+    def velocity(self, q: Array, v: Array, frame: str) -> Array:
+        """Linear velocity of a frame's origin in the world [m/s], shape (3,).
+
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,).
+            frame: Name of the frame.
+        """
+        robot, data = self.robot, self._data
+        pin.forwardKinematics(
+            robot.model, data, robot.expand(q), robot.expand_tangent(v)
+        )
+        found = pin.getFrameVelocity(
+            robot.model,
+            data,
+            robot.frame_id(frame),
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+        )
+        return np.asarray(found.linear).copy()
 
     def reach(self, frame: str | None = None) -> float:
         """Upper bound on the distance of a frame from the base, at any q [m].

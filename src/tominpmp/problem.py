@@ -12,7 +12,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
 from tominpmp.collision import CollisionChecker, enclosure
-from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.goals import (
@@ -49,8 +49,7 @@ class Problem(Record):
         v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
         motion_limits: Limits beyond those of the robot's description, if any. Of what
             they leave out, those of the robot hold: ``robot.motion_limits``.
-        constraints: What else holds at all times of the motion, see
-            :mod:`~tominpmp.constraints`: ``ToolSpeed``, ``KeepUpright``, ...
+        constraints: What else holds at all times: ``ToolSpeed``, ``KeepUpright``, ...
         self_collision: Whether the links keep clear of each other, and of what is fixed
             to the base, too, without a margin; None for yes. False is for robots whose
             description is wrong about their shapes.
@@ -113,10 +112,9 @@ class Problem(Record):
         else:
             object.__setattr__(self, "motion_limits", self.robot.motion_limits)
         self.goal.validate(self.robot)
-        object.__setattr__(self, "constraints", self._checked_constraints())
+        object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
         snapped = self._snap_start()
         self._check_clear(self.q_start, "start")
-        assert self.v_start is not None  # noqa: S101
         self._check_kept(self.q_start, self.v_start, "start", "q_start")
         goal, of_goal = self._checked_goal(self.goal)
         object.__setattr__(self, "goal", goal)
@@ -148,39 +146,6 @@ class Problem(Record):
     def ready_constraints(self) -> tuple[PathConstraint, ...]:
         """The constraints, ready to be evaluated."""
         return tuple(item.on(self.robot) for item in self.constraints)
-
-    def _checked_constraints(self) -> tuple[PathConstraint, ...]:
-        given = self.constraints
-        if isinstance(given, PathConstraint):
-            given = (given,)
-        if not isinstance(given, list | tuple):
-            raise ProblemError(
-                f"constraints is {brief(given)}, expected a tuple of constraints as "
-                "KeepUpright and ToolSpeed",
-                "constraints",
-            )
-        for item in given:
-            if not isinstance(item, PathConstraint):
-                raise ProblemError(
-                    f"constraints: {brief(item)} is a {type(item).__name__}, expected "
-                    "a constraint as KeepUpright or ToolSpeed",
-                    "constraints",
-                )
-            item.validate(self.robot)
-        return tuple(given)
-
-    def _check_kept(self, q: Array, v: Array, which: str, name: str) -> None:
-        """Check that the constraints hold at a state at rest, or nearly."""
-        for item in self.ready_constraints:
-            if item.order > 1:
-                continue  # accelerations are not known
-            size = item.measure(q, v, np.zeros(0))
-            if size > item.largest + SNAP * max(item.scale, 1.0):
-                raise ProblemError(
-                    f"{which}: the {item.name} is {size:.4g} {item.unit}, more than "
-                    f"its limit {item.largest:.4g} {item.unit}",
-                    name,
-                )
 
     def _checked_margin(self) -> float:
         try:
@@ -378,6 +343,12 @@ class Problem(Record):
             f":{cause} links that may touch belong among the disable_collisions of an "
             "SRDF, and self_collision=False lets all of them touch"
         )
+
+    def _check_kept(self, q: Array, v: Array | None, which: str, name: str) -> None:
+        """Check that the constraints hold at a state."""
+        for item in self.ready_constraints:
+            if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
+                raise ProblemError(f"{which}: {lack}", name)
 
     def _check_hold(self, goal: JointGoal) -> None:
         """Check that the motors can hold an arm that is to come to rest."""

@@ -51,7 +51,7 @@ def test_violations_fall_as_the_weight_grows():
     run = _Run(PenaltySolver(nlp, tm.Options()), z)
     durations, violations = [], []
     for weight in (1e2, 1e3, 1e4):
-        for _ in range(3):  # to the bottom of each
+        for _ in range(8):  # to the bottom of each
             run.minimise(weight)
         durations.append(run.duration)
         violations.append(run.iterate.violation)

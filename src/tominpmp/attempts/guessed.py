@@ -13,7 +13,7 @@ from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
-from tominpmp.refinement import refine
+from tominpmp.refinement import refine, unrefined
 from tominpmp.seeding.guess import Guess
 from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solvers.iterate import SlpResult
@@ -130,7 +130,11 @@ def solve_from_guess(
         return solver.run(z, after=after)
 
     solved = solve_in_rounds(program, start, options, solve)
-    found = refine(system, options, *solved, lp, watch)
+    if options.control in DEGREES and options.method != "collocation":
+        found: tuple[Program, SlpResult]
+        found = solved[0], unrefined(options, solved[1])
+    else:
+        found = refine(system, options, *solved, lp, watch)
     return Attempt.of(guess.name, found[0], initial, found[1])
 
 

@@ -27,9 +27,9 @@ Own = TypeVar("Own", bound="PathConstraint")
 class PathConstraint(Record, Constraint):
     """A quantity that is to stay below a limit at all times of a motion.
 
-    Subclasses are frozen dataclasses, declared with ``eq=False``. They give the
-    quantity at a state as a *smooth* number of the same sign of excess: see
-    :func:`rounded_length`.
+    Subclasses are frozen dataclasses, declared with ``eq=False``. The quantity is the
+    length of a vector that is a smooth function of the state; rows are made of it
+    rounded off about zero, where a length has a kink, see :func:`rounded`.
     """
 
     @property
@@ -66,12 +66,12 @@ class PathConstraint(Record, Constraint):
         """The quantity at one state, shapes (n,); what is not asked for is empty."""
 
     @abstractmethod
-    def value(self, q: Array, v: Array, a: Array) -> tuple[float, Array, Array, Array]:
-        """Smooth value, <= 0 where the limit is kept, and its derivatives.
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """A vector whose length is the quantity, and its derivatives.
 
         Returns:
-            The value in units of the scale, and its derivatives by q, v and a, shape
-            (n,) each; empty for those that it does not depend on.
+            Vector, shape (k,), and derivatives by q, v and a, shape (k, n) each; empty
+            for those that it does not depend on.
         """
 
     # -- what follows from these -------------------------------------------------------
@@ -102,14 +102,29 @@ class PathConstraint(Record, Constraint):
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """Smooth values at states, shape (m, 1)."""
-        return np.array([[self.value(*state)[0]] for state in self._each(states)])
+        limit = self.largest / self.scale
+        return rounded(self.measures(states) / self.scale, limit)[:, None]
+
+    def value(self, q: Array, v: Array, a: Array) -> tuple[float, list[Array]]:
+        """Smooth value at a state, and its derivatives.
+
+        Returns:
+            The value in units of the scale, <= 0 where the limit is kept, and its
+            derivatives by q, v and a, shape (n,) each; empty where there are none.
+        """
+        vector, *parts = self.vector(q, v, a)
+        length, limit = float(np.linalg.norm(vector)), self.largest
+        value = float(rounded(np.array(length / self.scale), limit / self.scale))
+        size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
+        along = vector / max(size, 1e-300)
+        return value, [along @ part if part.size else np.zeros(0) for part in parts]
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Their derivatives."""
         every = list(self._each(states))
-        values = [self.value(*every[k]) for k in at.tolist()]
+        values = [self.value(*every[k])[1] for k in at.tolist()]
         parts: list[Array | None] = []
-        for order in (1, 2, 3):
+        for order in range(3):
             rows = np.array([value[order] for value in values])
             parts.append(rows if rows.size else None)
         return Partials(at, parts[0], parts[1], parts[2])
@@ -118,6 +133,18 @@ class PathConstraint(Record, Constraint):
         """The quantity itself at states, shape (m,)."""
         return np.array([self.measure(*state) for state in self._each(states)])
 
+    def lack(self, q: Array, v: Array, slack: float) -> str:
+        """What is wrong with a state; nothing if the limit is kept, within a slack."""
+        if self.order > 1:
+            return ""  # accelerations are not known
+        size = self.measure(q, v, np.zeros(0))
+        if size <= self.largest + slack * max(self.scale, 1.0):
+            return ""
+        return (
+            f"the {self.name} is {size:.4g} {self.unit}, more than its limit "
+            f"{self.largest:.4g} {self.unit}"
+        )
+
     def _each(self, states: States) -> list[tuple[Array, Array, Array]]:
         none = np.zeros(0)
         v = states.v if self.order >= 1 else [none] * len(states.q)
@@ -125,20 +152,17 @@ class PathConstraint(Record, Constraint):
         return list(zip(states.q, v, a, strict=True))
 
 
-def rounded_length(vector: Array, by: Array, limit: float) -> tuple[float, Array]:
-    """A vector's length beyond a limit, rounded off about zero where it has a kink.
+def rounded(length: Array, limit: float) -> Array:
+    """Lengths beyond a limit, rounded off about zero where they have a kink.
 
     Args:
-        vector: Shape (k,).
-        by: Its derivative, shape (k, n).
+        length: Lengths, of any shape.
         limit: Largest length.
 
     Returns:
-        sqrt(2 |x|^2 + 2 L^2) - 2 L, which has the sign of |x| - L and its slope at the
-        limit, and its derivative, shape (n,).
+        sqrt(2 x^2 + 2 L^2) - 2 L, which has the sign of x - L and its slope there.
     """
-    size = float(np.sqrt(2.0 * (vector @ vector + limit**2)))
-    return size - 2.0 * limit, np.asarray(2.0 * vector @ by / max(size, 1e-300))
+    return np.asarray(np.sqrt(2.0 * (length**2 + limit**2)) - 2.0 * limit)
 
 
 def positive(value: object, name: str, unit: str, most: float = np.inf) -> float:
@@ -176,3 +200,24 @@ def frame_name(value: object, name: str = "frame") -> str:
             f"{name} is {brief(value)}, expected the name of a frame", name
         )
     return value
+
+
+def checked(given: object, robot: Robot) -> tuple[PathConstraint, ...]:
+    """Check a caller's constraints against a robot.
+
+    Raises:
+        ProblemError: If they are none.
+        FrameNotFound: If a frame is not part of the robot.
+    """
+    items = (given,) if isinstance(given, PathConstraint) else given
+    expected = "expected a tuple of constraints as KeepUpright and ToolSpeed"
+    if not isinstance(items, list | tuple):
+        raise ProblemError(f"constraints is {brief(given)}, {expected}", "constraints")
+    for item in items:
+        if not isinstance(item, PathConstraint):
+            raise ProblemError(
+                f"constraints: {brief(item)} is a {type(item).__name__}, {expected}",
+                "constraints",
+            )
+        item.validate(robot)
+    return tuple(items)

@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import (
-    PathConstraint,
-    frame_name,
-    positive,
-    rounded_length,
-)
+from tominpmp.constraints.path import PathConstraint, frame_name, positive
 from tominpmp.robot import Robot
 
 NONE = np.zeros(0)
@@ -63,11 +58,8 @@ class ToolSpeed(PathConstraint):
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The speed [m/s]."""
-        return float(np.linalg.norm(self.kinematics.motion(q, v, self.frame).velocity))
+        return float(np.linalg.norm(self.kinematics.velocity(q, v, self.frame)))
 
-    def value(self, q: Array, v: Array, a: Array) -> tuple[float, Array, Array, Array]:
-        """The speed beyond its limit, in shares of it."""
-        velocity, by_q, by_v = self.kinematics.motion(q, v, self.frame)
-        both = np.hstack([by_q, by_v]) / self.limit
-        value, by = rounded_length(velocity / self.limit, both, 1.0)
-        return value, by[: q.size], by[q.size :], NONE
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """The velocity [m/s]."""
+        return *self.kinematics.motion(q, v, self.frame), NONE

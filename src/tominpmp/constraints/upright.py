@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import (
-    PathConstraint,
-    frame_name,
-    positive,
-    rounded_length,
-)
+from tominpmp.constraints.path import PathConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.direction import deviation
@@ -89,22 +84,17 @@ class KeepUpright(PathConstraint):
         """Check that the robot has the frame."""
         robot.frame_id(self.frame)
 
-    def _deviation(self, q: Array) -> tuple[Array, Array]:
-        """Deviation as two angles, and its derivative by a turn of the frame."""
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The angle [rad]."""
+        place = self.kinematics.placement(q, self.frame)
+        turned = np.asarray(place.rotation @ self.axis)
+        return float(np.linalg.norm(deviation(turned, self.direction)[0]))
+
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """Deviation of the axis as two angles [rad]."""
         place = self.kinematics.placement(q, self.frame)
         turned = np.asarray(place.rotation @ self.axis)
         found, by_axis = deviation(turned, self.direction)
-        return found, np.cross(turned, by_axis)
-
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The angle [rad]."""
-        return float(np.linalg.norm(self._deviation(q)[0]))
-
-    def value(self, q: Array, v: Array, a: Array) -> tuple[float, Array, Array, Array]:
-        """The angle beyond the tolerance, in units of the scale."""
-        found, by_turn = self._deviation(q)
-        by_q = by_turn @ self.kinematics.jacobian(q, self.frame)[3:] / self.scale
-        value, by = rounded_length(
-            found / self.scale, by_q, self.tolerance / self.scale
-        )
-        return value, by, NONE, NONE
+        jacobian = self.kinematics.jacobian(q, self.frame)[3:]
+        # The axis turns with w x axis.
+        return found, np.cross(turned, by_axis) @ jacobian, NONE, NONE

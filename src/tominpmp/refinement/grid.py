@@ -303,7 +303,7 @@ def _solve(
         changed = revised(program, result.iterate.z)
         if changed is None:
             break
-        program, z = changed
+        program, z = changed[0].at(changed[1]), changed[1]
         solver = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep)
         result = solver.run(z, after=result)
     return program, result

@@ -238,8 +238,10 @@ class QuietSolver:
         sequence = self.nlp.transcription.torque_sequence
         if sequence is None:
             return None
-        count = sequence.shape[0]
-        n = self._torque_rows.size // sequence.shape[1]
+        count, n = sequence.shape[0], self.nlp.system.n
+        # Torques at instants that have become rows later on are not compared.
+        later = self._torque_rows.size // n - sequence.shape[1]
+        sequence = sp.hstack([sequence, sp.csr_matrix((count, later))])
         # Rows are in half ranges.
         jumps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
         return sp.csr_matrix(

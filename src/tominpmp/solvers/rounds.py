@@ -57,6 +57,7 @@ def solve_in_rounds(
             if changed is None and settled:
                 break
             program, z = changed or (program, z)
+            program = program.at(z)
         result = solve(program, z, few if settled else options, result)
         settled = True
     return program, result

@@ -245,8 +245,6 @@ class BSplineTranscription(Transcription[BSplineMotion]):
 
     def scaled_at(self, z: Array) -> BSplineTranscription:
         """The same with the range of accelerations at a motion."""
-        if self.acceleration_range is not None:
-            return self
         at = self.instants(2, "")
         _, q, v, a, _ = self.states(self.motion(z), at, 2)
         by = self.system.dynamics.inverse_jacobians(q, v, a)

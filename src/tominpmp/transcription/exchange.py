@@ -313,7 +313,7 @@ def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
     return np.sort(near[np.argsort(-lacking, kind="stable")[:count]])
 
 
-def _samples(h: Array, most: int) -> Instants:
+def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     """Instants at which to look at what is continuous; fewer a second if T is long."""
     apart = max(STEP, float(h.sum()) / most)
     counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)

@@ -244,8 +244,6 @@ class InverseTranscription(Transcription[SplineMotion]):
         about for an interval against its own inertia and friction, averaged over the
         motion.
         """
-        if self.acceleration_range is not None:
-            return self
         spline = self.motion(z)
         at = self.instants(2, "")
         _, q, v, a, _ = self.states(spline, at, 2)

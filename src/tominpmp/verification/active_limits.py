@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,13 +20,6 @@ from tominpmp.verification.variations import (
     certificate_grid,
 )
 
-if TYPE_CHECKING:
-    from tominpmp.constraints import PathConstraint
-
-# Clearances beyond this, in shares of the reach, are no rows.
-ATTENTION = 0.03
-# Other constraints farther below their limits, in units of their scale, are no rows.
-NEAR_CONSTRAINT = 0.1
 # Torques are rows in the middle of an interval where they are larger there than at both
 # of its ends by this share of their limits, and near them.
 BULGE = 1e-3
@@ -316,111 +308,6 @@ class Motion:
                         )
                     )
         return out
-
-    # -- clearances --------------------------------------------------------------------
-
-    def clearances(self) -> list[LimitRows]:
-        """Distances that are near their margins, as shares of the reach."""
-        room, changes = self.task.room, self.changes
-        if room is None:
-            return []
-        out = []
-        for share in (0.5, 1.0):
-            times = changes.t[:-1] + share * changes.h
-            q = self.trajectory(times).q if share < 1.0 else changes.q[1:]
-            k, pair, missing = room.near(q, ATTENTION, times)
-            if not k.size:
-                continue
-            slopes, rates = room.derivatives_at(q, k, pair, times)
-            columns = k[:, None] * changes.n + np.arange(changes.n)
-            starts = np.arange(k.size + 1) * changes.n
-            by_q = sp.csr_matrix(
-                (slopes.ravel(), columns.ravel(), starts),
-                shape=(k.size, changes.N * changes.n),
-            )
-            if share < 1.0:
-                change = changes.position_at(share, q).after(by_q)
-            else:
-                change = changes.fixed(by_q @ changes.positions[changes.n :])
-            if room.moving:
-                passed = np.where(k[:, None] > np.arange(changes.N), 1.0, 0.0)
-                passed[np.arange(k.size), k] = share
-                late = sp.csr_matrix(rates[:, None] * passed)
-                change = Change(change.matrix, change.by_length + late)
-            out.append(
-                LimitRows(
-                    kind="clearance",
-                    change=change,
-                    lower=np.full(k.size, -np.inf),
-                    upper=np.maximum(-missing, 0.0),
-                    interval=k,
-                    subject=pair,
-                    share=share,
-                    slopes=slopes,
-                    unit=self.task.reach,
-                )
-            )
-        return out
-
-    # -- what else the problem asks for ------------------------------------------------
-
-    def constraints(self) -> list[LimitRows]:
-        """Constraints of the problem that are near their limits."""
-        out = []
-        for index, item in enumerate(self.task.problem.ready_constraints):
-            for share in (0.5, 1.0):
-                rows = self._constraint(index, item, share)
-                if rows is not None:
-                    out.append(rows)
-        return out
-
-    def _constraint(
-        self, index: int, item: PathConstraint, share: float
-    ) -> LimitRows | None:
-        changes, n = self.changes, self.changes.n
-        times = changes.t[:-1] + (share - HAIR if share == 1.0 else share) * changes.h
-        state = self.trajectory(times)
-        every = [
-            item.value(*row) for row in zip(state.q, state.v, state.a, strict=True)
-        ]
-        values = np.array([row[0] for row in every])
-        k = np.flatnonzero(values > -NEAR_CONSTRAINT)
-        if not k.size:
-            return None
-        sources = (
-            changes.position_at(share, state.q),
-            changes.velocity_at(share, state.v),
-            changes.fixed(
-                (1.0 - share) * changes.accelerations(0)
-                + share * changes.accelerations(1)
-            ),
-        )
-        parts, slopes = [], []
-        for order, source in enumerate(sources, 1):
-            by = np.array([every[i][order] for i in k])
-            slopes.append(by if by.size else np.zeros((k.size, n)))
-            if by.size:
-                columns = k[:, None] * n + np.arange(n)
-                starts = np.arange(k.size + 1) * n
-                shape = k.size, changes.N * n
-                pick = sp.csr_matrix((by.ravel(), columns.ravel(), starts), shape=shape)
-                parts.append(source.after(pick))
-        total = Change(
-            sum((part.matrix for part in parts[1:]), parts[0].matrix),
-            sum((part.by_length for part in parts[1:]), parts[0].by_length),
-        )
-        return LimitRows(
-            kind=item.name,
-            change=total,
-            lower=np.full(k.size, -np.inf),
-            upper=np.maximum(-values[k], 0.0),
-            interval=k,
-            subject=np.full(k.size, index),
-            share=share,
-            slopes=slopes[0],
-            speed_slopes=slopes[1],
-            unit=item.scale,
-        )
 
 
 def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:

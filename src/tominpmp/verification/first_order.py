@@ -23,6 +23,7 @@ from tominpmp.goals import AnyGoal
 from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 from tominpmp.verification.active_limits import LimitRows, Motion
 from tominpmp.verification.multipliers import GOAL, TRUST, Collection, Multipliers
+from tominpmp.verification.state_limits import clearances, constraints
 from tominpmp.verification.variations import Change
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
@@ -135,7 +136,7 @@ class _Program:
             else rows
             for rows in motion.efforts()
         ]
-        others = [*motion.declared(), *motion.clearances(), *motion.constraints()]
+        others = [*motion.declared(), *clearances(motion), *constraints(motion)]
         self.limits = [*efforts, *others]
         self.goal = self._goal()
 
