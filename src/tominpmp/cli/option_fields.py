@@ -113,8 +113,10 @@ def _or_none(kind: type[Any]) -> Callable[[str], Any]:
         try:
             return NONE if text == NONE else kind(text)
         except ValueError as error:
-            expected = f"{kind.__name__} or {NONE}"
-            raise typer.BadParameter(f"{text!r} is no {expected}") from error
+            expected = "a whole number" if kind is int else "a number"
+            raise typer.BadParameter(
+                f"{text!r} is neither {expected} nor {NONE}"
+            ) from error
 
     return read
 
