@@ -52,11 +52,13 @@ class FieldsOf:
         kind: The class.
         panel: What the options are listed under.
         flags: Further names of options by the names of fields.
+        ending: How the names of the fields end; others are left out.
     """
 
     kind: type[Any]
     panel: str
     flags: Mapping[str, str] = field(default_factory=dict)
+    ending: str = ""
 
     def parameters(self) -> Parameters:
         """Parameters for Typer by the names of the fields."""
@@ -64,7 +66,7 @@ class FieldsOf:
         for item in fields(self.kind):
             hint = _hint(self.kind, item)
             kind, metavar = _typed(hint)
-            if kind is None:
+            if kind is None or not item.name.endswith(self.ending):
                 continue
             text = texts[item.name][1].replace("None", NONE)
             if item.default is not None:

@@ -25,6 +25,10 @@ PlannerOptions = Annotated[
     Mapping[str, Any],
     FieldsOf(Options, "Planning", {"max_planning_time": "--max-time"}),
 ]
+# What a motion that is judged may be off by.
+ToleranceOptions = Annotated[
+    Mapping[str, Any], FieldsOf(Options, "Planning", ending="_tolerance")
+]
 LimitOptions = Annotated[Mapping[str, Any], FieldsOf(MotionLimits, "Robot")]
 
 
