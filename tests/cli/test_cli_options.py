@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +12,7 @@ import typer
 from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run
 from typer.testing import CliRunner
 
-from tominpmp.cli.option_fields import FieldsOf, command
+from tominpmp.cli.option_fields import FieldsOf, attribute_texts, command
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.usage import Commands
 from tominpmp.motion_limits import MotionLimits
@@ -37,6 +37,7 @@ def test_fields_of_the_library_are_options(kind: type[Any], run: Run) -> None:
         f"--{f.name.replace('_', '-')}" for f in fields(kind) if f.name not in UNTYPED
     }
     assert flags <= option_names(run, "plan")
+    assert {item.name for item in fields(kind)} <= set(attribute_texts(kind))
     absent = {f"--{name.replace('_', '-')}" for name in UNTYPED}
     assert not absent & option_names(run, "plan")
 
@@ -85,6 +86,7 @@ class Later:
             see :class:`~tominpmp.nowhere.Colour`.
         count: How ``many``; None for any.
 
+        maybe: Whether, or the planner chooses.
         share: Of what.
         really: Whether at all.
         others: What cannot be typed.
@@ -93,6 +95,8 @@ class Later:
 
     colour: Literal["red", "blue"] = "red"
     count: int | None = None
+    maybe: bool | None = None
+    made: str = field(default_factory=str)
     share: float = 0.5
     really: bool = True
     others: list[int] | None = None
@@ -114,10 +118,13 @@ def test_a_new_field_is_an_option_with_its_text() -> None:
     assert "--count N How many; none for any." in text
     assert "--share NUMBER Of what. Default: 0.5." in text
     assert "--really / --no-really Whether at all. Default: True." in text
+    assert "--maybe / --no-maybe Whether, or the planner chooses. --" in text
+    assert "--made NAME --" in text  # nothing is said of it
     assert "others" not in text and "nothing" not in text
-    words = ["show", "--colour", "blue", "--count", "none", "--no-really"]
+    words = ["show", "--colour", "blue", "--count", "none", "--no-really", "--maybe"]
     assert runner.invoke(app, words).exit_code == 3
-    assert told.pop() == {"colour": "blue", "count": None, "really": False}
+    given = {"colour": "blue", "count": None, "really": False, "maybe": True}
+    assert told.pop() == given
     runner.invoke(app, ["show"])
     assert told.pop() == {}
     wrong = runner.invoke(app, ["show", "--count", "many"])

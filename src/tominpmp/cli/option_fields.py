@@ -51,13 +51,14 @@ class FieldsOf:
     Attributes:
         kind: The class.
         panel: What the options are listed under.
-        flags: Further names of options by the names of fields.
+        further: By the names of fields, another name of the option, and a sentence
+            about it that only commands need.
         ending: How the names of the fields end; others are left out.
     """
 
     kind: type[Any]
     panel: str
-    flags: Mapping[str, str] = field(default_factory=dict)
+    further: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     ending: str = ""
 
     def parameters(self) -> Parameters:
@@ -68,14 +69,16 @@ class FieldsOf:
             kind, metavar = _typed(hint)
             if kind is None or not item.name.endswith(self.ending):
                 continue
-            text = texts[item.name][1].replace("None", NONE)
-            if item.default is not None:
+            text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
+            if item.default not in (None, MISSING):
                 text += f" Default: {item.default}."
             flag = item.name.replace("_", "-")
             flags = [f"--{flag}/--no-{flag}" if kind is bool else f"--{flag}"]
-            if item.name in self.flags:
-                flags.insert(0, self.flags[item.name])
-            optional = NoneType in get_args(hint) and metavar != PER_JOINT
+            if item.name in self.further:
+                other, note = self.further[item.name]
+                flags.insert(0, other)
+                text += f" {note}"
+            optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
             option = typer.Option(
                 *flags,
                 metavar=metavar or None,
