@@ -11,8 +11,9 @@ the placements of the bases and obstacles that move are worked out here.
 A motion is refuted if
 
 - it does not begin at the start, or has a jump in position or velocity;
-- its torques are not those that the movement takes (to 1e-5 of their range), or, where
-  torques are what is given, do not lead along the movement;
+- its torques are not those that the movement takes (to 1e-5 of their range), with dry
+  friction against it to the microsecond, or, where torques are what is given, do not
+  lead along the movement;
 - torques integrated from the start, with a feedback of 0.2 % of their range at most,
   miss the goal, or leave a movement they were computed for by more than 1 mrad;
 - a position, velocity or torque limit, or one of acceleration or jerk that was asked
@@ -48,8 +49,9 @@ DEVIATION = 1e-3  # [rad or m] from the movement
 FEEDBACK = 2e-3  # of the range of the torque
 RATE = 30.0  # of that feedback [1/s]
 TIME_STEP = 1e-3
-# Velocities below which the sign of the friction is open, as a share of the limit.
-RESTING = 1e-4
+# Slower joints go where their piece of the motion does; where they accelerate by less
+# than STANDING too [rad/s and rad/s^2], dry friction is what keeps them there.
+SLOW, STANDING = 1e-9, 2e-6
 
 
 class Judge:
@@ -70,6 +72,21 @@ class Judge:
         self.speed = np.concatenate([m.velocityLimit for m in stack])
         self.effort = np.concatenate([m.effortLimit for m in stack])
         self.friction = np.concatenate([m.friction for m in self.members])
+        self.way = np.array([self._goes(p) for p in self.pieces])
+
+    @property
+    def pieces(self) -> range:
+        """Pieces of the movement with smooth torques."""
+        return range(len(self.movement.breaks) - 1)
+
+    def _goes(self, p: int) -> Array:
+        """Which way joints go in a piece; where it is too short, in its interval."""
+        move, s = self.movement, np.linspace(0.0, 1.0, 21)
+        own = _way(move.state(p, s)[1])
+        middle = 0.5 * (move.breaks[p] + move.breaks[p + 1])
+        v = move.between(int(np.searchsorted(move.t, middle)) - 1, s)[1]
+        turns = (v.max(axis=0) > SLOW) & (v.min(axis=0) < -SLOW)
+        return np.where((own == 0.0) & ~turns, _way(v), own)
 
     def check(self, ok: bool, sentence: str) -> None:
         """Note a fault; figures that are no numbers make ``ok`` false."""
@@ -92,7 +109,7 @@ class Judge:
         self.check(off < 1e-6 and slow < 1e-5, f"start: {off:.1e} {slow:.1e} off")
         worst = 0.0
         for k in range(len(move.t) - 1):
-            q, v, _, _ = move.state(k, np.array([0.0, 1.0]))
+            q, v, _, _ = move.between(k, np.array([0.0, 1.0]))
             worst = max(
                 worst,
                 np.abs(q[0] - move.q[k]).max(),
@@ -104,13 +121,13 @@ class Judge:
         self.check(worst < JUMP, f"jump of {worst:.1e} at a node")
 
     def limits_and_torques(self) -> None:
-        """Limits at ten instants of each interval, and torques of the movement."""
+        """Limits at ten instants of each piece, and torques of the movement."""
         move = self.movement
         s = np.concatenate([[0.0], (np.arange(10) + 0.5) / 10.0, [1.0]])
         excess = dict.fromkeys(
             ("position", "velocity", "effort", "acceleration", "jerk", "torque"), -1.0
         )
-        for k in range(len(move.t) - 1):
+        for k in self.pieces:
             q, v, a, jerk = move.state(k, s)
             u = move.torque(k, s)
             width = np.where(np.isfinite(self.high - self.low), self.high - self.low, 1)
@@ -133,16 +150,22 @@ class Judge:
             self.check(value <= most, f"{name} off by {value:.2e}")
 
     def _residual(
-        self, k: int, s: Array, state: tuple[Array, Array, Array], u: Array
+        self, p: int, s: Array, state: tuple[Array, Array, Array], u: Array
     ) -> Array:
-        """Torque given less torque needed; friction may have either sign at rest."""
+        """Torque given less torque needed."""
         need = inverse(self.members, *state)
-        v = state[1]
-        dry = self.friction * np.sign(v)
-        off = np.abs(u - need - dry)
-        rest = np.abs(v) < RESTING * self.speed
-        between = np.maximum(np.abs(u - need) - self.friction, 0.0)
-        return np.where(rest, np.minimum(off, between), off)
+        return np.asarray(np.abs(u - need - self._dry(p, state, u)))
+
+    def _dry(self, p: int, state: tuple[Array, Array, Array], u: Array) -> Array:
+        """Dry friction of a piece: of the way it goes, or what holds joints at rest."""
+        _, v, a = state
+        way = np.where(np.abs(v) > SLOW, np.sign(v), self.way[p])
+        stands = (np.abs(v) < STANDING) & (np.abs(a) < STANDING) | (way == 0.0)
+        dry = self.friction * way
+        if not np.any(stands & (self.friction > 0.0)):
+            return np.asarray(dry)
+        left = u - inverse(self.members, *state)
+        return np.where(stands, np.clip(left, -self.friction, self.friction), dry)
 
     def replay(self) -> tuple[Array, Array, Array]:
         """Integrate the torques from the start, with a trace of feedback."""
@@ -151,28 +174,33 @@ class Judge:
         scratch = [member.arm.model.createData() for member in self.members]
         x = np.concatenate([self.case["q_start"], self.case["v_start"]])
         times, states, trace = [np.zeros(1)], [x], np.zeros(n)
-        for k in range(len(move.t) - 1):
-            begin, h = move.t[k], move.t[k + 1] - move.t[k]
+        for k in self.pieces:
+            begin, end = move.breaks[k], move.breaks[k + 1]
+            h = end - begin
 
             def parts(
                 t: float, x: Array, k: int = k, begin: float = begin, h: float = h
             ):
-                h = move.t[k + 1] - move.t[k]
-                s = np.array([np.clip((t - move.t[k]) / h, 0.0, 1.0)])
-                q, v, _, _ = move.state(k, s)
+                s = np.array([np.clip((t - begin) / h, 0.0, 1.0)])
+                q, v, a, _ = move.state(k, s)
                 pull = RATE * (RATE * (q[0] - x[:n]) + 2 * (v[0] - x[n:]))
-                return move.torque(k, s)[0], pull, v[0]
+                u = move.torque(k, s)
+                # The sign of dry friction is that of the movement: this is what makes
+                # the integration one of smooth functions; the feedback answers for the
+                # rest.
+                left = u - self._dry(k, (q, v, a), u)
+                return left[0], pull, v[0]
 
             def slope(t: float, x: Array) -> Array:
-                u, pull, planned = parts(t, x)
+                left, pull, planned = parts(t, x)
                 return np.concatenate(
-                    [x[n:], self._forward(scratch, x, u, pull, planned)]
+                    [x[n:], self._forward(scratch, x, left, pull, planned)]
                 )
 
             steps = max(1, int(np.ceil(h / TIME_STEP - 1e-9)))
-            ticks = np.linspace(begin, move.t[k + 1], steps + 1)[1:]
+            ticks = np.linspace(begin, end, steps + 1)[1:]
             out = solve_ivp(
-                slope, (begin, move.t[k + 1]), x, "LSODA", ticks, rtol=1e-9, atol=1e-10
+                slope, (begin, end), x, "LSODA", ticks, rtol=1e-9, atol=1e-10
             )
             if not out.success or not np.all(np.isfinite(out.y)):
                 self.check(False, f"replay ended at {begin:.4f} s: {out.message}")
@@ -189,7 +217,10 @@ class Judge:
         k = np.clip(np.searchsorted(move.t, t, side="right") - 1, 0, len(move.t) - 2)
         s = (t - move.t[k]) / np.diff(move.t)[k]
         plan = np.array(
-            [move.state(int(i), np.array([z]))[0][0] for i, z in zip(k, s, strict=True)]
+            [
+                move.between(int(i), np.array([z]))[0][0]
+                for i, z in zip(k, s, strict=True)
+            ]
         )
         away = float(np.abs(path[:, :n] - plan).max())
         self.figures["deviation"] = away
@@ -209,13 +240,11 @@ class Judge:
         return out
 
     def _forward(
-        self, scratch: list[Any], x: Array, u: Array, pull: Array, planned: Array
+        self, scratch: list[Any], x: Array, left: Array, pull: Array, planned: Array
     ) -> Array:
-        n, begin = len(u), 0
-        # The sign of dry friction is that of the movement: this is what makes the
-        # integration one of smooth functions; the feedback answers for the rest.
-        dry = np.sign(planned) * self.friction
-        force = u + self._mass_times(scratch, x[:n], pull) - dry
+        """Accelerations by what dry friction leaves of the torques."""
+        n, begin = len(left), 0
+        force = left + self._mass_times(scratch, x[:n], pull)
         out = np.empty(n)
         for member, data in zip(self.members, scratch, strict=True):
             part = slice(begin, begin + member.n)
@@ -270,6 +299,12 @@ class Judge:
         found = cell.at(near).closest(dense)
         text = f"room of {found.distance * 1e3:.4f} mm between samples of {names}"
         self.check(found.distance > 2.0 * least, text)
+
+
+def _way(v: Array) -> Array:
+    """Signs of the largest velocities of columns, 0 where all are slow."""
+    fastest = np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0]
+    return np.where(np.abs(fastest) > SLOW, np.sign(fastest), 0.0)
 
 
 def main() -> int:

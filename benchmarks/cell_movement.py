@@ -14,13 +14,18 @@ from benchmarks.exact_geometry import Array
 class Movement:
     """The motion of a file, as polynomials between its nodes.
 
+    Torques are polynomials between breaks of their own, which the nodes are among: a
+    joint with dry friction may turn a hair beside a node, and polynomials of positions
+    over that hair would be made of rounding.
+
     Attributes:
         t: Times of the nodes, shape (N + 1,).
         q: Positions there, shape (N + 1, n).
         v: Velocities there.
         a: Accelerations of the intervals (N, n) or at the nodes (N + 1, n), or none.
-        share: Shares of an interval at which torques are given, shape (k,).
-        u: Torques there, shape (N, k, n).
+        breaks: Times between which torques are smooth, shape (P + 1,).
+        share: Shares of such a piece at which torques are given, shape (k,).
+        u: Torques there, shape (P, k, n).
         held: Whether torques are what is given, constant on the intervals.
     """
 
@@ -28,11 +33,19 @@ class Movement:
     q: Array
     v: Array
     a: Array | None
+    breaks: Array
     share: Array
     u: Array
     held: bool
 
-    def state(self, k: int, s: Array) -> tuple[Array, Array, Array, Array]:
+    def state(self, p: int, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Position, velocity, acceleration, jerk at shares s of piece p."""
+        begin, end = self.breaks[p], self.breaks[p + 1]
+        k = int(np.searchsorted(self.t, 0.5 * (begin + end))) - 1
+        first, last = (np.array([begin, end]) - self.t[k]) / (self.t[k + 1] - self.t[k])
+        return self.between(k, first + s * (last - first))
+
+    def between(self, k: int, s: Array) -> tuple[Array, Array, Array, Array]:
         """Position, velocity, acceleration, jerk at shares s of interval k."""
         h = self.t[k + 1] - self.t[k]
         powers = self._powers(k, h)
@@ -66,10 +79,10 @@ class Movement:
                 matrix[row, power] = factor * at ** (power - order)
         return np.asarray(np.linalg.solve(matrix, ends))
 
-    def torque(self, k: int, s: Array) -> Array:
-        """Torques at shares s of interval k, through those that are given."""
+    def torque(self, p: int, s: Array) -> Array:
+        """Torques at shares s of piece p, through those that are given."""
         if len(self.share) == 1:
-            return np.repeat(self.u[k], len(s), axis=0)
+            return np.repeat(self.u[p], len(s), axis=0)
         x = self.share
         # Lagrange's polynomials, in their barycentric form.
         weights = 1.0 / np.prod(
@@ -80,7 +93,7 @@ class Movement:
         share = weights / np.where(hit, 1.0, apart)
         share = np.where(hit.any(axis=1)[:, None], hit.astype(float), share)
         share /= share.sum(axis=1, keepdims=True)
-        return np.asarray(share @ self.u[k])
+        return np.asarray(share @ self.u[p])
 
 
 def read_movement(path: Path) -> Movement:
@@ -92,6 +105,7 @@ def read_movement(path: Path) -> Movement:
             data["q"],
             data["v"],
             a,
+            data["breaks"],
             data["share"],
             data["u"],
             bool(data["held"]),

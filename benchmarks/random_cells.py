@@ -39,7 +39,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -47,6 +46,7 @@ if not __package__:  # run as a file
 import tominpmp as tm
 from benchmarks.cell_cases import KINDS, Case, draw_case, draw_problem, has_friction
 from benchmarks.exact_geometry import Array
+from tominpmp.dynamics import RobotDynamics
 
 JUDGE = Path(__file__).with_name("cell_judge.py")
 COLUMNS = (
@@ -55,8 +55,9 @@ COLUMNS = (
     "position_excess", "acceleration_excess", "jerk_excess", "feedback", "deviation",
     "goal_error", "goal_speed", "clearance", "message",
 )  # fmt: skip
-# Shares of an interval at which its torque is written down: Chebyshev's.
+# Shares of a piece at which its torque is written down: Chebyshev's.
 CHEBYSHEV = 0.5 - 0.5 * np.cos(np.pi * (np.arange(12) + 0.5) / 12)
+SAME_TIME = 1e-12  # [s]
 
 
 def write_motion(solution: tm.Solution, path: Path) -> None:
@@ -65,42 +66,44 @@ def write_motion(solution: tm.Solution, path: Path) -> None:
     assert motion is not None
     held = motion.inverse_dynamics is None
     share = np.array([0.5]) if held else CHEBYSHEV
-    t, q, v, a = motion.t, motion.q, motion.v, motion.a
-    if not held:
-        t, q, v, a = with_turns(motion, solution.problem.robot.friction > 0.0)
-    h = np.diff(t)
-    times = t[:-1, None] + share * h[:, None]
+    breaks = motion.t if held else torque_breaks(motion, solution.problem.robot)
+    h = np.diff(breaks)
+    times = breaks[:-1, None] + share * h[:, None]
     u = motion(times.ravel()).u.reshape(len(h), len(share), -1)
-    kept = np.zeros(0) if a is None else a
-    np.savez(path, t=t, q=q, v=v, a=kept, share=share, u=u, held=held)
+    a = np.zeros(0) if motion.a is None else motion.a
+    parts = {"t": motion.t, "q": motion.q, "v": motion.v, "a": a, "breaks": breaks}
+    np.savez(path, **parts, share=share, u=u, held=held)
 
 
-def with_turns(
-    motion: tm.Trajectory, rubbing: Array
-) -> tuple[Array, Array, Array, Array | None]:
-    """Nodes of a motion, and the instants at which joints with friction turn.
+def torque_breaks(motion: tm.Trajectory, robot: tm.Robot) -> Array:
+    """Nodes of a motion, and where joints with dry friction turn, set out or stop.
 
-    There the torque jumps by twice the friction; between these it is smooth.
+    There the torque jumps by the friction, or twice it; between these it is smooth.
     """
-    share = np.linspace(0.0, 1.0, 65)
+    rubbing = np.flatnonzero(robot.friction > 0.0)
+    if not rubbing.size:
+        return motion.t
+    free = RobotDynamics(robot, dry=False).inverse
+
+    def sides(times: Array) -> Array:
+        state = motion(times)
+        dry = state.u - free(state.q, state.v, state.a)
+        return np.asarray(np.round(dry[:, rubbing] / robot.friction[rubbing]))
+
+    share = np.linspace(0.0, 1.0, 65)[:-1]
     times = (motion.t[:-1, None] + share * np.diff(motion.t)[:, None]).ravel()
-    turns = []
-    v = motion(times).v
-    for joint in np.flatnonzero(rubbing).tolist():
-        column = v[:, joint]
-        for k in np.flatnonzero(column[:-1] * column[1:] < 0.0).tolist():
-            if times[k + 1] > times[k]:
-                speed = lambda t, joint=joint: float(motion(t).v[joint])  # noqa: E731
-                turns.append(brentq(speed, times[k], times[k + 1], xtol=1e-15))
-    t = np.union1d(motion.t, turns)
-    t = t[np.concatenate([[True], np.diff(t) > 1e-12])]
-    t[-1] = motion.t[-1]
-    state = motion(t)
-    a = motion.a
-    if a is not None:
-        interval = np.searchsorted(motion.t, 0.5 * (t[1:] + t[:-1])) - 1
-        a = state.a if len(a) == len(motion.t) else a[interval]
-    return t, state.q, state.v, a
+    times = np.append(times, motion.t[-1])
+    side = sides(times)
+    row, joint = np.nonzero(side[1:] != side[:-1])
+    low, high = times[row], times[row + 1]
+    for _ in range(60 if row.size else 0):
+        middle = 0.5 * (low + high)
+        same = sides(middle)[np.arange(row.size), joint] == side[row, joint]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    away = np.min(np.abs(high[:, None] - motion.t), axis=1, initial=np.inf)
+    jumps = np.unique(high[away > SAME_TIME])
+    jumps = jumps[np.diff(jumps, prepend=-np.inf) > SAME_TIME]
+    return np.union1d(motion.t, jumps)
 
 
 def run_case(seed: int, kind: str, number: int, limit: float, folder: Path) -> Case:

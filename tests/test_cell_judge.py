@@ -73,7 +73,7 @@ def rubbing(case: dict[str, Any], _: dict[str, Any]) -> None:
 
 
 def faster(_: dict[str, Any], values: dict[str, Any]) -> None:
-    values["t"] = 0.98 * values["t"]
+    values["t"], values["breaks"] = 0.98 * values["t"], 0.98 * values["breaks"]
     values["v"] = values["v"] / 0.98
     if values["a"] is not None:
         values["a"] = values["a"] / 0.98**2
@@ -129,6 +129,86 @@ def test_a_wrong_motion_is_refuted(
     planned: tuple[dict[str, Any], Path], change: Change, word: str
 ) -> None:
     assert word in " ".join(judge(*planned, change))
+
+
+def test_an_instant_beside_a_node_is_no_node(
+    planned: tuple[dict[str, Any], Path],
+) -> None:
+    """As where a joint turns: polynomials over it would be made of rounding."""
+
+    def divided(_: dict[str, Any], values: dict[str, Any]) -> None:
+        k, breaks, u = 20, values["breaks"], values["u"]
+        there = np.repeat(Movement(**values).torque(k, np.zeros(1)), u.shape[1], axis=0)
+        values["breaks"] = np.insert(breaks, k + 1, breaks[k] + 1e-10)
+        values["u"] = np.insert(u, k, there, axis=0)
+
+    def as_a_node(case: dict[str, Any], values: dict[str, Any]) -> None:
+        move = Movement(**values)
+        divided(case, values)
+        found = move.between(20, np.array([1e-10 / np.diff(move.t)[20]]))
+        values["t"] = values["breaks"]
+        for key, row in zip("qv", found[:2], strict=True):
+            values[key] = np.insert(values[key], 21, row[0], axis=0)
+        values["a"] = None
+
+    assert judge(*planned, divided) == []
+    assert "torque" in " ".join(judge(*planned, as_a_node))
+
+
+@pytest.fixture(scope="module")
+def gentle(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """An xArm 7, which has dry friction, brought to rest with a bounded jerk."""
+    arm = cell_cases.draw_arm(np.random.default_rng(0), "xarm7", "free")
+    arm.pop("velocity", None)
+    q_start = np.array([0.2, -0.4, 0.1, 0.9, -0.3, 0.7, 0.4])
+    q_goal = q_start + np.array([0.5, 0.2, -0.3, 0.1, 0.02, -0.3, 0.2])
+    case = {
+        "arms": [arm],
+        "gravity": [0.0, 0.0, -9.81],
+        "obstacles": [],
+        "margin": 0.0,
+        "q_start": q_start.tolist(),
+        "v_start": [0.0] * 7,
+        "goal": {"kind": "joint", "q": q_goal.tolist(), "v": [0.0] * 7},
+        "acceleration": [8.0] * 7,
+        "jerk": [400.0] * 7,
+    }
+    limits = tm.MotionLimits(acceleration=case["acceleration"], jerk=case["jerk"])
+    problem = tm.Problem(
+        cell_cases.build_arm(arm), q_start, tm.JointGoal(q_goal), motion_limits=limits
+    )
+    path = tmp_path_factory.mktemp("gentle") / "motion.npz"
+    random_cells.write_motion(tm.plan(problem).raise_if_failed(), path)
+    return case, path
+
+
+def test_a_gentle_stop_with_friction_passes(
+    gentle: tuple[dict[str, Any], Path],
+) -> None:
+    assert judge(*gentle) == []
+
+
+@pytest.mark.parametrize("long", [1.5e-5, 4e-6])
+@pytest.mark.parametrize("end", ["start", "stop"])
+def test_friction_of_the_wrong_sign_for_microseconds_is_refuted(
+    gentle: tuple[dict[str, Any], Path], end: str, long: float
+) -> None:
+    def reversed_beside_an_end(case: dict[str, Any], values: dict[str, Any]) -> None:
+        move, first = Movement(**values), end == "start"
+        edge = move.t[0] + long if first else move.t[-1] - long
+        p = int(np.searchsorted(move.breaks, edge)) - 1
+        begin, h = move.breaks[p], np.diff(move.breaks)[p]
+        cut = (edge - begin) / h
+        halves = [
+            move.torque(p, x) for x in (cut * move.share, cut + (1 - cut) * move.share)
+        ]
+        joint = int(np.argmax(np.abs(move.v[1 if first else -2])))
+        sign = np.sign(move.v[1 if first else -2, joint])
+        halves[0 if first else 1][:, joint] -= 2.0 * sign
+        values["breaks"] = np.insert(move.breaks, p + 1, edge)
+        values["u"] = np.concatenate([move.u[:p], halves, move.u[p + 1 :]])
+
+    assert "torque" in " ".join(judge(*gentle, reversed_beside_an_end))
 
 
 @pytest.mark.slow

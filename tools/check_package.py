@@ -23,6 +23,10 @@ robot = tominpmp.load_robot("planar3r")
 assert robot.n == 3, robot
 assert tominpmp.load_robot("panda", group="panda_arm").n == 7, "no robots by name"
 assert files("tominpmp").joinpath("py.typed").is_file(), "py.typed is missing"
+start, goal = [0.5, 1.7, -1.7], tominpmp.JointGoal([0.6, 1.6, -1.6])
+problem = tominpmp.Problem(robot, start, goal)
+page = tominpmp.plan(problem).play(path="motion.html")
+assert page.stat().st_size > 10**6, "no viewer"
 from tominpmp.datasheets import datasheets
 assert len(datasheets()) > 10, "the data sheets are missing"
 """

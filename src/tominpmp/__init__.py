@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options, Tolerances
     from tominpmp.output.export import load_motion
-    from tominpmp.output.export_check import ExportCheck, check_export
+    from tominpmp.output.export_check import ExportCheck, check_export, check_file
     from tominpmp.output.ros_rules import Refusal, controller_refusals
     from tominpmp.payload import Payload
     from tominpmp.planner import plan
@@ -128,7 +128,7 @@ _HOMES = {
         "Tolerances",
     ),
     "output.export": ("load_motion",),
-    "output.export_check": ("ExportCheck", "check_export"),
+    "output.export_check": ("ExportCheck", "check_export", "check_file"),
     "output.ros_rules": ("Refusal", "controller_refusals"),
     "payload": ("Payload",),
     "planner": ("plan",),
@@ -255,6 +255,7 @@ __all__ = [
     "Workcell",
     "certify",
     "check_export",
+    "check_file",
     "combine_robots",
     "controller_refusals",
     "load_joint_limits",

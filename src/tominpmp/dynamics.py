@@ -18,13 +18,13 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
+from tominpmp.trajectory import RESTING
 
 # Slower joints are at rest [rad/s or m/s] if they accelerate by less than this
 # [rad/s^2 or m/s^2]; with more they are starting or stopping, unless they are slower
-# than rounding makes them.
+# than RESTING: what comes afterwards then tells which way they go.
 STANDSTILL = 1e-6
 STEADY = 1e-6
-ROUNDING = 1e-10
 
 
 def directions(v: Array, a: Array) -> Array:
@@ -37,7 +37,7 @@ def directions(v: Array, a: Array) -> Array:
     Returns:
         1, -1, or 0 for joints that remain at rest, shape (m, n).
     """
-    way = np.where(np.abs(v) > ROUNDING, np.sign(v), np.sign(a))
+    way = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
     resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
     return np.where(resting, 0.0, way)
 

@@ -37,6 +37,8 @@ MAX_SAMPLES = 10_000_000
 # A time this far outside of a motion is one at its end [s], or as a share of T: sums
 # and files round.
 ROUNDING = 1e-9
+# Joints slower than this are at rest but for rounding [rad/s or m/s].
+RESTING = 1e-10
 
 
 class State(NamedTuple):
@@ -74,6 +76,22 @@ def _names(value: Any) -> tuple[str, ...]:
             "joint_names",
         )
     return names
+
+
+def _showing_the_way(v: Array, a: Array, v_end: Array, late: BoolArray) -> Array:
+    """Velocities for the dynamics: those just before a stop show the way to it.
+
+    Where rounding leaves nothing of their signs, dry friction is against the motion
+    that is about to begin; just before a stop that is the wrong one.
+
+    Args:
+        v: Velocities, shape (m, n) [rad/s or m/s].
+        a: Accelerations, shape (m, n).
+        v_end: Velocities at the ends of the intervals, shape (m, n).
+        late: Whether these ends are nearer than the beginnings, shape (m, 1).
+    """
+    stops = late & (np.abs(v_end) <= RESTING) & (np.abs(v) <= RESTING)
+    return np.where(stops, -2.0 * RESTING * np.sign(a), v)
 
 
 def _called(record: Samples | Trajectory, name: str) -> str:
@@ -312,7 +330,8 @@ class Trajectory(Record):
             a = 2.0 * c2 + 6.0 * s * c3
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
-        u = self.inverse_dynamics(q, v, a)
+        late = s > 0.5 * h
+        u = self.inverse_dynamics(q, _showing_the_way(v, a, self.v[k + 1], late), a)
         return State(q, v, a, np.where(node[:, None] < self.t.size - 1, u, self.u[-1]))
 
     def _quintic(self, k: IntArray, s: Array, h: Array) -> tuple[Array, Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +12,7 @@ import typer
 from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run
 from typer.testing import CliRunner
 
-from tominpmp.cli.option_fields import FieldsOf, command
+from tominpmp.cli.option_fields import FieldsOf, attribute_texts, command
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.usage import Commands
 from tominpmp.motion_limits import MotionLimits
@@ -37,6 +37,7 @@ def test_fields_of_the_library_are_options(kind: type[Any], run: Run) -> None:
         f"--{f.name.replace('_', '-')}" for f in fields(kind) if f.name not in UNTYPED
     }
     assert flags <= option_names(run, "plan")
+    assert {item.name for item in fields(kind)} <= set(attribute_texts(kind))
     absent = {f"--{name.replace('_', '-')}" for name in UNTYPED}
     assert not absent & option_names(run, "plan")
 
@@ -85,6 +86,7 @@ class Later:
             see :class:`~tominpmp.nowhere.Colour`.
         count: How ``many``; None for any.
 
+        maybe: Whether, or the planner chooses.
         share: Of what.
         really: Whether at all.
         others: What cannot be typed.
@@ -93,6 +95,8 @@ class Later:
 
     colour: Literal["red", "blue"] = "red"
     count: int | None = None
+    maybe: bool | None = None
+    made: str = field(default_factory=str)
     share: float = 0.5
     really: bool = True
     others: list[int] | None = None
@@ -114,10 +118,13 @@ def test_a_new_field_is_an_option_with_its_text() -> None:
     assert "--count N How many; none for any." in text
     assert "--share NUMBER Of what. Default: 0.5." in text
     assert "--really / --no-really Whether at all. Default: True." in text
+    assert "--maybe / --no-maybe Whether, or the planner chooses. --" in text
+    assert "--made NAME --" in text  # nothing is said of it
     assert "others" not in text and "nothing" not in text
-    words = ["show", "--colour", "blue", "--count", "none", "--no-really"]
+    words = ["show", "--colour", "blue", "--count", "none", "--no-really", "--maybe"]
     assert runner.invoke(app, words).exit_code == 3
-    assert told.pop() == {"colour": "blue", "count": None, "really": False}
+    given = {"colour": "blue", "count": None, "really": False, "maybe": True}
+    assert told.pop() == given
     runner.invoke(app, ["show"])
     assert told.pop() == {}
     wrong = runner.invoke(app, ["show", "--count", "many"])
@@ -133,7 +140,7 @@ def test_none_goes_before_a_scenario(run: Run, planner: Planner) -> None:
     assert (planner.options.refine, planner.options.starts) == (None, None)
     result = run("plan", "s.toml", "--starts", "1.5")
     assert result.exit_code == 2
-    assert "--starts" in result.stderr and "'1.5'" in result.stderr
+    assert "'--starts': '1.5' is neither a whole number nor none" in result.stderr
 
 
 def test_limits_are_typed(run: Run, planner: Planner) -> None:
@@ -194,3 +201,20 @@ def test_a_motion_is_judged_by_what_is_typed(run: Run) -> None:
     weak = run("verify", "planar3r", "m.csv", *words[1:5], "--effort", "29,8,4")
     assert weak.exit_code == 1
     assert "effort limit" in weak.stdout
+
+
+def test_a_motion_is_judged_with_the_tolerances_that_are_typed(run: Run) -> None:
+    words = ("planar3r", "--start", START, "--goal", GOAL)
+    assert run("plan", *words, "--intervals", 10, "-o", "m.csv").exit_code == 0
+    off = ("verify", "planar3r", "m.csv", "--start", START, "--goal", "2,-1,0.52")
+    assert run(*off).exit_code == 1
+    assert run(*off, "--goal-tolerance", 0.03).exit_code == 0
+    # They go before those of a scenario.
+    Path("s.toml").write_text(SCENARIO)
+    assert run("plan", "s.toml", "--intervals", 10, "-o", "m.csv").exit_code == 0
+    goal = "q = [2.0, -1.0, 0.5]"
+    text = SCENARIO.replace(goal, "q = [2.0, -1.0, 0.52]") + "goal_tolerance = 0.03\n"
+    Path("s.toml").write_text(text)
+    assert run("verify", "s.toml", "m.csv").exit_code == 0
+    assert run("verify", "s.toml", "m.csv", "--goal-tolerance", 0.01).exit_code == 1
+    assert "--seed" not in option_names(run, "verify")

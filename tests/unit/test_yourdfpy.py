@@ -32,7 +32,7 @@ from tominpmp.description.urdf import (
     read_urdf,
 )
 from tominpmp.description.xml_reader import MAX_TEXT
-from tominpmp.exceptions import RobotLoadError
+from tominpmp.exceptions import RobotLoadError, TominpmpWarning
 from tominpmp.robot import load_robot
 
 
@@ -167,6 +167,13 @@ def test_what_yourdfpy_has_read_is_taken_as_the_file_would_be(tmp_path: Path) ->
     parsed.robot.joints[0].limit.effort = -1.0
     with pytest.raises(RobotLoadError, match="joint j1: limit effort=-1 is negative"):
         read_parsed(parsed, path)
+
+
+def test_warnings_point_to_the_caller(tmp_path: Path) -> None:
+    path = write(tmp_path, one_joint(inside='<dynamic friction="3"/>'))
+    with pytest.warns(TominpmpWarning, match="<dynamic> of joint j1") as told:
+        load_robot(path)
+    assert told[0].filename == __file__
 
 
 def test_what_reads_nothing_imports_no_reader() -> None:

@@ -1,8 +1,8 @@
 """The command line: ``tominpmp``, or ``python -m tominpmp``.
 
-Only :mod:`~tominpmp.cli.app`, :mod:`~tominpmp.cli.arguments` and
-:mod:`~tominpmp.cli.terminal` are imported to show help or refuse an option. They import
-nothing that takes long; the robotics libraries are imported when a command runs.
+:mod:`~tominpmp.cli.app` has the commands and :mod:`~tominpmp.cli.options` what can be
+said to them. To show help or refuse an option, nothing is imported that takes long: the
+robotics libraries are when a command runs.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from tominpmp.cli.options import (
     ProblemOptions,
     ReportOptions,
     RobotOptions,
+    ToleranceOptions,
     VerifyOptions,
 )
 from tominpmp.cli.usage import Commands
@@ -158,6 +159,7 @@ def verify(
     motion: RecordedMotion,
     changes: ProblemOptions,
     limits: LimitOptions,
+    tolerances: ToleranceOptions,
     said: VerifyOptions,
 ) -> int:
     """Judge a motion: does it reach the goal, keep all limits and stay clear?
@@ -168,7 +170,7 @@ def verify(
     """
     from tominpmp.cli.verify import run_verify
 
-    return run_verify(Asked(problem, changes, limits), motion, said)
+    return run_verify(Asked(problem, changes, limits), motion, tolerances, said)
 
 
 @command(app, short_help="Show a motion from a file in the browser.")

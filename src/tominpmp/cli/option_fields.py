@@ -51,12 +51,15 @@ class FieldsOf:
     Attributes:
         kind: The class.
         panel: What the options are listed under.
-        flags: Further names of options by the names of fields.
+        further: By the names of fields, another name of the option, and a sentence
+            about it that only commands need.
+        ending: How the names of the fields end; others are left out.
     """
 
     kind: type[Any]
     panel: str
-    flags: Mapping[str, str] = field(default_factory=dict)
+    further: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    ending: str = ""
 
     def parameters(self) -> Parameters:
         """Parameters for Typer by the names of the fields."""
@@ -64,16 +67,18 @@ class FieldsOf:
         for item in fields(self.kind):
             hint = _hint(self.kind, item)
             kind, metavar = _typed(hint)
-            if kind is None:
+            if kind is None or not item.name.endswith(self.ending):
                 continue
-            text = texts[item.name][1].replace("None", NONE)
-            if item.default is not None:
+            text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
+            if item.default not in (None, MISSING):
                 text += f" Default: {item.default}."
             flag = item.name.replace("_", "-")
             flags = [f"--{flag}/--no-{flag}" if kind is bool else f"--{flag}"]
-            if item.name in self.flags:
-                flags.insert(0, self.flags[item.name])
-            optional = NoneType in get_args(hint) and metavar != PER_JOINT
+            if item.name in self.further:
+                other, note = self.further[item.name]
+                flags.insert(0, other)
+                text += f" {note}"
+            optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
             option = typer.Option(
                 *flags,
                 metavar=metavar or None,
@@ -113,8 +118,10 @@ def _or_none(kind: type[Any]) -> Callable[[str], Any]:
         try:
             return NONE if text == NONE else kind(text)
         except ValueError as error:
-            expected = f"{kind.__name__} or {NONE}"
-            raise typer.BadParameter(f"{text!r} is no {expected}") from error
+            expected = "a whole number" if kind is int else "a number"
+            raise typer.BadParameter(
+                f"{text!r} is neither {expected} nor {NONE}"
+            ) from error
 
     return read
 

@@ -23,7 +23,15 @@ from tominpmp.options import Options
 
 PlannerOptions = Annotated[
     Mapping[str, Any],
-    FieldsOf(Options, "Planning", {"max_planning_time": "--max-time"}),
+    FieldsOf(
+        Options,
+        "Planning",
+        {"max_planning_time": ("--max-time", "Loading the robot counts too.")},
+    ),
+]
+# What a motion that is judged may be off by.
+ToleranceOptions = Annotated[
+    Mapping[str, Any], FieldsOf(Options, "Planning", ending="_tolerance")
 ]
 LimitOptions = Annotated[Mapping[str, Any], FieldsOf(MotionLimits, "Robot")]
 

@@ -19,7 +19,7 @@ from tominpmp.cli.options import (
     is_scenario,
 )
 from tominpmp.cli.text_values import (
-    joint_pair,
+    joint_pairs,
     joint_values,
     obstacle,
     positions,
@@ -112,12 +112,7 @@ def load_changed_robot(
     Raises:
         TominpmpError: If anything in it is wrong.
     """
-    locked: dict[str, float] = {}
-    for text in said.lock or ():
-        joint, value = joint_pair(text, "--lock")
-        if joint in locked:
-            raise OptionsError(f"--lock: joint {joint!r} is named twice", "--lock")
-        locked[joint] = value
+    locked = joint_pairs(said.lock or (), "--lock")
     changes: dict[str, Any] = {
         name: joint_values(getattr(said, name), _flag(name))
         for name in OVERRIDES

@@ -49,23 +49,24 @@ def complain(prefix: str, message: str, style: str = "bold red") -> None:
 
 @contextmanager
 def guarded(debug: bool = False) -> Iterator[None]:
-    """Turn what goes wrong in a command into one line and an exit code.
+    """Turn what goes wrong in a command, or with what was typed, into an exit code.
 
     Args:
         debug: Whether to show tracebacks too.
 
     Raises:
-        typer.Exit: With the exit code.
+        typer.Exit: With the exit code, after a line that says what is wrong.
     """
     try:
         with _warnings_shown():
             yield
     except typer.Exit:
         raise
-    except BrokenPipeError as error:
+    except (BrokenPipeError, SystemExit) as error:
+        # With the latter Typer ends when nobody reads the help that it writes.
         discard_output()
         raise typer.Exit(CLOSED_PIPE) from error
-    except KeyboardInterrupt as error:
+    except (KeyboardInterrupt, typer.Abort) as error:
         complain("error", "interrupted")
         raise typer.Exit(INTERRUPTED) from error
     except TominpmpError as error:
@@ -76,6 +77,14 @@ def guarded(debug: bool = False) -> Iterator[None]:
         _explain(f"{where}{error.strerror or error}", debug)
         raise typer.Exit(BAD_INPUT) from error
     except Exception as error:
+        # Where Typer has its parser's exceptions depends on its version.
+        if hasattr(error, "format_message"):
+            complain("error", error.format_message())
+            context = getattr(error, "ctx", None)
+            if context is not None:
+                hint = f"see {context.command_path} --help"
+                error_console().print(hint, soft_wrap=True)
+            raise typer.Exit(BAD_INPUT) from error
         hint = "" if debug else "; --debug shows where"
         what = f"{type(error).__name__}: {error}"
         _explain(f"{what} (this is a defect of tominpmp{hint})", debug)

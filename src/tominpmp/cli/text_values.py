@@ -47,19 +47,24 @@ def vector(text: str, name: str) -> list[float]:
     return result
 
 
-def joint_pair(text: str, name: str) -> tuple[str, float]:
-    """Read ``JOINT=VALUE``.
+def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
+    """Read ``JOINT=VALUE`` of several joints.
 
     Raises:
-        OptionsError: If it is not of that form.
+        OptionsError: If one is not of that form, or a joint is named twice.
     """
-    joint, _, word = text.partition("=")
-    value = number(word)
-    if not joint or value is None:
-        raise OptionsError(
-            f"{name}: got {text!r}, expected JOINT=VALUE with a number", name
-        )
-    return joint, value
+    result: dict[str, float] = {}
+    for item in items:
+        joint, _, word = item.partition("=")
+        value = number(word)
+        if not joint or value is None:
+            raise OptionsError(
+                f"{name}: got {item!r}, expected JOINT=VALUE with a number", name
+            )
+        if joint in result:
+            raise OptionsError(f"{name}: joint {joint!r} is named twice", name)
+        result[joint] = value
+    return result
 
 
 def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]:
@@ -69,19 +74,9 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
         OptionsError: If a word is no number or a joint is named twice.
     """
     if "=" in text:
-        return _pairs(words(text), name)
+        return joint_pairs(words(text), name)
     numbers = vector(text, name)
     return numbers[0] if len(numbers) == 1 else numbers
-
-
-def _pairs(items: list[str], name: str) -> dict[str, float]:
-    result: dict[str, float] = {}
-    for item in items:
-        joint, value = joint_pair(item, name)
-        if joint in result:
-            raise OptionsError(f"{name}: joint {joint!r} is named twice", name)
-        result[joint] = value
-    return result
 
 
 def positions(
@@ -130,7 +125,7 @@ def positions(
         )
     known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
     known |= {} if state is None else states[state]
-    known |= _by_joint(_pairs(items, name), name, robot, degrees)
+    known |= _by_joint(joint_pairs(items, name), name, robot, degrees)
     lacking = [joint for joint in robot.joint_names if joint not in known]
     if lacking:
         raise ProblemError(
@@ -149,7 +144,7 @@ def velocities(text: str, name: str, robot: Robot, *, degrees: bool = False) -> 
         JointNotFound: If a joint is unknown.
         ProblemError: If there are too few or too many numbers.
     """
-    values = _pairs(words(text), name) if "=" in text else vector(text, name)
+    values = joint_pairs(words(text), name) if "=" in text else vector(text, name)
     known = _by_joint(values, name, robot, degrees)
     return np.array([known.get(joint, 0.0) for joint in robot.joint_names])
 

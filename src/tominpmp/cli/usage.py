@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from tominpmp.cli.terminal import (
-    BAD_INPUT,
-    CLOSED_PIPE,
-    INTERRUPTED,
-    complain,
-    discard_output,
-    error_console,
-    flush_output,
-)
+from tominpmp.cli.terminal import flush_output, guarded
 
 # What the options are listed under in the help, in this order.
 PANELS = ("Motion", "Scene", "Robot", "Planning", "Output", "General")
@@ -101,33 +93,13 @@ class Commands(TyperGroup):
 
     def main(self, *args: Any, standalone_mode: bool = True, **kwargs: Any) -> Any:
         """Run and, if standalone, exit with the code of the command."""
-        code = self._run(super().main, *args, **kwargs)
+        try:
+            with guarded():
+                kwargs["standalone_mode"] = False
+                code = int(super().main(*args, **kwargs) or 0)
+        except typer.Exit as end:
+            code = end.exit_code
         code = flush_output() or code
         if standalone_mode:
             sys.exit(code)
         return code
-
-    def _run(self, run: Callable[..., Any], *args: Any, **kwargs: Any) -> int:
-        try:
-            return int(run(*args, standalone_mode=False, **kwargs) or 0)
-        except typer.Abort:
-            return INTERRUPTED
-        except SystemExit:
-            # So Typer ends when nobody reads the help that it writes.
-            discard_output()
-            return CLOSED_PIPE
-        except OSError as error:
-            discard_output()
-            complain("error", f"standard output: {error.strerror}")
-            return BAD_INPUT
-        except Exception as error:
-            # Where Typer has its parser's exceptions depends on its version.
-            message = getattr(error, "format_message", None)
-            if message is None:
-                raise
-            complain("error", message())
-            context = getattr(error, "ctx", None)
-            if context is not None:
-                hint = f"see {context.command_path} --help"
-                error_console().print(hint, soft_wrap=True)
-            return BAD_INPUT

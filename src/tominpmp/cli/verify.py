@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,12 +22,16 @@ from tominpmp.sampling import Interpolation
 SHOWN = 5
 
 
-def run_verify(asked: Asked, path: Path, how: VerifyOptions) -> int:
+def run_verify(
+    asked: Asked, path: Path, tolerances: Mapping[str, Any], how: VerifyOptions
+) -> int:
     """Judge a motion and report.
 
     Args:
         asked: What it is to solve.
         path: File that holds the motion.
+        tolerances: What it may be off by, as options of a plan; those that are not
+            given are the scenario's.
         how: How the points are joined, and how to report.
 
     Returns:
@@ -42,7 +47,7 @@ def run_verify(asked: Asked, path: Path, how: VerifyOptions) -> int:
             "with --scene and --request, or with --start and a goal",
             "scenario",
         )
-    problem, options = load_problem(asked)
+    problem, options = load_problem(asked, tolerances)
     found = check_file(
         problem,
         path,

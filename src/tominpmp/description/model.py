@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.description.joint_table import JointTable, example_values
+from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.urdf import Mimic, UrdfDescription
 from tominpmp.exceptions import RobotLoadError
 
@@ -49,7 +51,12 @@ def build_geometry(
         RobotLoadError: If a mesh cannot be read.
     """
     full = _full_model(description)
+    tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
+    meshes = fromstring(description.xml).iterfind(f"link/{tag}/geometry/mesh")
     try:
+        for file in {Path(mesh.get("filename", "")) for mesh in meshes}:
+            if file.suffix.lower() in MAY_REPEAT:
+                check_expanded(file, file.read_bytes())
         geometry = pin.buildGeomFromUrdfString(full, description.xml, kind)
     except Exception as error:  # whatever a mesh reader may raise
         raise RobotLoadError(

@@ -2,8 +2,8 @@
 
 The file is guarded and checked (:mod:`~tominpmp.description.urdf_syntax`), parsed by
 yourdfpy and written anew, with nothing but what kinematics and geometry need: parsers
-print about the remains of simulators, differ in how they take
-missing attributes, and report any mistake as "no valid URDF". In the new text
+print about the remains of simulators, differ in how they take missing attributes, and
+report any mistake as "no valid URDF". In the new text
 
 - every mesh is an absolute path of a file that exists,
 - a continuous joint is a revolute one, so that it is one angle,
@@ -19,7 +19,7 @@ element gives a gravity [m/s^2] other than the usual one along -z.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -164,7 +164,8 @@ def _read(
     import yourdfpy
 
     source = BytesIO(tostring(copy))
-    robot = yourdfpy.URDF.load(source, build_scene_graph=False).robot
+    only_text = {"build_scene_graph": False, "load_meshes": False}
+    robot = yourdfpy.URDF.load(source, **only_text).robot
     warn_of_unread(root, robot.joints, context)
     links = _by_name(robot.links, "link", context)
     joints = _by_name(robot.joints, "joint", context)
@@ -189,7 +190,7 @@ def _read(
         [_simplified_joint(joint, limit, context) for joint in joints.values()],
     )
     writer = yourdfpy.URDF(
-        simple, build_scene_graph=False, filename_handler=yourdfpy.filename_handler_null
+        simple, filename_handler=yourdfpy.filename_handler_null, **only_text
     )
     return UrdfDescription(
         name=robot.name,
@@ -202,11 +203,11 @@ def _read(
     )
 
 
-def _with_capsules(xml: bytes, capsules: Collection[tuple[str, int]]) -> str:
+def _with_capsules(xml: bytes, capsules: Mapping[str, Sequence[int]]) -> str:
     """Say which cylinders are capsules, as Pinocchio reads it."""
     root = fromstring(xml)
     for link in root.iter("link"):
-        own = sorted(i for name, i in capsules if name == link.get("name"))
+        own = capsules.get(link.get("name", ""), ())
         checking = SubElement(link, "collision_checking") if own else link
         for i in own:
             SubElement(checking, "capsule", name=str(i))

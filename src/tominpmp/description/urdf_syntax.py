@@ -84,13 +84,13 @@ class Beyond:
 
     Attributes:
         gravity: Gravity [m/s^2], if the file gives one.
-        capsules: Link and index of the collision shapes that are capsules, which are
+        capsules: Indices by link of the collision shapes that are capsules, which are
             cylinders in the copy.
         motion: Limits of acceleration, deceleration and jerk by joint, where given.
     """
 
     gravity: tuple[float, ...] | None
-    capsules: set[tuple[str, int]] = field(default_factory=set)
+    capsules: dict[str, list[int]] = field(default_factory=dict)
     motion: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
@@ -193,7 +193,7 @@ def _link(
             shape = _shape(old, where, context)
             named = shape.tag == "cylinder" and old.get("name") in capsules
             if tag == "collision" and (shape.tag == "capsule" or named):
-                beyond.capsules.add((name, i))
+                beyond.capsules.setdefault(name, []).append(i)
             if shape.tag == "capsule":
                 shape.tag = "cylinder"
             SubElement(new, "geometry").append(shape)

@@ -95,8 +95,8 @@ def parse_xml(content: bytes, path: Path) -> Element:
 
     def refuse(*_: object) -> NoReturn:
         raise RobotLoadError(
-            f"{path} declares a document type (<!DOCTYPE ...>), which robot "
-            "descriptions do not need; remove it",
+            f"{path} declares a document type (<!DOCTYPE ...>), which no description "
+            "needs; remove it",
             path,
         )
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -132,6 +133,11 @@ def _listed(steps: tuple[float | None, ...]) -> str:
     )
 
 
+class _Found(NamedTuple):
+    violations: tuple[Excess, ...]
+    verification: Verification | None
+
+
 def check_file(
     problem: Problem,
     path: str | Path,
@@ -158,10 +164,11 @@ def check_file(
     if interpolation is not None:
         check_interpolation(interpolation)
     within = Tolerances() if tolerances is None else tolerances
+    expect(within, Tolerances, "tolerances", "Tolerances or None")
 
     def judge(motion: Trajectory) -> _Found:
         found = verify(problem, motion, within)
-        return _Found(found.violations, found, found.ok)
+        return _Found(found.violations, found)
 
     return _check(problem, path, judge, interpolation)
 
@@ -240,7 +247,7 @@ def _check(
     found = judge(joined.trajectory)
     return ExportCheck(
         path,
-        found.ok and not refusals,
+        not (found.violations or refusals),
         str(joined),
         refusals,
         found.violations,
@@ -284,13 +291,6 @@ def _others(dt: float | None) -> list[float | None]:
 
 
 @dataclass(frozen=True)
-class _Found:
-    violations: tuple[Excess, ...]
-    verification: Verification | None
-    ok: bool
-
-
-@dataclass(frozen=True)
 class _Judge:
     """Judges what readers make of a motion that was planned."""
 
@@ -302,12 +302,12 @@ class _Judge:
         problem, known = self.solution.problem, self.solution.verification
         tolerances = self.solution.options.tolerances
         if known is not None and known.ok and self._is_planned(motion):
-            return _Found((), known, True)
+            return _Found((), known)
         broken = tuple(excesses(problem, motion, CLEARLY * tolerances.limits))
         if broken:
-            return _Found(broken, None, False)
+            return _Found(broken, None)
         found = verify(problem, motion, tolerances)
-        return _Found(found.violations, found, found.ok)
+        return _Found(found.violations, found)
 
     def _is_planned(self, motion: Trajectory) -> bool:
         """Whether a motion is the planned one, up to rounding."""

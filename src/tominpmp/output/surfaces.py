@@ -288,20 +288,11 @@ def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
 
 
 def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
-    """Where each distinct row stands first, and which of them each row is.
-
-    Sorting words of eight bytes is much faster than sorting rows.
-    """
-    padded = np.zeros((len(rows), -(-rows.shape[1] // 8) * 8), dtype=np.uint8)
-    padded[:, : rows.shape[1]] = rows
-    words = padded.view(np.uint64)
-    order = np.lexsort(words.T)
-    ordered = words[order]
-    new = np.ones(len(rows), dtype=np.bool_)
-    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    back = np.empty(len(rows), dtype=np.int64)
-    back[order] = np.cumsum(new) - 1
-    return order[new], back
+    """Where each distinct row stands first, and which of them each row is."""
+    words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))).view(np.uint32)
+    unique: Any = trimesh.grouping.unique_rows
+    first, back = unique(words)
+    return first.astype(np.int64), back.astype(np.int64)
 
 
 def _corner_normals(

@@ -24,15 +24,13 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.scene.mesh_sizes import expanded_size
+from tominpmp.description.mesh_sizes import check_expanded
 
 # A mesh with more would take minutes and gigabytes, also in a collision checker.
 MAX_BYTES = 100_000_000
 MAX_TRIANGLES = 1_000_000
 # Formats that other packages read take a multiple of their size.
 MAX_OTHER_BYTES = 20_000_000
-# What their shapes may take, each as often as it is shown [bytes].
-MAX_EXPANDED = 3 * MAX_OTHER_BYTES
 OTHERS = (".dae", ".glb", ".gltf", ".off", ".ply")
 # What archives begin with: a small one may hold any amount.
 ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
@@ -187,12 +185,7 @@ def _read_other(path: Path, data: bytes) -> tuple[Array, IntArray]:
     import trimesh  # heavy, and few scenes need it
 
     try:
-        size = expanded_size(suffix, data, path)
-        if size > MAX_EXPANDED:
-            raise MeshFileError(
-                f"its {len(data)} bytes say that it holds shapes of {size:g}, more "
-                f"than {MAX_EXPANDED}"
-            )
+        check_expanded(path, data)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of files that break their standard
             options: Any = {"process": False, "skip_materials": True}

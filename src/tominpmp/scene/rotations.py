@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, frozen_array, real_array
 from tominpmp.exceptions import SceneError, brief
@@ -62,12 +63,5 @@ def _from_quaternion(value: Array, obstacle: str) -> Array:
             "(x, y, z, w): its length must not be zero",
             obstacle,
         )
-    value = value / largest  # so that no square overflows
-    x, y, z, w = value / np.linalg.norm(value)
-    return frozen_array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    # Divided first, so that no square overflows.
+    return frozen_array(Rotation.from_quat(value / largest).as_matrix())

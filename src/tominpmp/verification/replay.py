@@ -110,7 +110,8 @@ def torque_curve(
         Torques at times inside the pieces, shape (m,) to (m, n).
     """
     friction, count = robot.friction, breaks.size - 1
-    if trajectory.inverse_dynamics is None or not np.any(friction):
+    inverse = trajectory.inverse_dynamics
+    if inverse is None or not np.any(friction):
         return lambda times: trajectory(times).u
     inside = (np.arange(LOOKS) + 0.5) / LOOKS
     times = breaks[:-1, None] + np.diff(breaks)[:, None] * inside
@@ -122,12 +123,13 @@ def torque_curve(
     ways = directions(v, a)
 
     def curve(times: Array) -> Array:
-        state = trajectory(times)
+        state = smooth(times)
         piece = np.searchsorted(breaks, times, side="right") - 1
         way = ways[np.clip(piece, 0, count - 1)]
         unsure = (np.abs(state.v) <= STANDSTILL) & (way != 0.0)
         change = np.where(unsure, way - directions(state.v, state.a), 0.0)
-        return np.asarray(state.u + friction * change)
+        u = inverse(state.q, state.v, state.a)
+        return np.asarray(u + friction * change)
 
     return curve
 

@@ -16,34 +16,41 @@ from xml.etree.ElementTree import Element
 
 from tominpmp.description.xml_reader import parse_xml
 
+# Endings of files that may show a shape more than once.
+MAY_REPEAT = (".dae", ".glb", ".gltf")
 # What showing a shape takes beside the shape, and a number of one [bytes].
 INSTANCE = 2000
 NUMBER = 16
+# What shapes may take beside twice the size of their file [bytes].
+MAX_EXPANDED = 50_000_000
 
 
-def expanded_size(suffix: str, data: bytes, path: Path) -> float:
-    """Bytes that the shapes of a file take, each as often as it is shown.
+def check_expanded(path: Path, data: bytes) -> None:
+    """Check that the shapes of a mesh file, each as often as it is shown, take little.
 
     Args:
-        suffix: Ending of its name, which says what it is.
+        path: The file, whose ending says what it is.
         data: Its content.
-        path: The file.
-
-    Returns:
-        An estimate from above, infinite where a shape contains itself; the size of the
-        file where shapes cannot be shown twice.
 
     Raises:
+        ValueError: If they take much more than the file.
         Exception: Of any kind, if the file is not what its name says.
     """
+    suffix = path.suffix.lower()
+    size = 0.0
     if suffix == ".dae":
-        return _collada_size(parse_xml(data, path))
-    if suffix == ".glb":
+        size = _collada_size(parse_xml(data, path))
+    elif suffix == ".glb":
         (length,) = struct.unpack("<I", data[12:16])
-        return _gltf_size(json.loads(data[20 : 20 + length]), path)
-    if suffix == ".gltf":
-        return _gltf_size(json.loads(data), path)
-    return len(data)
+        size = _gltf_size(json.loads(data[20 : 20 + length]), path)
+    elif suffix == ".gltf":
+        size = _gltf_size(json.loads(data), path)
+    most = MAX_EXPANDED + 2 * len(data)
+    if size > most:
+        raise ValueError(
+            f"{path.name} says in {len(data)} bytes that it holds shapes of {size:g}, "
+            f"more than {most}"
+        )
 
 
 def _gltf_size(document: Mapping[str, Any], path: Path) -> float:

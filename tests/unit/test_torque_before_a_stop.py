@@ -1,0 +1,113 @@
+"""Torques just before a stop are against the friction that there is until then.
+
+A joint that is brought to rest with a bounded jerk is slower than rounding tells for
+the last microseconds. The sign of its velocity was then taken for that of the
+acceleration, which before a stop is the opposite: the torque was off by twice the dry
+friction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sample_arms import DOWNWARD, make_arm, rod
+
+import tominpmp as tm
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.verification.replay import torque_curve
+
+FRICTION = np.array([2.0, 1.5])
+# How far and which way the joints go; and times from an end, down to microseconds [s].
+WAY = np.array([0.3, -0.002])
+BEFORE = np.array([1e-4, 2e-5, 5e-6, 1e-6])
+
+
+def arm() -> tm.Robot:
+    return make_arm(
+        rod(2.0, 0.5),
+        rod(1.0, 0.4),
+        effort=[40.0, 15.0],
+        gravity=DOWNWARD,
+        friction=FRICTION,
+    )
+
+
+def from_rest_to_rest(degree: int, robot: tm.Robot) -> tm.Trajectory:
+    """A second of movement, its acceleration bounded or falling to zero at its ends."""
+    t = np.concatenate([[0.0, 1e-3], np.linspace(0.1, 0.9, 9), [0.999, 1.0]])
+    s = t[:, None]
+    q, v, a = (
+        WAY * (s**3 / 3 - s**4 / 2 + s**5 / 5),
+        WAY * (s - s**2) ** 2,
+        WAY * 2 * (s - s**2) * (1 - 2 * s),
+    )
+    if degree == 2:
+        a = np.sign(WAY) * np.where(s[1:] <= 0.5, 1.0, -1.0) * 1e-4
+        h = np.diff(t)[:, None]
+        v = np.vstack([0.0 * WAY, np.cumsum(h * a, axis=0)])
+        v[-1] = 0.0
+        steps = h * v[:-1] + 0.5 * h**2 * a
+        q = np.vstack([0.0 * WAY, np.cumsum(steps, axis=0)])
+    inverse = RobotDynamics(robot).inverse
+    at_nodes = a if len(a) == len(t) else np.vstack([a, a[-1:]])
+    u = inverse(q, v, at_nodes)
+    kept = None if degree == 3 else a
+    return tm.Trajectory(robot.joint_names, t, q, v, u, kept, inverse)
+
+
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_friction_is_that_of_the_movement_until_it_ends(degree: int) -> None:
+    robot = arm()
+    motion = from_rest_to_rest(degree, robot)
+    after, before = BEFORE, motion.duration - BEFORE
+    free = RobotDynamics(robot, dry=False).inverse
+    for times in (after, before):
+        state = motion(times)
+        dry = state.u - free(state.q, state.v, state.a)
+        # Within a trace of rest an arm may stand; it is never pulled the other way.
+        still = (np.abs(state.v) < 1e-6) & (np.abs(state.a) < 1e-6)
+        expected = np.where(still, 0.0, FRICTION * np.sign(WAY))
+        assert np.allclose(dry, expected, atol=1e-7)
+        assert not np.all(still[1:])
+
+
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_the_replay_has_the_same_friction(degree: int) -> None:
+    robot = arm()
+    motion = from_rest_to_rest(degree, robot)
+    times = np.concatenate([BEFORE, 0.5 - BEFORE, 0.5 + BEFORE, 1.0 - BEFORE])
+    curve = torque_curve(robot, motion, motion.t)(times)
+    free = RobotDynamics(robot, dry=False).inverse
+    dry = curve - free(*motion(times)[:3])
+    assert np.allclose(dry, FRICTION * np.sign(WAY), atol=1e-7)
+
+
+def test_a_joint_that_turns_at_a_node_has_each_way_until_then() -> None:
+    robot = arm()
+    inverse = RobotDynamics(robot).inverse
+    t = np.array([0.0, 1.0, 2.0])
+    a = np.array([[-1e-4, 2e-4], [-1e-4, 2e-4]])
+    v = np.array([[1e-4, -2e-4], [0.0, 0.0], [-1e-4, 2e-4]])
+    q = np.array([[0.0, 0.0], [5e-5, -1e-4], [0.0, 0.0]])
+    u = inverse(q, v, np.vstack([a, a[-1:]]))
+    motion = tm.Trajectory(robot.joint_names, t, q, v, u, a, inverse)
+    state = motion(np.array([1.0 - 1e-7, 1.0, 1.0 + 1e-7]))
+    dry = state.u - RobotDynamics(robot, dry=False).inverse(*state[:3])
+    assert np.allclose(dry / FRICTION, [[1, -1], [-1, 1], [-1, 1]], atol=1e-7)
+
+
+def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
+    robot = arm()
+    problem = tm.Problem(
+        robot,
+        [-1.6, 0.0],
+        tm.JointGoal([-1.4, 0.05]),
+        motion_limits=tm.MotionLimits(acceleration=2.0, jerk=20.0),
+    )
+    motion = tm.plan(problem).raise_if_failed().trajectory
+    assert motion is not None
+    state = motion(motion.duration - np.array([4e-5, 2e-5, 1e-5, 5e-6, 2e-6, 1e-6]))
+    dry = state.u - RobotDynamics(robot, dry=False).inverse(*state[:3])
+    still = (np.abs(state.v) < 1e-6) & (np.abs(state.a) < 1e-6)
+    assert np.any((np.abs(state.v) < 1e-10) & ~still)
+    assert np.allclose(dry, np.where(still, 0.0, FRICTION * np.sign(dry[0])), atol=1e-7)
