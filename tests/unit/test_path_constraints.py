@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -102,10 +104,11 @@ def test_an_arm_of_three_joints_keeps_its_tool_speed(method):
     assert "speed of frame tip" in solution.verification.worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"method": "collocation"}])
 def test_a_cup_is_kept_upright_on_its_way(options):
-    free = tm.plan(panda(beside()), **options)
-    solution = tm.plan(panda(beside(), level()), **options)
+    free = tm.plan(panda(beside()), starts=1, **options)
+    solution = tm.plan(panda(beside(), level()), starts=1, **options)
     assert free.success and solution.success, solution.message
     assert largest(free, level()) > 0.12
     assert largest(solution, level()) < 0.101
@@ -113,11 +116,12 @@ def test_a_cup_is_kept_upright_on_its_way(options):
     assert solution.verification.worst["tilt of frame panda_hand_tcp"].share < 0.01
 
 
+@pytest.mark.slow
 def test_both_hold_among_obstacles():
     ball = tm.Sphere("ball", radius=0.07, position=(0.45, -0.2, 0.55))
     limit = tm.ToolSpeed("panda_hand_tcp", 1.0)
     problem = panda(beside(), level(), limit, scene=tm.Scene([ball]), margin=0.01)
-    solution = tm.plan(problem)
+    solution = tm.plan(problem, starts=1)
     assert solution.success, solution.message
     assert largest(solution, level()) < 0.101
     assert largest(solution, limit) < 1.01
@@ -233,3 +237,21 @@ def test_problems_with_constraints_can_be_copied_and_sent():
         assert other.constraints == problem.constraints
         assert other == problem
     assert tm.Problem(problem.robot, problem.q_start, problem.goal) != problem
+
+
+def test_the_command_line_takes_constraints(tmp_path):
+    path = tmp_path / "motion.csv"
+    words = [sys.executable, "-m", "tominpmp", "plan", "planar3r"]
+    words += ["--start", "0.5,1.7,-1.7", "--goal", "0.5,1.2,-1.2"]
+    words += ["--gravity", "0,0,0", "--output", str(path)]
+    words += ["--constraint", "tool_speed:frame=tip:limit=1.5"]
+    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    motion = tm.load_motion(path)
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
+    ready = tm.ToolSpeed("tip", 1.5).on(robot)
+    assert ready.measures(States(motion.t, motion.q, motion.v, motion.a)).max() < 1.515
+    words[-1] = "tool_speed:frame=tip:limit=fast"
+    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert "limit is 'fast', expected a positive number" in " ".join(run.stderr.split())

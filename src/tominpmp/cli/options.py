@@ -124,6 +124,9 @@ class ProblemOptions(SceneOptions):
         margin (LENGTH): Distance to keep from obstacles (m).
         self_collision: Whether the links keep clear of each other too. Default: they
             do.
+        constraint (KIND:KEY=VALUE:...): Something that holds all along the motion,
+            repeatable: tool_speed:frame=F:limit=V (m/s) or
+            keep_upright:frame=F:axis=X,Y,Z:direction=X,Y,Z:tolerance=A (rad).
         motion_limits (FILE): Limits of accelerations, jerks, torque rates and torques
             over speed: .yaml, see examples/panda_motion_limits.yaml. Those below go
             before it.
@@ -140,6 +143,7 @@ class ProblemOptions(SceneOptions):
     request: Path | None = None
     margin: float | None = field(default=None, metadata=SCENE)
     self_collision: bool | None = field(default=None, metadata=SCENE)
+    constraint: list[str] | None = None
     motion_limits: Path | None = field(default=None, metadata=ROBOT)
 
 

@@ -19,6 +19,7 @@ from tominpmp.cli.options import (
     is_scenario,
 )
 from tominpmp.cli.text_values import (
+    constraint,
     joint_pairs,
     joint_values,
     obstacle,
@@ -40,7 +41,7 @@ from tominpmp.scenario.scenario import load_scenario
 from tominpmp.scene import Scene
 
 # What the command line may say beside a file that holds the whole problem.
-KEPT = ("margin", "self_collision", "motion_limits")
+KEPT = ("margin", "self_collision", "motion_limits", "constraint")
 GOALS = ("goal", "goal_position", "goal_pose")
 
 
@@ -64,6 +65,7 @@ def load_problem(
         for name in ("margin", "self_collision")
         if getattr(said, name) is not None
     }
+    asked_for = tuple(constraint(text) for text in said.constraint or ())
     if is_scenario(asked.robot):
         _refuse("a scenario file", said, KEPT)
         scenario = load_scenario(asked.robot)
@@ -77,11 +79,14 @@ def load_problem(
         arm = load_changed_robot(asked.robot, said, request_locks(source, said.request))
         problem, beside = load_moveit(arm, said.scene, said.request, **beside), {}
     else:
+        beside["constraints"] = asked_for
         return _typed_problem(asked, beside), chosen
     limits = _limits(asked, problem.robot)
     if limits is not None:
         own_limits = problem.motion_limits
         beside["motion_limits"] = limits.over(own_limits, problem.robot.joint_names)
+    if asked_for:
+        beside["constraints"] = (*problem.constraints, *asked_for)
     return replace(problem, **beside) if beside else problem, chosen
 
 

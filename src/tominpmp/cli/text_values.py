@@ -11,11 +11,13 @@ from typing import Any, cast
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints import PathConstraint
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError, SceneError
 from tominpmp.robot import Robot
 from tominpmp.scenario.records import classes
 from tominpmp.scene import HeightField, Obstacle, OcTree
 
+CONSTRAINT_FORM = "KIND:KEY=VALUE:..., for example tool_speed:frame=tip:limit=0.5"
 OBSTACLE_FORM = "KIND:NAME:KEY=VALUE:..., for example sphere:ball:r=0.1:at=0.5,0,0.3"
 
 
@@ -200,6 +202,20 @@ def obstacle(text: str) -> Obstacle:
     except OptionsError as error:
         raise SceneError(f"--obstacle {text!r}: {error}", name or None) from error
     return cast("Obstacle", made)
+
+
+def constraint(text: str) -> PathConstraint:
+    """Read a constraint: ``KIND:KEY=VALUE:...``, with its fields as keys.
+
+    Raises:
+        ProblemError: If anything in it is wrong.
+    """
+    kind, *items = text.split(":")
+    kinds = classes(PathConstraint, "")
+    try:
+        return cast("PathConstraint", _record(kind, items, kinds, CONSTRAINT_FORM))
+    except (OptionsError, ProblemError) as error:
+        raise ProblemError(f"--constraint {text!r}: {error}", "constraints") from error
 
 
 def _record(
