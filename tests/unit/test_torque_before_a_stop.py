@@ -14,7 +14,9 @@ from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.replay import torque_curve
+from tominpmp.verification.task import Task
 
 FRICTION = np.array([2.0, 1.5])
 # How far and which way the joints go; and times from an end, down to microseconds [s].
@@ -111,3 +113,16 @@ def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
     still = (np.abs(state.v) < 1e-6) & (np.abs(state.a) < 1e-6)
     assert np.any((np.abs(state.v) < 1e-10) & ~still)
     assert np.allclose(dry, np.where(still, 0.0, FRICTION * np.sign(dry[0])), atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["collocation", "adjoint"])
+def test_accelerations_of_given_torques_are_those_before_the_stop(method: str) -> None:
+    """The certificate had those of the opposite friction at the end of a motion."""
+    problem = tm.Problem(arm(), [-1.6, 0.0], tm.JointGoal([-1.3, 0.001]))
+    solution = tm.plan(problem, tm.Options(method=method)).raise_if_failed()
+    motion = solution.trajectory
+    assert motion is not None
+    assert motion.inverse_dynamics is None
+    found = Motion.of(Task.of(problem), motion).a[-1]
+    cubic = motion(motion.duration).a
+    assert np.allclose(found, cubic, rtol=1e-3, atol=1e-3 * np.abs(cubic).max())

@@ -8,8 +8,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.dynamics import InverseJacobians, directions
+from tominpmp.dynamics import InverseJacobians
 from tominpmp.trajectory import Trajectory
+from tominpmp.verification.resistance import friction_at_ends
 from tominpmp.verification.task import Task
 from tominpmp.verification.variations import (
     HAIR,
@@ -106,7 +107,7 @@ class Motion:
         a = ends.a
         if trajectory.inverse_dynamics is None:
             x = np.concatenate([ends.q, ends.v], axis=1)
-            dry = task.problem.robot.friction * directions(ends.v, ends.a)
+            dry = friction_at_ends(task.problem.robot, trajectory, t, ends)
             a = task.dynamics.forward(x, ends.u - dry)[:, n:]
         parts = task.dynamics.inverse_jacobians(ends.q, ends.v, a)
         a, u = a.reshape(-1, 2, n), ends.u.reshape(-1, 2, n)

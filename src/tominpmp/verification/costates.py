@@ -13,11 +13,10 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.dynamics import directions
-from tominpmp.trajectory import State
 from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.first_order import FirstOrder
 from tominpmp.verification.replay import Replay
+from tominpmp.verification.resistance import overcoming
 
 # Steps of an interval; even, so that one ends in the middle.
 STEPS = 4
@@ -54,7 +53,8 @@ def integrate_costates(
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    slope = motion.task.dynamics.forward_jacobians(x, _overcoming(motion, state)).f_x
+    left = overcoming(motion.task.problem.robot, motion.trajectory, state)
+    slope = motion.task.dynamics.forward_jacobians(x, left).f_x
     steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)
     out = np.empty((changes.N + 1, 2 * n))
@@ -71,15 +71,6 @@ def integrate_costates(
             p = p + found.jumps[k - 1]
     out[0] = p
     return out
-
-
-def _overcoming(motion: Motion, state: State) -> Array:
-    """Torques that dry friction leaves of those of a motion, shape (m, n)."""
-    task = motion.task
-    if motion.trajectory.inverse_dynamics is not None:
-        return task.dynamics.inverse(state.q, state.v, state.a)
-    dry = task.problem.robot.friction * directions(state.v, state.a)
-    return np.asarray(state.u - dry)
 
 
 def _transitions(slope: Array, h: Array) -> Array:
