@@ -39,6 +39,7 @@ if not __package__:  # run as a file
 
 from benchmarks.cell_arms import inverse, read_member
 from benchmarks.cell_clearance import Cell, read_obstacle
+from benchmarks.cell_dynamics import Plant
 from benchmarks.cell_movement import Movement, read_movement
 from benchmarks.exact_geometry import Array
 
@@ -49,9 +50,6 @@ DEVIATION = 1e-3  # [rad or m] from the movement
 FEEDBACK = 2e-3  # of the range of the torque
 RATE = 30.0  # of that feedback [1/s]
 TIME_STEP = 1e-3
-# Slower joints go where their piece of the motion does; where they accelerate by less
-# than STANDING too [rad/s and rad/s^2], dry friction is what keeps them there.
-SLOW, STANDING = 1e-9, 2e-6
 
 
 class Judge:
@@ -71,22 +69,7 @@ class Judge:
         self.low, self.high = np.hstack([m.position_limits() for m in self.members])
         self.speed = np.concatenate([m.velocityLimit for m in stack])
         self.effort = np.concatenate([m.effortLimit for m in stack])
-        self.friction = np.concatenate([m.friction for m in self.members])
-        self.way = np.array([self._goes(p) for p in self.pieces])
-
-    @property
-    def pieces(self) -> range:
-        """Pieces of the movement with smooth torques."""
-        return range(len(self.movement.breaks) - 1)
-
-    def _goes(self, p: int) -> Array:
-        """Which way joints go in a piece; where it is too short, in its interval."""
-        move, s = self.movement, np.linspace(0.0, 1.0, 21)
-        own = _way(move.state(p, s)[1])
-        middle = 0.5 * (move.breaks[p] + move.breaks[p + 1])
-        v = move.between(int(np.searchsorted(move.t, middle)) - 1, s)[1]
-        turns = (v.max(axis=0) > SLOW) & (v.min(axis=0) < -SLOW)
-        return np.where((own == 0.0) & ~turns, _way(v), own)
+        self.plant = Plant(self.members, movement)
 
     def check(self, ok: bool, sentence: str) -> None:
         """Note a fault; figures that are no numbers make ``ok`` false."""
@@ -127,7 +110,7 @@ class Judge:
         excess = dict.fromkeys(
             ("position", "velocity", "effort", "acceleration", "jerk", "torque"), -1.0
         )
-        for k in self.pieces:
+        for k in move.pieces:
             q, v, a, jerk = move.state(k, s)
             u = move.torque(k, s)
             width = np.where(np.isfinite(self.high - self.low), self.high - self.low, 1)
@@ -154,27 +137,15 @@ class Judge:
     ) -> Array:
         """Torque given less torque needed."""
         need = inverse(self.members, *state)
-        return np.asarray(np.abs(u - need - self._dry(p, state, u)))
-
-    def _dry(self, p: int, state: tuple[Array, Array, Array], u: Array) -> Array:
-        """Dry friction of a piece: of the way it goes, or what holds joints at rest."""
-        _, v, a = state
-        way = np.where(np.abs(v) > SLOW, np.sign(v), self.way[p])
-        stands = (np.abs(v) < STANDING) & (np.abs(a) < STANDING) | (way == 0.0)
-        dry = self.friction * way
-        if not np.any(stands & (self.friction > 0.0)):
-            return np.asarray(dry)
-        left = u - inverse(self.members, *state)
-        return np.where(stands, np.clip(left, -self.friction, self.friction), dry)
+        return np.asarray(np.abs(u - need - self.plant.dry(p, state, u)))
 
     def replay(self) -> tuple[Array, Array, Array]:
         """Integrate the torques from the start, with a trace of feedback."""
         move = self.movement
         n = move.q.shape[1]
-        scratch = [member.arm.model.createData() for member in self.members]
         x = np.concatenate([self.case["q_start"], self.case["v_start"]])
         times, states, trace = [np.zeros(1)], [x], np.zeros(n)
-        for k in self.pieces:
+        for k in move.pieces:
             begin, end = move.breaks[k], move.breaks[k + 1]
             h = end - begin
 
@@ -188,13 +159,13 @@ class Judge:
                 # The sign of dry friction is that of the movement: this is what makes
                 # the integration one of smooth functions; the feedback answers for the
                 # rest.
-                left = u - self._dry(k, (q, v, a), u)
+                left = u - self.plant.dry(k, (q, v, a), u)
                 return left[0], pull, v[0]
 
             def slope(t: float, x: Array) -> Array:
                 left, pull, planned = parts(t, x)
                 return np.concatenate(
-                    [x[n:], self._forward(scratch, x, left, pull, planned)]
+                    [x[n:], self.plant.forward(x, left, pull, planned)]
                 )
 
             steps = max(1, int(np.ceil(h / TIME_STEP - 1e-9)))
@@ -209,7 +180,7 @@ class Judge:
             times.append(out.t)
             states.extend(out.y.T)
             _, pull, _ = parts(float(ticks[-1]), x)
-            trace = np.maximum(trace, np.abs(self._mass_times(scratch, x[:n], pull)))
+            trace = np.maximum(trace, np.abs(self.plant.mass_times(x[:n], pull)))
         t, path = np.concatenate(times), np.array(states)
         share = float(np.max(trace / (2.0 * self.effort)))
         self.figures["feedback"] = share
@@ -228,32 +199,6 @@ class Judge:
         near = away <= DEVIATION or move.held
         self.check(near, f"replay leaves the movement by {away:.1e}")
         return t, path[:, :n], path[:, n:]
-
-    def _mass_times(self, scratch: list[Any], q: Array, pull: Array) -> Array:
-        out, begin = np.empty_like(pull), 0
-        for member, data in zip(self.members, scratch, strict=True):
-            part = slice(begin, begin + member.n)
-            place = member.configuration(q[part])
-            inertia = np.triu(pin.crba(member.arm.model, data, place))
-            out[part] = (inertia + np.triu(inertia, 1).T) @ pull[part]
-            begin += member.n
-        return out
-
-    def _forward(
-        self, scratch: list[Any], x: Array, left: Array, pull: Array, planned: Array
-    ) -> Array:
-        """Accelerations by what dry friction leaves of the torques."""
-        n, begin = len(left), 0
-        force = left + self._mass_times(scratch, x[:n], pull)
-        out = np.empty(n)
-        for member, data in zip(self.members, scratch, strict=True):
-            part = slice(begin, begin + member.n)
-            q, v = member.configuration(x[:n][part]), x[n:][part]
-            own = force[part] - member.arm.damping * v
-            out[part] = pin.aba(member.arm.model, data, q, v, own)
-            begin += member.n
-        resting = (self.friction > 0.0) & (planned == 0.0)
-        return np.where(resting, pull, out)
 
     def goal(self, q: Array, v: Array) -> None:
         """Where the replay ends."""
@@ -299,12 +244,6 @@ class Judge:
         found = cell.at(near).closest(dense)
         text = f"room of {found.distance * 1e3:.4f} mm between samples of {names}"
         self.check(found.distance > 2.0 * least, text)
-
-
-def _way(v: Array) -> Array:
-    """Signs of the largest velocities of columns, 0 where all are slow."""
-    fastest = np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0]
-    return np.where(np.abs(fastest) > SLOW, np.sign(fastest), 0.0)
 
 
 def main() -> int:

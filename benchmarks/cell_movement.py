@@ -38,10 +38,20 @@ class Movement:
     u: Array
     held: bool
 
+    @property
+    def pieces(self) -> range:
+        """Pieces with smooth torques."""
+        return range(len(self.breaks) - 1)
+
+    def interval(self, p: int) -> int:
+        """The interval between nodes that a piece is in."""
+        middle = 0.5 * (self.breaks[p] + self.breaks[p + 1])
+        return int(np.searchsorted(self.t, middle)) - 1
+
     def state(self, p: int, s: Array) -> tuple[Array, Array, Array, Array]:
         """Position, velocity, acceleration, jerk at shares s of piece p."""
         begin, end = self.breaks[p], self.breaks[p + 1]
-        k = int(np.searchsorted(self.t, 0.5 * (begin + end))) - 1
+        k = self.interval(p)
         first, last = (np.array([begin, end]) - self.t[k]) / (self.t[k + 1] - self.t[k])
         return self.between(k, first + s * (last - first))
 

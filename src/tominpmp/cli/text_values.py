@@ -257,7 +257,7 @@ def _record(
             raise OptionsError(f"{item!r}: the keys of a {kind} are {keys}")
         if key in values:
             raise OptionsError(f"{SHORT.get(key, key)} is given twice")
-        values[key] = _entry(value, key)
+        values[key] = value if known[key].type == "str" else _entry(value, key)
     bare = [k for k, f in known.items() if f.default is f.default_factory is MISSING]
     lacking = [SHORT.get(k, k) for k in (*bare, *needed) if k not in values]
     if lacking:

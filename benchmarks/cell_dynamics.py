@@ -1,0 +1,83 @@
+"""How the arms of a cell move under torques, without the library."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.cell_arms import Member, inverse
+from benchmarks.cell_movement import Movement
+from benchmarks.exact_geometry import Array
+
+# Slower joints go where their piece of the motion does; where they accelerate by less
+# than STANDING too [rad/s and rad/s^2], dry friction is what keeps them there.
+SLOW, STANDING = 1e-9, 2e-6
+
+
+class Plant:
+    """All arms of a cell on a movement, whose way tells the sign of dry friction.
+
+    Attributes:
+        members: The arms.
+        movement: What they are to do.
+        friction: Dry friction of all joints, shape (n,) [N m or N].
+        way: Which way the joints go in each piece of the movement, shape (P, n).
+    """
+
+    def __init__(self, members: Sequence[Member], movement: Movement) -> None:
+        self.members, self.movement = members, movement
+        self.friction = np.concatenate([m.friction for m in members])
+        self.way = np.array([self._goes(p) for p in movement.pieces])
+        self._scratch = [member.arm.model.createData() for member in members]
+
+    def _goes(self, p: int) -> Array:
+        """Which way joints go in a piece; where it is too short, in its interval."""
+        move, s = self.movement, np.linspace(0.0, 1.0, 21)
+        own = _way(move.state(p, s)[1])
+        v = move.between(move.interval(p), s)[1]
+        turns = (v.max(axis=0) > SLOW) & (v.min(axis=0) < -SLOW)
+        return np.where((own == 0.0) & ~turns, _way(v), own)
+
+    def dry(self, p: int, state: tuple[Array, Array, Array], u: Array) -> Array:
+        """Dry friction of a piece: of the way it goes, or what holds joints at rest."""
+        _, v, a = state
+        way = np.where(np.abs(v) > SLOW, np.sign(v), self.way[p])
+        stands = (np.abs(v) < STANDING) & (np.abs(a) < STANDING) | (way == 0.0)
+        dry = self.friction * way
+        if not np.any(stands & (self.friction > 0.0)):
+            return np.asarray(dry)
+        left = u - inverse(self.members, *state)
+        return np.where(stands, np.clip(left, -self.friction, self.friction), dry)
+
+    def mass_times(self, q: Array, pull: Array) -> Array:
+        """What it takes to accelerate the arms."""
+        out, begin = np.empty_like(pull), 0
+        for member, data in zip(self.members, self._scratch, strict=True):
+            part = slice(begin, begin + member.n)
+            place = member.configuration(q[part])
+            inertia = np.triu(pin.crba(member.arm.model, data, place))
+            out[part] = (inertia + np.triu(inertia, 1).T) @ pull[part]
+            begin += member.n
+        return out
+
+    def forward(self, x: Array, left: Array, pull: Array, planned: Array) -> Array:
+        """Accelerations by what dry friction leaves of the torques."""
+        n, begin = len(left), 0
+        force = left + self.mass_times(x[:n], pull)
+        out = np.empty(n)
+        for member, data in zip(self.members, self._scratch, strict=True):
+            part = slice(begin, begin + member.n)
+            q, v = member.configuration(x[:n][part]), x[n:][part]
+            own = force[part] - member.arm.damping * v
+            out[part] = pin.aba(member.arm.model, data, q, v, own)
+            begin += member.n
+        resting = (self.friction > 0.0) & (planned == 0.0)
+        return np.where(resting, pull, out)
+
+
+def _way(v: Array) -> Array:
+    """Signs of the largest velocities of columns, 0 where all are slow."""
+    fastest = np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0]
+    return np.where(np.abs(fastest) > SLOW, np.sign(fastest), 0.0)
