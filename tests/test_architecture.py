@@ -150,3 +150,47 @@ def test_what_judges_a_motion_knows_nothing_of_what_made_it(path: Path) -> None:
     makers = ("transcription", "solvers", "constraints", "seeding", "refinement")
     names = {name.split(".")[1] for name in imported_names(parse(path)) if "." in name}
     assert not names.intersection(makers)
+
+
+SOURCE = Path(tominpmp.__file__).parent
+# A solution writes itself, and the file that it wrote is judged for it.
+CIRCLES = {frozenset(("tominpmp.output.export_check", "tominpmp.solution"))}
+
+
+def imported_modules(name: str, known: set[str]) -> set[str]:
+    """Modules of the library that a module imports anywhere, for types too."""
+    path = SOURCE / Path(*name.split(".")[1:])
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
+            "tominpmp"
+        ):
+            for item in node.names:
+                longer = f"{node.module}.{item.name}"
+                found.add(longer if longer in known else str(node.module))
+    return found & known - {"tominpmp"}
+
+
+def test_modules_import_each_other_in_no_circle() -> None:
+    names = {
+        ".".join(("tominpmp", *file.relative_to(SOURCE).with_suffix("").parts))
+        for file in SOURCE.rglob("*.py")
+    }
+    names = {name.removesuffix(".__init__") for name in names}
+    links = {name: imported_modules(name, names) for name in names - {"tominpmp"}}
+    reached: dict[str, set[str]] = {}
+    for name in links:
+        seen, waiting = set(), [name]
+        while waiting:
+            for other in links.get(waiting.pop(), ()):
+                if other not in seen:
+                    seen.add(other)
+                    waiting.append(other)
+        reached[name] = seen
+    circles = {
+        frozenset(b for b in seen if name in reached.get(b, ()))
+        for name, seen in reached.items()
+        if name in seen
+    }
+    assert circles <= CIRCLES

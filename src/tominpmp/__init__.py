@@ -71,7 +71,8 @@ if TYPE_CHECKING:
         Waypoints,
     )
     from tominpmp.smoothing import smooth
-    from tominpmp.solution import IterationRecord, Solution, Status
+    from tominpmp.solution import Solution
+    from tominpmp.status import IterationRecord, Status
     from tominpmp.trajectory import Samples, State, Trajectory
     from tominpmp.verification import (
         Certificate,
@@ -168,9 +169,9 @@ _HOMES = {
         "Waypoints",
     ),
     "smoothing": ("smooth",),
-    "solution": (
+    "solution": ("Solution",),
+    "status": (
         "IterationRecord",
-        "Solution",
         "Status",
     ),
     "trajectory": (

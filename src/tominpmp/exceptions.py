@@ -12,10 +12,7 @@ import copyreg
 import reprlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from tominpmp.solution import Solution
+from typing import Any
 
 # Characters of a value that a message shows.
 BRIEF = 80
@@ -215,10 +212,11 @@ class PlanningFailed(TominpmpError):
     """Raised by :meth:`Solution.raise_if_failed` when no plan was found.
 
     Attributes:
-        solution: The solution, with its status, sentence and best motion.
+        solution: The :class:`~tominpmp.solution.Solution`, with its status, sentence
+            and best motion.
     """
 
-    def __init__(self, solution: Solution) -> None:
+    def __init__(self, solution: Any) -> None:
         super().__init__(solution.message)
         self.solution = solution
 

@@ -13,7 +13,7 @@ from tominpmp.arrays import Array, Record, real_array, real_number
 from tominpmp.exceptions import OptionsError, brief, expect
 
 if TYPE_CHECKING:
-    from tominpmp.solution import IterationRecord
+    from tominpmp.status import IterationRecord
 
 Method = Literal["auto", "inverse", "collocation", "adjoint", "penalty"]
 Control = Literal["auto", "constant", "linear", "spline"]

@@ -29,7 +29,8 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.smoothing import smooth
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System

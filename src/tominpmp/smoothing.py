@@ -15,9 +15,10 @@ from tominpmp.attempts.rescue import NUMERICAL
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.options import Options
 from tominpmp.seeding.warm import FormerMotion, former_motion
-from tominpmp.solution import Solution, Status, roughness
+from tominpmp.solution import Solution, roughness
 from tominpmp.solvers.quiet import QuietSolver
 from tominpmp.solvers.rounds import ROUNDS
+from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.exchange import exchanged

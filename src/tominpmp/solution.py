@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +20,7 @@ from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, b
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
+from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -33,55 +33,6 @@ if TYPE_CHECKING:
 
 # Instants whose torques are compared.
 ROUGHNESS_INSTANTS = 100
-
-
-class Status(Enum):
-    """How planning ended; the value is a sentence."""
-
-    CONVERGED = "A locally time-optimal motion was found."
-    FEASIBLE = "A motion that keeps all constraints was found, not the fastest one."
-    ITERATION_LIMIT = "The iteration limit was reached before the time had settled."
-    TIME_LIMIT = "The planning time was used up before the time had settled."
-    INTERRUPTED = "The planning was interrupted."
-    STALLED = "The iteration made no more progress before the time had settled."
-    UNVERIFIED = "A motion was found, but the replay of its torques is not all right."
-    INFEASIBLE = "No motion was found that keeps all constraints."
-    NUMERICAL_FAILURE = "The linear programs could not be solved."
-
-
-@dataclass(frozen=True)
-class IterationRecord:
-    """One iteration of a solver.
-
-    Attributes:
-        iteration: Its number, from 0.
-        duration: T after it [s].
-        violation: Largest violation after it, in the scaled units of the rows.
-        objective: Merit after it [s].
-        predicted: Reduction of the merit that the linear program predicted [s].
-        actual: Reduction that was had [s].
-        radius: Trust region radius, as a share of the initial one.
-        accepted: Whether the step was taken.
-        programs: Linear programs solved in it.
-        pivots: Simplex or interior-point iterations in them.
-        program_seconds: Time spent in them [s].
-        seconds: Time since the start [s].
-        start: Number of the initial guess it belongs to.
-    """
-
-    iteration: int
-    duration: float
-    violation: float
-    objective: float
-    predicted: float
-    actual: float
-    radius: float
-    accepted: bool
-    programs: int
-    pivots: int
-    program_seconds: float
-    seconds: float
-    start: int = 0
 
 
 def roughness(trajectory: Trajectory, limits: JointLimits) -> float:

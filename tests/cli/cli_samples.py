@@ -15,7 +15,8 @@ from tominpmp.description.files import robot_names
 from tominpmp.options import Options, Tolerances
 from tominpmp.output.export_check import ExportCheck
 from tominpmp.problem import Problem
-from tominpmp.solution import IterationRecord, Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 
 START = "0.5,1.7,-1.7"

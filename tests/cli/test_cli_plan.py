@@ -25,7 +25,8 @@ from tominpmp.planner import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.scene import Box, Sphere
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 
 
 def test_start_and_goal(run: Run, planner: Planner) -> None:

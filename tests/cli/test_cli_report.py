@@ -34,7 +34,8 @@ from tominpmp.options import Options
 from tominpmp.output.export import load_motion
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 
 

@@ -8,8 +8,8 @@ from sample_arms import make_arm, slide
 
 import tominpmp as tm
 from tominpmp.linear_programs import make_solver
-from tominpmp.solution import Status
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import Status
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.rollout import rollout

@@ -20,7 +20,7 @@ from tominpmp.attempts import clock
 from tominpmp.attempts.clock import Deadline
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.seeding.warm import former_motion
-from tominpmp.solution import IterationRecord
+from tominpmp.status import IterationRecord
 from tominpmp.transcription.bspline_basis import Basis
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import TRACE, Ticks, ticks_of

@@ -19,7 +19,8 @@ from tominpmp.output.export import export, load_motion
 from tominpmp.output.export_check import check_export
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import verify
 

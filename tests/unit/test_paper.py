@@ -10,8 +10,8 @@ from sample_arms import make_arm, slide
 
 import tominpmp as tm
 from tominpmp.linear_programs import make_solver
-from tominpmp.solution import Status
 from tominpmp.solvers.paper import PaperSolver
+from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System

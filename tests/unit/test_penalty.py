@@ -7,8 +7,8 @@ import pytest
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
-from tominpmp.solution import Status
 from tominpmp.solvers.penalty import PenaltySolver, _Run
+from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System

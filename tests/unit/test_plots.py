@@ -43,7 +43,7 @@ from tominpmp.output.plots import (
     plot_trajectory,
 )
 from tominpmp.problem import Problem
-from tominpmp.solution import IterationRecord
+from tominpmp.status import IterationRecord
 from tominpmp.trajectory import Trajectory
 
 Motions = tuple[Problem, Trajectory, Trajectory]

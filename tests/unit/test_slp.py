@@ -8,10 +8,10 @@ import scipy.sparse as sp
 
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
-from tominpmp.solution import Status
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.solvers.subproblem import build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.status import Status
 from tominpmp.transcription.base import Linearization, Rows, StepBounds
 
 

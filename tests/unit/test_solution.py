@@ -12,7 +12,8 @@ from motion_samples import planar_problem, quintic
 from tominpmp.exceptions import PlanningFailed, ProblemError
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.solution import IterationRecord, Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 
 

@@ -29,7 +29,8 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import LowerBound, lower_bound, replay
 from tominpmp.verification.inertia import energy_bounds, gravity_bounds, inertia_at

@@ -24,7 +24,8 @@ from tominpmp.planner import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.certificate import Certificate

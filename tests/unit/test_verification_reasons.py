@@ -14,7 +14,7 @@ from tominpmp.goals import JointGoal, PositionGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene, Sphere
-from tominpmp.solution import IterationRecord, Status
+from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import explain
 

@@ -9,8 +9,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.verification.nearest import keeps_clear

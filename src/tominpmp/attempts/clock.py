@@ -27,10 +27,11 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.seeding.warm import FormerMotion, former_motion
-from tominpmp.solution import IterationRecord, Solution, Status
+from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import FAR, ROUNDS
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.system import System

@@ -9,7 +9,8 @@ from tominpmp.attempts.attempt import STOPPED, Attempt
 from tominpmp.attempts.watch import Watch
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 from tominpmp.stopping import Stop
 from tominpmp.verification import LowerBound, explain, lower_bound
 from tominpmp.verification.verdict import LONGEST

@@ -17,7 +17,7 @@ from tominpmp.attempts.watch import Watch
 from tominpmp.options import Options
 from tominpmp.robot import JointLimits
 from tominpmp.seeding.warm import FormerMotion, former_motion
-from tominpmp.solution import Status
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.system import System

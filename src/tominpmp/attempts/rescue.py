@@ -11,8 +11,8 @@ from tominpmp.attempts.watch import Watch
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.status import Status
 from tominpmp.stopping import Stop
 
 logger = logging.getLogger(__name__)

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.options import Options
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Iterate
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, Stopper
 from tominpmp.transcription.base import Program
 

@@ -24,7 +24,8 @@ from tominpmp.cli.terminal import (
     logged,
 )
 from tominpmp.options import Options
-from tominpmp.solution import Solution, Status
+from tominpmp.solution import Solution
+from tominpmp.status import Status
 
 # Time that planning has at least, if loading has used up all of it [s].
 LEAST_TIME = 1e-3

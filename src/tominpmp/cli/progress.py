@@ -12,7 +12,7 @@ from rich.status import Status
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from tominpmp.solution import IterationRecord
+    from tominpmp.status import IterationRecord
 
 # Lines in a log come this seldom [s].
 PERIOD = 3.0

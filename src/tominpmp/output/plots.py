@@ -26,7 +26,7 @@ from tominpmp.output.motion_plot import plot_motion
 from tominpmp.output.skeleton import check_motion
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.solution import IterationRecord
+from tominpmp.status import IterationRecord
 from tominpmp.trajectory import State, Trajectory
 
 if TYPE_CHECKING:

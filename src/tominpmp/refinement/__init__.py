@@ -9,8 +9,8 @@ from tominpmp.options import Options
 from tominpmp.refinement.exact import refine_switching
 from tominpmp.refinement.grid import refine_grid
 from tominpmp.refinement.monitor import Monitor
-from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.status import Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.system import System
 

@@ -22,8 +22,8 @@ from tominpmp.refinement.switching import (
     refine_arcs,
     sharpen,
 )
-from tominpmp.solution import Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import driven_joints

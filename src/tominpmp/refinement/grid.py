@@ -21,9 +21,9 @@ from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
 from tominpmp.refinement.flow import march
 from tominpmp.refinement.monitor import Monitor
-from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription

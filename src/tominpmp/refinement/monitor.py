@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Iterate
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import check
 from tominpmp.transcription.base import Program
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolution
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.status import IterationRecord, Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,11 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LinearProgram, LpSolver
 from tominpmp.options import Options
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Effort, Iterate, SlpResult
 from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Linearization, StepBounds

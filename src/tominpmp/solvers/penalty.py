@@ -21,11 +21,11 @@ from scipy.optimize import minimize
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.program import NonlinearProgram

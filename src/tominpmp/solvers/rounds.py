@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solution import Status
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.status import Status
 from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verdict import LONGEST

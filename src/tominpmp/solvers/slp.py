@@ -21,12 +21,12 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
 from tominpmp.options import Options
-from tominpmp.solution import IterationRecord, Status
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, check, grace
 from tominpmp.transcription.base import Program, Variation
 

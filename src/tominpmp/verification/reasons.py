@@ -17,7 +17,7 @@ from tominpmp.goals import FrameGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.solution import IterationRecord, Status
+from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.excess import Excess, limit_excesses
 from tominpmp.verification.nearest import closest
