@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from tominpmp.arrays import Array, frozen_array
 from tominpmp.constraints.path import PathConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
-from tominpmp.goals.direction import deviation
+from tominpmp.goals.direction import cross, deviation
 from tominpmp.robot import Robot
 
 NONE = np.zeros(0)
@@ -88,7 +89,8 @@ class KeepUpright(PathConstraint):
         """The angle [rad]."""
         place = self.kinematics.placement(q, self.frame)
         turned = np.asarray(place.rotation @ self.axis)
-        return float(np.linalg.norm(deviation(turned, self.direction)[0]))
+        sine = float(np.linalg.norm(cross(turned, self.direction)))
+        return math.atan2(sine, float(turned @ self.direction))
 
     def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """Deviation of the axis as two angles [rad]."""

@@ -156,7 +156,7 @@ class Robot(Record):
             self.description, self.locked_joints, pin.GeometryType.VISUAL
         )
 
-    @property
+    @cached_property
     def frame_names(self) -> tuple[str, ...]:
         """Names of all frames: links, joints and whatever is fixed to them."""
         return tuple(frame.name for frame in self.model.frames[1:])
@@ -167,14 +167,21 @@ class Robot(Record):
         Raises:
             FrameNotFound: If there is none of that name, with those there are.
         """
-        # Pinocchio takes texts that UTF-8 can hold, and raises its own errors else.
-        known = isinstance(name, str) and name in self.frame_names
-        if known and self.model.existBodyName(name):
-            return int(self.model.getBodyId(name))
+        index = self._frame_ids.get(name) if isinstance(name, str) else None
+        if index is None:
+            raise FrameNotFound(name, self.frame_names)
+        return index
+
+    @cached_property
+    def _frame_ids(self) -> dict[str, int]:
+        """Indices of the frames by name."""
+        found: dict[str, int] = {}
         for index, frame in enumerate(self.model.frames):
-            if known and frame.name == name:
-                return index
-        raise FrameNotFound(name, self.frame_names)
+            if index > 0:  # the first one is the world's
+                found.setdefault(frame.name, index)
+        bodies = (n for n in found if self.model.existBodyName(n))
+        found.update({name: int(self.model.getBodyId(name)) for name in list(bodies)})
+        return found
 
     def expand(self, q: ArrayLike) -> Array:
         """Configuration of ``model`` at joint positions: S q + c.
