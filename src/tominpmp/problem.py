@@ -181,8 +181,6 @@ class Problem(Record):
             q: Final configuration, shape (n,) [rad or m].
             v: Final velocity, shape (n,).
         """
-        if not isinstance(self.goal, AnyGoal):
-            return self
         return self._with_goal(self.goal.nearest(RobotKinematics(self.robot), q, v))
 
     def _with_goal(self, goal: Goal) -> Problem:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, real_array, real_number
 from tominpmp.exceptions import ProblemError, brief
@@ -187,6 +188,31 @@ class Goal(ABC):
     def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """What the numbers of the residual are, k of them."""
         return (Label("the arm", "rad or m"),) * self.bounds(kinematics)[0].size
+
+    @property
+    def configuration(self) -> Array | None:
+        """Final configuration, if it is given, shape (n,); None else."""
+        return None
+
+    @property
+    def frame_name(self) -> str | None:
+        """Name of the frame that it is about; None if it is about none."""
+        return None
+
+    @property
+    def target(self) -> pin.SE3 | Array | None:
+        """What is to be drawn of it: a pose, or a point in the world, shape (3,)."""
+        return None
+
+    @property
+    def ends_moving(self) -> bool:
+        """Whether it asks for a velocity other than zero."""
+        velocity = getattr(self, "v", None)
+        return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
+
+    def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
+        """The one of several goals that a final state misses by least; this one."""
+        return self
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:

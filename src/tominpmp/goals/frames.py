@@ -61,6 +61,11 @@ class FrameGoal(PlaceGoal):
         """Check that the frame exists."""
         robot.frame_id(self.frame)
 
+    @property
+    def frame_name(self) -> str:
+        """The frame."""
+        return self.frame
+
     @abstractmethod
     def nearest_point(self) -> Array | None:
         """The nearest to the origin of all points allowed; None if all points are."""
@@ -114,6 +119,11 @@ class PositionGoal(Record, FrameGoal):
         self._check_velocity()
         self._check_tolerances()
 
+    @property
+    def target(self) -> Array:
+        """The point."""
+        return self.position
+
     def nearest_point(self) -> Array:
         """The point, or a nearer one within the tolerance."""
         return shortened(self.position, self.tolerance)
@@ -152,6 +162,11 @@ class PoseGoal(Record, FrameGoal):
 
     def _values(self) -> tuple[Any, ...]:
         return pose_values(self)
+
+    @property
+    def target(self) -> pin.SE3:
+        """The pose."""
+        return self.pose
 
     def nearest_point(self) -> Array:
         """Where the pose is, or a nearer point within the tolerance."""

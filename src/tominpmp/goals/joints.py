@@ -43,6 +43,11 @@ class JointGoal(Record, Goal):
             expected = "one number for each joint [rad/s or m/s]"
             object.__setattr__(self, "v", goal_vector(self.v, "goal.v", expected))
 
+    @property
+    def configuration(self) -> Array:
+        """The configuration."""
+        return self.q
+
     def validate(self, robot: Robot) -> None:
         """Check lengths against the number of joints."""
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):

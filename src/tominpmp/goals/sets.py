@@ -65,6 +65,11 @@ class AnyGoal(Record, Goal):
         """The goals."""
         return tuple(self.goals)
 
+    @property
+    def ends_moving(self) -> bool:
+        """Whether any of them asks for a velocity other than zero."""
+        return any(goal.ends_moving for goal in self.goals)
+
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The goal that a final state misses by least, in the worst of its numbers."""
         missed = [

@@ -33,7 +33,6 @@ from tominpmp.output.ros_rules import (
     Refusal,
     controller_needs,
     controller_refusals,
-    ends_moving,
 )
 from tominpmp.problem import Problem
 from tominpmp.recorded import Joined, join
@@ -236,7 +235,7 @@ def _check(
         message = load_message(path)
         samples = message_motion(message, path)
         effort = bool(np.any(np.isfinite(samples.u)))
-        moving = ends_moving(problem.goal)
+        moving = problem.goal.ends_moving
         refusals = controller_refusals(
             message, effort_interface=effort, moving_end=moving
         )

@@ -10,7 +10,6 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.output.figures import (
     GOAL_COLOR,
     OBSTACLE_COLOR,
@@ -142,13 +141,13 @@ def _outline(obstacle: Obstacle, view: View) -> Array | tuple[Array, float]:
 def _goal_point(problem: Problem, frame: str) -> Array | None:
     """Where the end frame is to arrive, shape (3,), if that is known."""
     goal = problem.goal
-    if isinstance(goal, PositionGoal):
-        return goal.position
-    if isinstance(goal, PoseGoal):
-        return np.array(goal.pose.translation)
-    if isinstance(goal, JointGoal):
-        return np.asarray(skeleton(problem.robot, goal.q[None], frame).end[0])
-    return None
+    if goal.configuration is not None:
+        ends = skeleton(problem.robot, goal.configuration[None], frame).end
+        return np.asarray(ends[0])
+    target = goal.target
+    if target is None or isinstance(target, np.ndarray):
+        return target
+    return np.array(target.translation)
 
 
 def _window(

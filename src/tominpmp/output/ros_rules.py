@@ -16,7 +16,6 @@ import numpy as np
 
 from tominpmp.description.fields import Field, shown
 from tominpmp.exceptions import ProblemError, brief, expect
-from tominpmp.goals import AnyGoal, Goal
 from tominpmp.output.ros import POINT_FIELDS
 from tominpmp.output.ros_reader import find_trajectory
 from tominpmp.sampling import BILLION
@@ -118,14 +117,6 @@ def controller_refusals(
         *([] if moving_end else rules.end()),
     ]
     return tuple(broken)
-
-
-def ends_moving(goal: Goal) -> bool:
-    """Whether a goal has a velocity other than zero."""
-    if isinstance(goal, AnyGoal):
-        return any(map(ends_moving, goal.goals))
-    velocity = getattr(goal, "v", None)
-    return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
 
 
 def controller_needs(samples: Samples, moving: bool) -> list[str]:

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError, expect
-from tominpmp.goals import FrameGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Trajectory
@@ -86,8 +85,8 @@ def check_motion(problem: Problem, trajectory: Trajectory) -> None:
 
 def end_frame(problem: Problem) -> str:
     """Name of the frame to watch: that of the goal, else the last at the end."""
-    if isinstance(problem.goal, FrameGoal):
-        return problem.goal.frame
+    if problem.goal.frame_name is not None:
+        return problem.goal.frame_name
     model = problem.robot.model
     depth = [len(model.supports[joint]) for joint in range(model.njoints)]
     last = max(range(model.njoints), key=lambda joint: (depth[joint], joint))

@@ -10,7 +10,6 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array
-from tominpmp.goals import PoseGoal, PositionGoal
 from tominpmp.output.bodies import Body, robot_bodies
 from tominpmp.output.skeleton import Skeleton, View, best_view, end_frame, skeleton
 from tominpmp.output.surfaces import (
@@ -153,20 +152,20 @@ def _animate(viewer: Any, times: Array, moving: list[tuple[str, Array]]) -> None
 
 
 def _goal(node: Any, problem: Problem, size: float) -> None:
-    goal = problem.goal
-    if isinstance(goal, PositionGoal):
+    target = problem.goal.target
+    if isinstance(target, np.ndarray):
         put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR)
         place = np.eye(4)
-        place[:3, 3] = goal.position
+        place[:3, 3] = target
         node.set_transform(place)
-    elif isinstance(goal, PoseGoal):
+    elif target is not None:
         length = TRIAD_LENGTH * size
         rod = moved(cylinder(0.05 * length, length), _shift(length / 2))
         for axis, color in enumerate(TRIAD_COLORS):
             turn = np.eye(4)
             turn[:3, :3] = np.roll(np.eye(3), axis + 1, axis=0)
             put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
-        node.set_transform(np.array(goal.pose.homogeneous))
+        node.set_transform(np.array(target.homogeneous))
 
 
 def _shift(height: float) -> Array:

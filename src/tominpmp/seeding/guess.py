@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.dynamics import directions
-from tominpmp.goals import JointGoal, PlaceGoal
+from tominpmp.goals import PlaceGoal
 from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.seeding.pace import stretch
 from tominpmp.seeding.path import RoundedPath
@@ -217,8 +217,9 @@ def _guesses(
     deadline: float | None,
 ) -> Iterator[Guess]:
     problem = system.problem
-    if isinstance(problem.goal, JointGoal):
-        ends = [problem.goal.q]
+    final = problem.goal.configuration
+    if final is not None:
+        ends = [final]
     elif isinstance(problem.goal, PlaceGoal):
         ends, _ = goal_configurations(system, problem.goal, KINEMATIC_STARTS, rng)
     else:

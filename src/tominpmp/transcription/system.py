@@ -76,8 +76,8 @@ class Watched:
 def _padding(problem: Problem, checker: CollisionChecker) -> Array:
     """Clearance beyond the margin to ask for, by pair [m]."""
     ends = [problem.q_start]
-    if isinstance(problem.goal, JointGoal):
-        ends.append(problem.goal.q)
+    if problem.goal.configuration is not None:
+        ends.append(problem.goal.configuration)
     # No more room than this matters.
     cutoff = problem.margins + PADDING / PADDING_SHARE
     room = checker.distances(np.stack(ends), cutoff) - problem.margins

@@ -19,7 +19,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.goals import AnyGoal
 from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 from tominpmp.verification.active_limits import LimitRows, Motion
 from tominpmp.verification.multipliers import GOAL, TRUST, Collection, Multipliers
@@ -194,9 +193,8 @@ class _Program:
     def _goal(self) -> tuple[sp.csr_matrix, Array, Array]:
         """Rows of the goal with their bounds."""
         system, changes = self.motion.task, self.motion.changes
-        goal, q, v = system.problem.goal, changes.q[-1], changes.v[-1]
-        if isinstance(goal, AnyGoal):
-            goal = goal.nearest(system.kinematics, q, v)
+        q, v = changes.q[-1], changes.v[-1]
+        goal = system.problem.goal.nearest(system.kinematics, q, v)
         value, by_q, by_v = goal.residual(system.kinematics, q, v)
         lower, upper = goal.bounds(system.kinematics)
         loose = lower < upper

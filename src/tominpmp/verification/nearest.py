@@ -10,7 +10,6 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.selection import links_of
-from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
@@ -175,8 +174,8 @@ def touching(
         At the start and at the end, shape (2, pairs) [m].
     """
     ends = [problem.q_start]
-    if isinstance(problem.goal, JointGoal):
-        ends.append(problem.goal.q)
+    if problem.goal.configuration is not None:
+        ends.append(problem.goal.configuration)
     room = checker.distances(np.array(ends), margins + tolerance) - margins
     allowed = np.zeros((2, margins.size))
     allowed[: len(ends)] = np.where(room < tolerance, tolerance, 0.0)

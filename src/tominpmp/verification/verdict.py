@@ -16,16 +16,7 @@ from tominpmp.arrays import Array, frozen_array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
 from tominpmp.exceptions import BRIEF, ProblemError, brief, expect, shortened
-from tominpmp.goals import (
-    AnyGoal,
-    FrameGoal,
-    Goal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-)
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.recorded import checked_motion
@@ -316,54 +307,18 @@ def arrival(
     problem: Problem, replay: Replay, tolerances: Tolerances
 ) -> tuple[Excess, Excess]:
     """Where the motion ends: place and velocity."""
-    robot, goal, q, v = problem.robot, problem.goal, replay.q[-1], replay.v[-1]
-    kinematics = RobotKinematics(robot)
-    if isinstance(goal, AnyGoal):
-        goal = goal.nearest(kinematics, q, v)
-    error = np.abs(goal.excess(kinematics, q, v))
-    speeds = robot.n if goal.fixes_velocity else 3
-    joints = [
-        (f"joint {name}", "m" if slides else "rad")
-        for name, slides in zip(
-            robot.joint_names, prismatic_joints(robot).tolist(), strict=True
-        )
-    ]
-    places = _place_names(goal, joints, error.size - speeds)
-    moving = joints if goal.fixes_velocity else [(_frame(goal), "m")] * 3
+    q, v = replay.q[-1], replay.v[-1]
+    kinematics = RobotKinematics(problem.robot)
+    misses = problem.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
 
-    def worst(
-        kind: str, part: Array, names: list[tuple[str, str]], tolerance: float
-    ) -> Excess:
-        k = int(np.argmax(part))
-        name, unit = names[k]
-        amount = float(part[k]) if replay.complete else np.inf
+    def worst(kind: str, moving: bool, tolerance: float) -> Excess:
+        found = [miss for miss in misses if miss.moving is moving]
+        miss = max(found, key=lambda miss: miss.amount)
+        amount = miss.amount if replay.complete else np.inf
         time, violated = replay.duration, not amount <= tolerance
-        unit += "/s" if kind == "speed" else ""
-        return Excess(kind, name, time, amount, unit, amount, violated)
+        return Excess(kind, miss.name, time, amount, miss.unit, amount, violated)
 
     return (
-        worst("goal", error[:-speeds], places, tolerances.goal),
-        worst("speed", error[-speeds:], moving, tolerances.speed),
+        worst("goal", False, tolerances.goal),
+        worst("speed", True, tolerances.speed),
     )
-
-
-def _frame(goal: Goal) -> str:
-    return f"frame {goal.frame}" if isinstance(goal, FrameGoal) else "the arm"
-
-
-def _place_names(
-    goal: Goal, joints: list[tuple[str, str]], size: int
-) -> list[tuple[str, str]]:
-    """What the numbers of a goal on the final place are, and their units."""
-    if isinstance(goal, JointGoal):
-        return joints
-    if isinstance(goal, JointRegionGoal):
-        units = dict(joints)
-        chosen = [f"joint {name}" for name in goal.joints or ()] or list(units)
-        return [(name, units[name]) for name in chosen]
-    frame = _frame(goal)
-    if isinstance(goal, PositionGoal):
-        return [(frame, "m")] * size
-    if isinstance(goal, PoseGoal) and size == 6:
-        return [(frame, "m")] * 3 + [(frame, "rad")] * 3
-    return [(frame, "m or rad")] * size
