@@ -200,14 +200,13 @@ def solve(nlp, z, **options):
     return solver.run(z)
 
 
-RAILS = [("near", 20), ("near", 40), ("exact", 30)]
+RAILS = [("near", 20), ("near", 40), ("exact", 30), ("exact", 40)]
 
 
 @pytest.mark.parametrize(("selection", "N"), RAILS)
 def test_a_mass_on_a_rail_keeps_its_speed_limit(selection, N):
     # Instants that become rows once they are violated, the paper's choice, make no
-    # smooth constraints: a trust region may end at a kink, and whether it does on a
-    # grid hangs on the order of the rows. Plans use "near".
+    # smooth constraints: a trust region may end at a kink. Plans use "near".
     robot = make_arm(slide(2.0), effort=4.0, velocity=0.8)
     nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), N, selection=selection)
     result = solve(nlp, nlp.transcription.pack(np.zeros((N, 1)), np.array([1.0])))
