@@ -15,6 +15,7 @@ from optimum_cases import Case, friction_cases, pendulum_cases, swing_cases
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 from tominpmp.arrays import Array
+from tominpmp.constraints import KeepUpright, States, ToolSpeed
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AnyGoal, JointGoal, PositionGoal
@@ -27,11 +28,12 @@ from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.active_limits import Motion
+from tominpmp.verification.active_limits import LimitRows, Motion
 from tominpmp.verification.certificate import Certificate
 from tominpmp.verification.costates import integrate_costates
 from tominpmp.verification.first_order import first_order
 from tominpmp.verification.pontryagin import certify
+from tominpmp.verification.state_limits import clearances, constraints
 from tominpmp.verification.task import Task
 from tominpmp.verification.variations import MOST, Variations, certificate_grid
 
@@ -446,9 +448,13 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
             problem.robot.joint_names, t, np.array(q), np.array(v), u, a, inverse
         )
 
+    def all_rows(motion: Motion) -> list[LimitRows]:
+        states = [*clearances(motion), *constraints(motion)]
+        return [*motion.efforts(), *motion.declared(), *states]
+
     def rooms(motion: Motion) -> dict[tuple[object, ...], float]:
         """How far each row is below its upper bound."""
-        groups = [*motion.efforts(), *motion.declared(), *motion.clearances()]
+        groups = all_rows(motion)
         return {
             (number, rows.kind, rows.share, int(k), int(i)): float(room)
             for number, rows in enumerate(groups)
@@ -456,15 +462,29 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         }
 
     base = build(a, h)
+    speed = ToolSpeed("tip", 1.0)
+    tilt = KeepUpright("tip", (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
+    states = States(base.t, base.q, base.v, a)
+    most = [
+        float(item.on(problem.robot).measures(states).max()) for item in (speed, tilt)
+    ]
+    # A little below their limits where they are largest.
+    limited = (
+        replace(speed, limit=1.04 * most[0]),
+        replace(tilt, tolerance=1.04 * most[1]),
+    )
+    task = Task.of(replace(problem, constraints=limited))
     motion = Motion.of(task, base)
     assert motion.changes.shape == "ramps"
-    groups = [*motion.efforts(), *motion.declared(), *motion.clearances()]
+    groups = all_rows(motion)
     assert {rows.kind for rows in groups} >= {
         "effort",
         "effort rate",
         "effort over speed",
         "jerk",
         "clearance",
+        "speed of frame tip",
+        "tilt of frame tip",
     }
     step = 1e-6
     da, dh = rng.normal(0.0, 1.0, (N + 1, n)), 0.01 * rng.normal(0.0, 1.0, N)
