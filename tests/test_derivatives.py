@@ -16,7 +16,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.motion_limits import EffortCurve, MotionLimits
-from tominpmp.transcription import adjoint, bspline, inverse
+from tominpmp.transcription import adjoint, bspline, curve
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -223,9 +223,8 @@ def with_more(program: NonlinearProgram) -> NonlinearProgram:
 @pytest.fixture
 def everything(monkeypatch: pytest.MonkeyPatch) -> None:
     """All distances are exact, and all of them are rows, however large they are."""
-    for module in (inverse, bspline):
-        monkeypatch.setattr(module, "MAX_ATTENTION", 10.0)
-        monkeypatch.setattr(module, "ATTENTION", 10.0)
+    monkeypatch.setattr(curve, "MAX_ATTENTION", 10.0)
+    monkeypatch.setattr(curve, "ATTENTION", 10.0)
     monkeypatch.setattr(adjoint, "NEAR", 10.0)
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from tominpmp.alternatives import attempts_of_alternatives
 from tominpmp.attempts import (
-    STOPPED,
     Attempt,
     Watch,
     check_clock,
@@ -30,7 +29,7 @@ from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.smoothing import smooth
 from tominpmp.solution import Solution
-from tominpmp.status import Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.transcription.system import System

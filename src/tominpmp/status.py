@@ -20,6 +20,10 @@ class Status(Enum):
     NUMERICAL_FAILURE = "The linear programs could not be solved."
 
 
+# How an iteration ends when it was told to.
+STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
+
+
 @dataclass(frozen=True)
 class IterationRecord:
     """One iteration of a solver.

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import tominpmp as tm
-from tominpmp.transcription import adjoint, bspline, inverse
+from tominpmp.transcription import adjoint, curve
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -270,8 +270,7 @@ KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_clearance_rows(kind, name, monkeypatch):
     # All rows are exact, and all are there, however far the obstacle is.
-    for module in (inverse, bspline):
-        monkeypatch.setattr(module, "MAX_ATTENTION", 10.0)
+    monkeypatch.setattr(curve, "MAX_ATTENTION", 10.0)
     monkeypatch.setattr(adjoint, "NEAR", 10.0)
     problem = tm.Problem(
         tm.load_robot("planar3r"), START, tm.JointGoal(END), tm.Scene([obstacle(name)])

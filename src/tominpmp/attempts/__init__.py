@@ -1,6 +1,6 @@
 """Attempts: what one initial guess, or a former motion, leads to."""
 
-from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.attempt import Attempt
 from tominpmp.attempts.clock import (
     check_clock,
     on_clock,
@@ -14,7 +14,6 @@ from tominpmp.attempts.starts import make_attempts
 from tominpmp.attempts.watch import Watch
 
 __all__ = [
-    "STOPPED",
     "Attempt",
     "Watch",
     "check_clock",

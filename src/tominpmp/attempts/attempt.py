@@ -16,8 +16,6 @@ from tominpmp.transcription.base import Program
 from tominpmp.verification.nearest import keeps_clear
 from tominpmp.verification.verdict import LONGEST, Verification, verify
 
-# How a solver ends when it was told to.
-STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 # Doublings of the grid, or of the steps, of a motion that the replay does not confirm.
 REFINEMENTS = 2
 

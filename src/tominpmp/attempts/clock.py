@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.attempt import Attempt
 from tominpmp.attempts.clock_outcome import Clocked, failed, succeeded
 from tominpmp.attempts.guessed import NEARLY, SMOOTHING_SHARE
 from tominpmp.attempts.watch import Watch
@@ -31,7 +31,7 @@ from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import FAR, ROUNDS
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.system import System

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tominpmp.attempts.attempt import STOPPED
 from tominpmp.solution import Solution
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.ticks import ticks_of
 from tominpmp.verification.verdict import Verification

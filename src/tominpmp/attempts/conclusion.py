@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.attempt import Attempt
 from tominpmp.attempts.watch import Watch
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
-from tominpmp.status import Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification import LowerBound, explain, lower_bound
 from tominpmp.verification.verdict import LONGEST

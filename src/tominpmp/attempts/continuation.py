@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.attempts.attempt import STOPPED, Attempt
+from tominpmp.attempts.attempt import Attempt
 from tominpmp.attempts.guessed import (
     solve_and_verify,
     solve_from_guess,
@@ -17,7 +17,7 @@ from tominpmp.attempts.watch import Watch
 from tominpmp.options import Options
 from tominpmp.robot import JointLimits
 from tominpmp.seeding.warm import FormerMotion, former_motion
-from tominpmp.status import Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.system import System

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
+from tominpmp.attempts.attempt import REFINEMENTS, Attempt
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
@@ -19,6 +19,7 @@ from tominpmp.seeding.warm import FormerMotion, former_motion
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED
 from tominpmp.transcription.base import Program, Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription

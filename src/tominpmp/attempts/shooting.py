@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.attempts.attempt import REFINEMENTS, STOPPED, Attempt
-from tominpmp.attempts.guessed import with_rows_where_needed
+from tominpmp.attempts.attempt import REFINEMENTS, Attempt
+from tominpmp.attempts.guessed import make_slp, with_rows_where_needed
 from tominpmp.attempts.rescue import guarded
 from tominpmp.attempts.watch import Watch
 from tominpmp.linear_programs import make_solver
@@ -20,7 +20,7 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.solvers.penalty import PenaltySolver
 from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import torque_shares
@@ -135,8 +135,7 @@ def shoot(
         elif paper:
             result = PaperSolver(program, options, lp, watch, watch.keep).run(z)
         else:
-            smoothing, keep = options.smoothing or 0.0, watch.keep
-            solver = SlpSolver(program, options, smoothing, lp, watch, keep=keep)
+            solver = make_slp(program, options, options.smoothing or 0.0, lp, watch)
             return solver.run(z, after=after)
         former = () if after is None else after.history
         return replace(result, history=(*former, *result.history))

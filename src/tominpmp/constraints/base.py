@@ -154,8 +154,13 @@ class Constraint(ABC):
     # -- what is taken for granted of a motion -----------------------------------------
 
     @property
+    def assumes(self) -> bool:
+        """Whether it takes anything for granted of a motion."""
+        return False
+
+    @property
     def informed(self) -> bool:
-        """Whether it knows all that it takes for granted of a motion."""
+        """Whether it knows all that it takes for granted."""
         return True
 
     def assumed(self, states: States, beside: Array) -> Constraint:

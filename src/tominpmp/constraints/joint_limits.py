@@ -30,8 +30,6 @@ class JointLimit(Constraint):
     scale: Array
     joint_count: int
 
-    derivative = 0
-
     @classmethod
     def symmetric(cls, limit: Array) -> JointLimit | None:
         """Limits of either direction, infinite for none, shape (n,); None if all are.
@@ -57,16 +55,16 @@ class JointLimit(Constraint):
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """The derivative over its scale."""
-        values = (states.q, states.v, states.a)[self.derivative]
+        values = (states.q, states.v, states.a)[self.order]
         return np.asarray(values[:, self.joints] / self.scale)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Unit vectors over the scale."""
         by = np.zeros((at.size, self.joint_count))
         by[np.arange(at.size), self.joints[which]] = 1.0 / self.scale[which]
-        if self.derivative == 0:
+        if self.order == 0:
             return Partials(at, by_q=by)
-        if self.derivative == 1:
+        if self.order == 1:
             return Partials(at, by_v=by)
         return Partials(at, by_a=by)
 
@@ -94,7 +92,6 @@ class VelocityLimit(JointLimit):
     name = "velocity"
     field = "v"
     order = 1
-    derivative = 1
     curable = True
 
 
@@ -105,7 +102,6 @@ class AccelerationLimit(JointLimit):
     name = "acceleration"
     field = "a"
     order = 2
-    derivative = 2
     curable = True
 
 
@@ -116,5 +112,4 @@ class JerkLimit(JointLimit):
     name = "jerk"
     field = "j"
     order = 3
-    derivative = 3
     curable = True

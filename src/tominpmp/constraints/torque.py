@@ -103,9 +103,14 @@ class MotorLimit(Constraint):
     curable = True
 
     @property
+    def assumes(self) -> bool:
+        """The way that joints with dry friction move, if there are any."""
+        return self.motors.friction is not None
+
+    @property
     def informed(self) -> bool:
-        """Whether it is known which way joints with dry friction move."""
-        return self.motors.friction is None or self.motors.ways is not None
+        """Whether it is known which way they move."""
+        return not self.assumes or self.motors.ways is not None
 
     def assumed(self, states: States, beside: Array) -> Constraint:
         """With the way that joints with dry friction move in a motion."""

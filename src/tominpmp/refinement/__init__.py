@@ -10,14 +10,14 @@ from tominpmp.refinement.exact import refine_switching
 from tominpmp.refinement.grid import refine_grid
 from tominpmp.refinement.monitor import Monitor
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.status import Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.system import System
 
 __all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
 
 # What needs no refinement: planning that was stopped, and a motion that will do.
-DONE = (Status.TIME_LIMIT, Status.INTERRUPTED, Status.FEASIBLE)
+DONE = (*STOPPED, Status.FEASIBLE)
 # A motion this short only has a duration since the programs need one [s].
 SHORTEST_MOTION = 1e-5
 

@@ -23,7 +23,7 @@ from tominpmp.refinement.flow import march
 from tominpmp.refinement.monitor import Monitor
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.status import Status
+from tominpmp.status import STOPPED
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -298,7 +298,7 @@ def _solve(
     result = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep).run(z)
     result = replace(result, history=before.history + result.history)
     for _ in range(EXCHANGES):
-        if result.status in (Status.TIME_LIMIT, Status.INTERRUPTED):
+        if result.status in STOPPED:
             break
         changed = revised(program, result.iterate.z)
         if changed is None:

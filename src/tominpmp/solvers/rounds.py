@@ -8,7 +8,7 @@ from dataclasses import replace
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.status import Status
+from tominpmp.status import STOPPED
 from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verdict import LONGEST
@@ -21,8 +21,6 @@ ROUND_ITERATIONS = 25
 ROUGH = 1e-2
 # Where rows are violated by so much, more of them between the nodes would not help.
 FAR = 1e-2
-
-STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 
 Solve = Callable[[NonlinearProgram, Array, Options, SlpResult | None], SlpResult]
 

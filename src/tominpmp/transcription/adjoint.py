@@ -322,7 +322,7 @@ class AdjointTranscription(Transcription[Shot]):
             by_length,
         )
 
-    def attention(self, steps: StepBounds | None) -> float:
+    def attention(self, steps: StepBounds) -> float:
         """Distances are costly to differentiate; the others wait."""
         return NEAR
 

@@ -224,7 +224,6 @@ class Transcription(ABC, Generic[M]):
         kept: Fields of joint limits that are kept by bounds of unknowns.
         by_component: Whether an elastic variable is for one value at all instants (the
             paper's maximum over time) instead of all values at one instant.
-        states_between: Whether there are states at other instants than the nodes.
         inspected: Shares of intervals at which what jumps at the nodes is looked at
             between its rows, by parts of an interval.
         highest: Highest order of constraints that can be kept: 3 where accelerations
@@ -235,7 +234,6 @@ class Transcription(ABC, Generic[M]):
     shares: Array
     kept: frozenset[str] = frozenset()
     by_component: bool = False
-    states_between: bool = True
     inspected: tuple[tuple[float, ...], ...] = ()
     highest: int = 2
 
@@ -314,7 +312,7 @@ class Transcription(ABC, Generic[M]):
         """Rows that make the unknowns a motion at all, if it needs any."""
         return None
 
-    def attention(self, steps: StepBounds | None) -> float:
+    def attention(self, steps: StepBounds) -> float:
         """How far below their bounds gradual constraints matter to steps of a box."""
         return np.inf
 

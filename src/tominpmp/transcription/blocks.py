@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -173,19 +172,26 @@ class Sampled:
         shift = np.einsum("kj,kj->k", partials.by_q, rates)
         return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
 
-    def adapted(
-        self,
-        change: Callable[[Constraint, States, Array], Constraint],
-        of: Transcription[Any],
-        motion: Motion,
-    ) -> Sampled:
-        """The same with a constraint that is changed by a motion."""
-        at, states = self.states(of, motion)
-        beside = of.states(motion, at.middles, 1).v
-        return replace(self, constraint=change(self.constraint, states, beside))
+    def informed(self, of: Transcription[Any], motion: Motion) -> Sampled:
+        """The same with what its constraint takes for granted, from a motion."""
+        if self.constraint.informed:
+            return self
+        return replace(
+            self, constraint=assumed(self.constraint, of, motion, self.fixed)
+        )
 
 
 Block = Always | Sampled
+
+
+def assumed(
+    constraint: Constraint, of: Transcription[Any], motion: Motion, at: Instants
+) -> Constraint:
+    """A constraint with what it takes for granted of a motion at instants."""
+    if not constraint.assumes:
+        return constraint
+    beside = of.states(motion, at.middles, 1).v
+    return constraint.assumed(of.states(motion, at, constraint.order), beside)
 
 
 def block_of(of: Transcription[Any], constraint: Constraint) -> Block | None:

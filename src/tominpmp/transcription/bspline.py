@@ -26,8 +26,9 @@ from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.constraints.friction import arrival
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
+from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.bspline_basis import Basis, Elimination
+from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.system import System
 
@@ -40,10 +41,6 @@ TORQUE_SHARES, SHARES = (0.0, 0.5), (0.5, 1.0)
 # A torque rate is taken over this share of an interval, at both of its ends; a hair
 # inside, so that both instants are of the same interval.
 RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
-# Clearances beyond this, in shares of the reach per rad of trust region, wait.
-ATTENTION = 0.07
-# However far the trust region reaches; beyond this clearances are not exact.
-MAX_ATTENTION = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,7 @@ class BSplineMotion:
     finite: bool = True
 
 
-class BSplineTranscription(Transcription[BSplineMotion]):
+class BSplineTranscription(CurveTranscription[BSplineMotion]):
     """A problem in the control points of a B-spline and T.
 
     Attributes:
@@ -224,22 +221,10 @@ class BSplineTranscription(Transcription[BSplineMotion]):
         """Derivatives are in the convex hull of their control points."""
         return DerivativeHull(self, limit)
 
-    def attention(self, steps: StepBounds | None) -> float:
-        """What a step of the points can use up."""
-        if steps is None:
-            return MAX_ATTENTION
-        radius = float(np.max(steps.upper[:-1], initial=0.0))
-        return min(ATTENTION * radius, MAX_ATTENTION)
-
     @property
-    def cutoff(self) -> float:
-        """Clearances beyond this are not exact."""
-        return MAX_ATTENTION
-
-    @property
-    def moving_attention(self) -> float:
-        """Obstacles come closer as time goes by."""
-        return MAX_ATTENTION
+    def point_unknowns(self) -> int:
+        """All but the duration."""
+        return self.size - 1
 
     # -- the rest of the interface -----------------------------------------------------
 
@@ -325,7 +310,7 @@ class DerivativeHull(Hull[BSplineMotion]):
     """Control points of a derivative over its limit; scaled by T to its order."""
 
     def __init__(self, of: BSplineTranscription, limit: JointLimit) -> None:
-        self._of, self._order, joints = of, limit.derivative, limit.joints
+        self._of, self._order, joints = of, limit.order, limit.joints
         D = of.basis.derivative(self._order)
         select = sp.csr_matrix(
             (1.0 / limit.scale, (np.arange(joints.size), joints)),

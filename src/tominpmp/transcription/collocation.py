@@ -273,10 +273,8 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         empty = sp.csr_matrix((count, self.size - self._m))
         return sp.csr_matrix(matrix + sp.hstack([empty, by_eta]))
 
-    def attention(self, steps: StepBounds | None) -> float:
+    def attention(self, steps: StepBounds) -> float:
         """What a step of the states can use up."""
-        if steps is None:
-            return np.inf
         states = steps.upper[: (self._N + 1) * 2 * self._n]
         boxes = states.reshape(self._N + 1, -1)[:, : self._n]
         return ATTENTION * float(np.max(boxes / self.system.step_scale, initial=0.0))

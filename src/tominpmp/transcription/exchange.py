@@ -17,7 +17,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Constraint
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.transcription.base import Motion, Transcription
-from tominpmp.transcription.blocks import Block, Sampled
+from tominpmp.transcription.blocks import Block, Sampled, assumed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -102,14 +102,14 @@ def _exchanged(
     Returns:
         The block, and how much was changed.
     """
-    at, states = block.states(of, motion)
-    beside = of.states(motion, at.middles, 1).v
-    constraint, count = block.constraint.corrected(states, beside, overload)
+    constraint, count = block.constraint, 0
+    if constraint.assumes:
+        at, states = block.states(of, motion)
+        beside = of.states(motion, at.middles, 1).v
+        constraint, count = constraint.corrected(states, beside, overload)
     more = _violated(block, of, motion, overload)
     if more.size:
-        states = of.states(motion, more, constraint.order)
-        beside = of.states(motion, more.middles, 1).v
-        constraint = constraint.joined(constraint.assumed(states, beside))
+        constraint = constraint.joined(assumed(constraint, of, motion, more))
     return Sampled(constraint, block.fixed.joined(more)), count + more.size
 
 
@@ -118,7 +118,7 @@ def _violated(
 ) -> Instants:
     """Instants between the rows of a constraint at which it is violated."""
     constraint = block.constraint
-    if constraint.usable is None or not of.states_between:
+    if constraint.usable is None:
         return Instants.none()
     if constraint.order >= 2:
         return _jumping(constraint, of, motion, overload)
@@ -134,9 +134,7 @@ def _excess(
 ) -> Array:
     """What values are beyond their bounds at other instants than the rows', (m, p)."""
     states = of.states(motion, at, constraint.order)
-    if not constraint.informed or constraint.order >= 2:
-        beside = of.states(motion, at.middles, 1).v
-        constraint = constraint.assumed(states, beside)
+    constraint = assumed(constraint, of, motion, at)
     values = constraint.evaluate(states, attention)
     lower, upper = constraint.bounds(at.size)
     if np.all(np.isinf(lower)):

@@ -19,7 +19,8 @@ from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.constraints.friction import arrival
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
+from tominpmp.transcription.base import Hull, StepBounds, Variation
+from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.spline import (
     Spline,
@@ -40,11 +41,6 @@ from tominpmp.transcription.system import System
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
-# Clearances beyond this, in shares of the reach per rad of trust region, are no rows of
-# the linear program: a step that uses them up all the same is cut short by the merit.
-ATTENTION = 0.07
-# However far it reaches; beyond this clearances are not exact.
-MAX_ATTENTION = 0.05
 # Where constraints are looked at to begin with: those on accelerations, which jump at
 # the nodes, and the others.
 JUMPING, SMOOTH = (0.0, 1.0), (0.5, 1.0)
@@ -90,7 +86,7 @@ class SplineMotion(Spline):
         return differentiate(self)
 
 
-class InverseTranscription(Transcription[SplineMotion]):
+class InverseTranscription(CurveTranscription[SplineMotion]):
     """A problem in the points of a spline.
 
     The unknowns are stacked as z = (points, final velocity, lengths): N points of n
@@ -214,26 +210,14 @@ class InverseTranscription(Transcription[SplineMotion]):
 
     def hull(self, limit: JointLimit) -> Hull[SplineMotion] | None:
         """Positions are held by the points, velocities by the nodes between them."""
-        if limit.derivative == 0:
+        if limit.order == 0:
             return EndPoints(self, limit)
-        return Speeds(self, limit) if limit.derivative == 1 else None
-
-    def attention(self, steps: StepBounds | None) -> float:
-        """What a step of the points can use up."""
-        if steps is None:
-            return MAX_ATTENTION
-        radius = float(np.max(steps.upper[: self._N * self._n], initial=0.0))
-        return min(ATTENTION * radius, MAX_ATTENTION)
+        return Speeds(self, limit) if limit.order == 1 else None
 
     @property
-    def cutoff(self) -> float:
-        """Clearances beyond this are not exact."""
-        return MAX_ATTENTION
-
-    @property
-    def moving_attention(self) -> float:
-        """Obstacles come closer as time goes by."""
-        return MAX_ATTENTION
+    def point_unknowns(self) -> int:
+        """All but the final velocity and the lengths."""
+        return self._N * self._n
 
     # -- the rest of the interface -----------------------------------------------------
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Constraint, GoalReached, States
+from tominpmp.constraints import GoalReached
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import (
     Linearization,
@@ -85,9 +85,7 @@ class NonlinearProgram:
             return self
         of = self.transcription.scaled_at(z)
         blocks = tuple(
-            block.adapted(_first_look, of, motion)
-            if isinstance(block, Sampled)
-            else block
+            block.informed(of, motion) if isinstance(block, Sampled) else block
             for block in self.blocks
         )
         return replace(self, transcription=of, blocks=blocks)
@@ -154,7 +152,7 @@ class NonlinearProgram:
         """Index of the first row of each block."""
         return np.searchsorted(self.rows.kind, np.arange(len(self.blocks)))
 
-    def selected(self, values: Array, steps: StepBounds | None = None) -> IntArray:
+    def selected(self, values: Array, steps: StepBounds) -> IntArray:
         """Indices of the rows of a linear program, ascending.
 
         Args:
@@ -229,7 +227,3 @@ class NonlinearProgram:
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
         return self.transcription.trajectory(z)
-
-
-def _first_look(constraint: Constraint, states: States, beside: Array) -> Constraint:
-    return constraint if constraint.informed else constraint.assumed(states, beside)
