@@ -23,8 +23,8 @@ import numpy as np
 import tominpmp as tm
 from benchmarks.random_goals import load_arm, sample_problems
 from tominpmp.goals import FrameGoal
+from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.seeding.inverse_kinematics import goal_configurations
 from tominpmp.transcription.system import System
 
 FRAMES = {"panda": "panda_hand", "xarm7": "link7"}

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
-from tominpmp.output.motion_plot import plot_motion
+from tominpmp.viz.motion_plot import plot_motion
 
 # Head and fingers stay where they are.
 LOCKED = {

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
-from tominpmp.output.motion_plot import plot_motion
+from tominpmp.viz.motion_plot import plot_motion
 
 # The belt runs along y in front of the arm [m].
 BELT = tm.Box("belt", size=(0.25, 2.4, 0.1), position=(0.55, 0.0, -0.06))

@@ -22,8 +22,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import tominpmp as tm
-from tominpmp.output.motion_plot import plot_motion
-from tominpmp.output.plots import plot_controls, plot_convergence
+from tominpmp.viz.motion_plot import plot_motion
+from tominpmp.viz.plots import plot_controls, plot_convergence
 
 METHODS = ("adjoint", "collocation", "inverse", "penalty")
 CASES = ("control limits only", "joint limits + obstacle")

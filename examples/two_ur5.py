@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 import tominpmp as tm
-from tominpmp.output.export import export
-from tominpmp.output.motion_plot import plot_motion
+from tominpmp.io.export import export
+from tominpmp.viz.motion_plot import plot_motion
 
 # Distance of the bases from the middle of the table [m].
 APART = 0.51

@@ -154,7 +154,7 @@ def test_what_judges_a_motion_knows_nothing_of_what_made_it(path: Path) -> None:
 
 SOURCE = Path(tominpmp.__file__).parent
 # A solution writes itself, and the file that it wrote is judged for it.
-CIRCLES = {frozenset(("tominpmp.output.export_check", "tominpmp.solution"))}
+CIRCLES = {frozenset(("tominpmp.io.export_check", "tominpmp.solution"))}
 
 
 def imported_modules(name: str, known: set[str]) -> set[str]:

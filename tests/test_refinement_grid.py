@@ -10,7 +10,7 @@ from two_link_cases import CASES
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
-from tominpmp.refinement.grid import (
+from tominpmp.planner.grid_refinement import (
     MOST_INTERVALS,
     interval_losses,
     split_intervals,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.refinement.arc_transcription import ArcTranscription
-from tominpmp.refinement.arcs import Arcs
-from tominpmp.refinement.grid import split_intervals
-from tominpmp.refinement.shooting import ArcProgram
-from tominpmp.refinement.switching import steps_of
+from tominpmp.arcs.shooting import ArcProgram
+from tominpmp.arcs.structure import Arcs
+from tominpmp.arcs.switching_times import steps_of
+from tominpmp.arcs.transcription import ArcTranscription
+from tominpmp.planner.grid_refinement import split_intervals
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares
 from tominpmp.transcription.inverse import InverseTranscription

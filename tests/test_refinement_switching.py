@@ -12,12 +12,12 @@ from sample_arms import make_arm, slide
 from two_link_cases import CASES, all_cases
 
 import tominpmp as tm
+from tominpmp.arcs.shooting import ArcProgram
+from tominpmp.arcs.structure import Arcs, read_arcs
+from tominpmp.arcs.switching_times import EXACT, refine_arcs, solve_lengths
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.refinement import exact
-from tominpmp.refinement.arcs import Arcs, read_arcs
-from tominpmp.refinement.monitor import Budget
-from tominpmp.refinement.shooting import ArcProgram
-from tominpmp.refinement.switching import EXACT, refine_arcs, solve_lengths
+from tominpmp.planner import switching_refinement as exact
+from tominpmp.solvers.monitor import Budget
 from tominpmp.transcription.system import System
 
 TOLERANCE = 1e-5

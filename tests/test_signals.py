@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from tominpmp.seeding.parallel import asked_to_stop, run_parallel
+from tominpmp.initial_guess.parallel import asked_to_stop, run_parallel
 
 WAIT = 60.0
 
@@ -44,7 +44,7 @@ def test_processes_end_with_their_parent(number):
         import os, sys, time
         sys.path.insert(0, sys.argv[1])
         from parallel_work import sleep_and_tell
-        from tominpmp.seeding.parallel import run_parallel
+        from tominpmp.initial_guess.parallel import run_parallel
         for _ in run_parallel(sleep_and_tell, [300.0, 300.0], 2):
             pass
     """

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.attempts import starts
-from tominpmp.seeding.guess import Guess
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.planner import multistart as starts
 from tominpmp.transcription.system import System
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)

@@ -13,8 +13,8 @@ from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
 from tominpmp import stopping
-from tominpmp.attempts import guessed
 from tominpmp.linear_programs import LinearProgram, make_solver
+from tominpmp.planner import direct_solve as guessed
 from tominpmp.solvers.quiet import QuietSolver
 from tominpmp.stopping import Stop, Stopper
 
@@ -85,7 +85,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
         press()
         stopping.check()
 
-    monkeypatch.setattr("tominpmp.attempts.starts.initial_guesses", pressed)
+    monkeypatch.setattr("tominpmp.planner.multistart.initial_guesses", pressed)
     solution = tm.plan(reach())
     assert solution.status is tm.Status.INTERRUPTED
     assert not solution.success and solution.trajectory is None
@@ -93,7 +93,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
 
 @pytest.mark.parametrize("stage", ["verify", "lower_bound"])
 def test_interrupted_in_a_later_stage(monkeypatch, stage):
-    place = {"verify": "attempts.attempt", "lower_bound": "attempts.conclusion"}[stage]
+    place = {"verify": "planner.attempt", "lower_bound": "planner.conclusion"}[stage]
     module = f"tominpmp.{place}.{stage}"
     calls = []
     usual = tm.verify if stage == "verify" else tm.lower_bound

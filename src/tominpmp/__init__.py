@@ -15,6 +15,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tominpmp.bounds import LowerBound, lower_bound
+    from tominpmp.certificate import Certificate, certify
     from tominpmp.combination import combine_robots
     from tominpmp.constraints import KeepUpright, PathConstraint, ToolSpeed
     from tominpmp.exceptions import (
@@ -42,13 +44,14 @@ if TYPE_CHECKING:
         PositionGoal,
         RegionGoal,
     )
+    from tominpmp.io.export import load_motion
+    from tominpmp.io.export_check import ExportCheck, check_export, check_file
+    from tominpmp.io.ros_rules import Refusal, controller_refusals
     from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options, Tolerances
-    from tominpmp.output.export import load_motion
-    from tominpmp.output.export_check import ExportCheck, check_export, check_file
-    from tominpmp.output.ros_rules import Refusal, controller_refusals
     from tominpmp.payload import Payload
-    from tominpmp.planner import plan
+    from tominpmp.planner.planning import plan
+    from tominpmp.planner.smoothing import smooth
     from tominpmp.problem import Problem
     from tominpmp.robot import JointLimits, Robot, load_robot
     from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
@@ -70,17 +73,12 @@ if TYPE_CHECKING:
         Sphere,
         Waypoints,
     )
-    from tominpmp.smoothing import smooth
     from tominpmp.solution import Solution
     from tominpmp.status import IterationRecord, Status
     from tominpmp.trajectory import Samples, State, Trajectory
     from tominpmp.verification import (
-        Certificate,
         ClearanceProof,
-        LowerBound,
         Verification,
-        certify,
-        lower_bound,
         prove_clearance,
         verify,
     )
@@ -89,6 +87,8 @@ if TYPE_CHECKING:
 # Where the public names are: a module is imported when one of its names is first used,
 # so that the command line shows its help without loading the robotics libraries.
 _HOMES = {
+    "bounds": ("LowerBound", "lower_bound"),
+    "certificate": ("Certificate", "certify"),
     "combination": ("combine_robots",),
     "constraints": (
         "KeepUpright",
@@ -128,9 +128,9 @@ _HOMES = {
         "Options",
         "Tolerances",
     ),
-    "output.export": ("load_motion",),
-    "output.export_check": ("ExportCheck", "check_export", "check_file"),
-    "output.ros_rules": ("Refusal", "controller_refusals"),
+    "io.export": ("load_motion",),
+    "io.export_check": ("ExportCheck", "check_export", "check_file"),
+    "io.ros_rules": ("Refusal", "controller_refusals"),
     "payload": ("Payload",),
     "planner": ("plan",),
     "problem": ("Problem",),
@@ -168,7 +168,7 @@ _HOMES = {
         "Sphere",
         "Waypoints",
     ),
-    "smoothing": ("smooth",),
+    "planner.smoothing": ("smooth",),
     "solution": ("Solution",),
     "status": (
         "IterationRecord",
@@ -180,12 +180,8 @@ _HOMES = {
         "Trajectory",
     ),
     "verification": (
-        "Certificate",
         "ClearanceProof",
-        "LowerBound",
         "Verification",
-        "certify",
-        "lower_bound",
         "prove_clearance",
         "verify",
     ),

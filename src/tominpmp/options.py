@@ -93,7 +93,7 @@ class Options(Record):
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
         slack: Share of T to give away for quiet torques: the motion that was found is
-            handed to :func:`~tominpmp.smoothing.smooth`. None leaves it as it is.
+            handed to :func:`tominpmp.smooth`. None leaves it as it is.
         refine: What follows the first solve: None; "grid" (intervals are split where
             the motion needs it, until its replay meets the tolerances); "switching"
             (the instants at which torques switch are placed exactly, for small arms,

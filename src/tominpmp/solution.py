@@ -26,9 +26,9 @@ from tominpmp.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tominpmp.verification.certificate import Certificate
+    from tominpmp.bounds.lower_bound import LowerBound
+    from tominpmp.certificate.certificate import Certificate
     from tominpmp.verification.clearance import ClearanceProof
-    from tominpmp.verification.lower_bound import LowerBound
     from tominpmp.verification.verdict import Verification
 
 # Instants whose torques are compared.
@@ -164,7 +164,7 @@ class Solution:
         Raises:
             ProblemError: If the motion is not one of the problem's robot.
         """
-        from tominpmp.verification.pontryagin import certify
+        from tominpmp.certificate.minimum_principle import certify
 
         if self.trajectory is None:
             return None
@@ -206,7 +206,7 @@ class Solution:
         return self.trajectory
 
     def play(self, path: str | Path | None = None, **options: Any) -> Any:
-        """Show the motion in Meshcat; see :func:`tominpmp.output.playback.play`.
+        """Show the motion in Meshcat; see :func:`tominpmp.viz.playback.play`.
 
         Args:
             path: Where to write a page that works offline; None opens a browser.
@@ -216,7 +216,7 @@ class Solution:
             ProblemError: If there is no motion.
             MissingDependency: If Meshcat is not installed.
         """
-        from tominpmp.output.playback import play
+        from tominpmp.viz.playback import play
 
         return play(self.problem, self._motion(), path=path, **options)
 
@@ -233,7 +233,7 @@ class Solution:
             ProblemError: If there is no motion.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.output.plots import plot_trajectory
+        from tominpmp.viz.plots import plot_trajectory
 
         return plot_trajectory(self.problem, self._motion(), path=path)
 
@@ -250,7 +250,7 @@ class Solution:
             ProblemError: If there is no motion.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.output.certificate_plot import plot_certificate
+        from tominpmp.viz.certificate_plot import plot_certificate
 
         motion, certificate = self._motion(), self.certificate
         assert certificate is not None  # noqa: S101
@@ -269,14 +269,14 @@ class Solution:
 
         The file is read back and judged as its reader will follow it, and a warning
         says so if that does not solve the problem. What was found can be had from
-        :func:`~tominpmp.output.export_check.check_export`.
+        :func:`~tominpmp.io.export_check.check_export`.
 
         Args:
             path: File to write.
             dt: Time between rows [s]; None takes the period that the motion was planned
                 for, or the nodes if there is none.
             with_effort: Whether ROS messages have the torques.
-            message: Which ROS message, see :func:`~tominpmp.output.export.export`.
+            message: Which ROS message, see :func:`~tominpmp.io.export.export`.
             verify: Whether to judge the file.
 
         Returns:
@@ -287,8 +287,8 @@ class Solution:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        from tominpmp.output.export import export
-        from tominpmp.output.export_check import check_export
+        from tominpmp.io.export import export
+        from tominpmp.io.export_check import check_export
 
         dt = self.options.control_period if dt is None else dt
         motion = self._motion()

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tominpmp.description.files import robot_names
+from tominpmp.io.export_check import ExportCheck
 from tominpmp.options import Options, Tolerances
-from tominpmp.output.export_check import ExportCheck
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord, Status

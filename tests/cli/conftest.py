@@ -20,7 +20,7 @@ from cli_samples import (
 from typer.testing import CliRunner
 
 from tominpmp.cli.app import app
-from tominpmp.output.export import export
+from tominpmp.io.export import export
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scenario.scenario import load_scenario
 
@@ -45,9 +45,9 @@ def slider(tmp_path: Path) -> Robot:
 def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
     """A planner that takes no time."""
     fake = Planner()
-    monkeypatch.setattr("tominpmp.planner.plan", fake)
+    monkeypatch.setattr("tominpmp.planner.planning.plan", fake)
     # Its motions keep no limits.
-    monkeypatch.setattr("tominpmp.output.export_check.check_export", passed)
+    monkeypatch.setattr("tominpmp.io.export_check.check_export", passed)
     return fake
 
 
@@ -55,7 +55,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
 def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
     """A judge that takes no time."""
     fake = Judge()
-    monkeypatch.setattr("tominpmp.output.export_check.verify", fake)
+    monkeypatch.setattr("tominpmp.io.export_check.verify", fake)
     return fake
 
 

@@ -13,8 +13,8 @@ import pytest
 import yaml
 from cli_samples import PLAN, Judge, Planner, Run
 
-from tominpmp.output.export import load_motion
-from tominpmp.output.ros_rules import controller_refusals
+from tominpmp.io.export import load_motion
+from tominpmp.io.ros_rules import controller_refusals
 from tominpmp.scenario.scenario import load_scenario
 
 NAMES = ["joint1", "joint2", "joint3"]

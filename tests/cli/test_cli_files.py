@@ -20,8 +20,8 @@ from cli_samples import (
 )
 
 from tominpmp.goals import JointGoal
+from tominpmp.io.export import load_motion
 from tominpmp.options import Options, Tolerances
-from tominpmp.output.export import load_motion
 from tominpmp.problem import Problem
 from tominpmp.scenario.scenario import load_scenario
 from tominpmp.trajectory import Trajectory

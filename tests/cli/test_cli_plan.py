@@ -19,9 +19,9 @@ from cli_samples import (
 )
 
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.io.export import load_motion
 from tominpmp.options import Options
-from tominpmp.output.export import load_motion
-from tominpmp.planner import plan
+from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.scene import Box, Sphere

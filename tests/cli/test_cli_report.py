@@ -30,8 +30,8 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.goals import JointGoal
+from tominpmp.io.export import load_motion
 from tominpmp.options import Options
-from tominpmp.output.export import load_motion
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.solution import Solution

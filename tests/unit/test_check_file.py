@@ -10,9 +10,9 @@ from motion_samples import END, START, quintic
 
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.goals import JointGoal
+from tominpmp.io.export import export, load_motion
+from tominpmp.io.export_check import check_file
 from tominpmp.options import Tolerances
-from tominpmp.output.export import export, load_motion
-from tominpmp.output.export_check import check_file
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.verification import verify

@@ -12,7 +12,7 @@ import tominpmp as tm
 from tominpmp.collision import approximations
 from tominpmp.collision.bodies import robot_bodies
 from tominpmp.collision.shapes import is_mesh
-from tominpmp.verification.approach import Approach
+from tominpmp.verification.closest_approach import Approach
 
 RADIUS = 0.05
 BALL = f"<collision><geometry><sphere radius='{RADIUS}'/></geometry></collision>"

@@ -17,10 +17,10 @@ from tominpmp.collision import CollisionChecker, store
 from tominpmp.collision.decomposition import CLOSE_HULL, MOST_PIECES, decompose
 from tominpmp.collision.shapes import triangle_mesh
 from tominpmp.exceptions import SceneError
-from tominpmp.output.surfaces import obstacle_surface
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Box, HeightField, Mesh, OcTree, Scene, Sphere
 from tominpmp.scene.mesh_files import read_mesh
+from tominpmp.viz.surfaces import obstacle_surface
 
 BALL = '<sphere radius="0.1"/>'
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

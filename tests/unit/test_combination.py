@@ -17,7 +17,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AllGoals, JointGoal, JointRegionGoal, PositionGoal
 from tominpmp.options import Options
 from tominpmp.payload import Payload
-from tominpmp.planner import plan
+from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Scene

@@ -18,11 +18,11 @@ import pytest
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 import tominpmp as tm
-from tominpmp.attempts import clock
 from tominpmp.exceptions import OptionsError
-from tominpmp.planner import plan
+from tominpmp.planner import control_period as clock
+from tominpmp.planner.planning import plan
 from tominpmp.transcription.ticks import Ticks, ticks_of
-from tominpmp.verification.excess import Excess
+from tominpmp.verification.limit_violations import Excess
 
 PERIODS = (0.001, 0.004, 0.008)
 # Instants of every period at which the interpolated motion is looked at.
@@ -393,7 +393,7 @@ def test_an_interrupt_while_the_clock_is_sought(planar, monkeypatch):
     def interrupt(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tominpmp.attempts.clock._solve", interrupt)
+    monkeypatch.setattr("tominpmp.planner.control_period._solve", interrupt)
     solution = tm.plan(planar_problem(planar), control_period=0.01)
     assert not solution.success
     assert solution.status is tm.Status.INTERRUPTED
@@ -411,9 +411,11 @@ def test_part_of_the_time_is_kept_for_the_clock(planar):
 
 def test_where_no_number_of_periods_will_do(planar, monkeypatch):
     """The message says that the motion is not on the clock; success is not claimed."""
-    monkeypatch.setattr("tominpmp.attempts.clock.TRIES", 1)
+    monkeypatch.setattr("tominpmp.planner.control_period.TRIES", 1)
     monkeypatch.setattr(
-        "tominpmp.attempts.clock.ticks_of", lambda T, period: int(0.8 * T / period)
+        "tominpmp.planner.control_period.ticks_of",
+        lambda T, period: int(0.8 * T / period),
+        lambda T, period: int(0.8 * T / period),
     )
     solution = tm.plan(planar_problem(planar), control_period=0.01)
     assert not solution.success

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.attempts import attempt as attempts
-from tominpmp.attempts import clock
-from tominpmp.attempts.clock import Deadline
+from tominpmp.initial_guess.warm_start import former_motion
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.seeding.warm import former_motion
+from tominpmp.planner import attempt as attempts
+from tominpmp.planner import control_period as clock
+from tominpmp.planner.control_period import Deadline
 from tominpmp.status import IterationRecord
 from tominpmp.transcription.bspline_basis import Basis
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import TRACE, Ticks, ticks_of
-from tominpmp.verification.excess import Excess
+from tominpmp.verification.limit_violations import Excess
 from tominpmp.verification.nearest import keeps_clear
 
 # A small problem, solved fast.

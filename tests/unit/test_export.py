@@ -12,8 +12,8 @@ import pytest
 from motion_samples import planar_motions
 
 from tominpmp.exceptions import ProblemError, ScenarioError
-from tominpmp.output.export import export, load_motion
-from tominpmp.output.files import write_file
+from tominpmp.io.export import export, load_motion
+from tominpmp.io.files import write_file
 from tominpmp.trajectory import Samples, Trajectory
 
 HEADER = (

@@ -14,9 +14,9 @@ from motion_samples import START, quintic
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.goals import JointGoal
+from tominpmp.io.export import export, load_motion
+from tominpmp.io.export_check import check_export
 from tominpmp.options import Options
-from tominpmp.output.export import export, load_motion
-from tominpmp.output.export_check import check_export
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution

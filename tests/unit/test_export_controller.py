@@ -14,8 +14,8 @@ from motion_samples import END, START, quintic, speed_up_and_brake
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
-from tominpmp.output.export import export, load_motion
-from tominpmp.output.ros import accelerations_continue
+from tominpmp.io.export import export, load_motion
+from tominpmp.io.ros import accelerations_continue
 from tominpmp.recorded import join, recorded_motion
 from tominpmp.robot import Robot
 from tominpmp.sampling import clock

@@ -9,7 +9,7 @@ import pytest
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
-from tominpmp.output.export import export, load_motion
+from tominpmp.io.export import export, load_motion
 from tominpmp.recorded import recorded_motion
 from tominpmp.robot import Robot, load_robot
 from tominpmp.trajectory import Samples, Trajectory

@@ -16,10 +16,10 @@ from scipy.integrate import solve_ivp
 
 import tominpmp as tm
 from tominpmp.arrays import Array
+from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.combination import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError
-from tominpmp.verification.lower_bound import lower_bound
 from tominpmp.verification.replay import Integration
 
 MASS, FORCE, FRICTION, WAY = 2.0, 10.0, 3.0, 1.2

@@ -11,10 +11,10 @@ import pytest
 from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
-from tominpmp.output.export import load_motion
-from tominpmp.output.export_check import check_export
+from tominpmp.io.export import load_motion
+from tominpmp.io.export_check import check_export
 from tominpmp.recorded import join
-from tominpmp.verification.excess import limit_excesses
+from tominpmp.verification.limit_violations import limit_excesses
 from tominpmp.verification.replay import torque_pieces
 
 START = (3.05, 0.35, 2.4, 1.2, -2.7, 1.4, 0.6)

@@ -30,7 +30,7 @@ from tominpmp.goals import (
 )
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Options
-from tominpmp.planner import plan
+from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Scene, Sphere

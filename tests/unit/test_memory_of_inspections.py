@@ -22,8 +22,8 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
-from tominpmp.verification import pieces
-from tominpmp.verification.pieces import Pieces
+from tominpmp.verification import polynomials as pieces
+from tominpmp.verification.polynomials import Pieces
 
 MEGABYTE = 1e6
 

@@ -41,13 +41,17 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
-from tominpmp.output.bodies import STEEL, robot_bodies
-from tominpmp.output.browser import show_page
-from tominpmp.output.page import build_page
-from tominpmp.output.playback import play
-from tominpmp.output.skeleton import best_view, end_frame, skeleton
-from tominpmp.output.stage import Appearance, draw, frame_times
-from tominpmp.output.surfaces import (
+from tominpmp.problem import Problem
+from tominpmp.robot import load_robot
+from tominpmp.scene import Obstacle
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.bodies import STEEL, robot_bodies
+from tominpmp.viz.browser import show_page
+from tominpmp.viz.page import build_page
+from tominpmp.viz.playback import play
+from tominpmp.viz.skeleton import best_view, end_frame, skeleton
+from tominpmp.viz.stage import Appearance, draw, frame_times
+from tominpmp.viz.surfaces import (
     Surface,
     box,
     capsule,
@@ -60,11 +64,7 @@ from tominpmp.output.surfaces import (
     sphere,
     tube,
 )
-from tominpmp.output.viewer import Command, Recorder, node_name
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
-from tominpmp.scene import Obstacle
-from tominpmp.trajectory import Trajectory
+from tominpmp.viz.viewer import Command, Recorder, node_name
 
 CAMERA = "/Cameras/default/rotated"
 

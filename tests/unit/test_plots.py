@@ -33,8 +33,11 @@ from tominpmp.exceptions import (
     ScenarioError,
 )
 from tominpmp.goals import JointGoal, PoseGoal
-from tominpmp.output.figures import STYLE, color
-from tominpmp.output.plots import (
+from tominpmp.problem import Problem
+from tominpmp.status import IterationRecord
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.figures import STYLE, color
+from tominpmp.viz.plots import (
     LEAST_VIOLATION,
     curves,
     plot_controls,
@@ -42,9 +45,6 @@ from tominpmp.output.plots import (
     plot_motion,
     plot_trajectory,
 )
-from tominpmp.problem import Problem
-from tominpmp.status import IterationRecord
-from tominpmp.trajectory import Trajectory
 
 Motions = tuple[Problem, Trajectory, Trajectory]
 

@@ -9,8 +9,8 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
+from tominpmp.verification.feedback import doubtful, settled
 from tominpmp.verification.replay import Integration
-from tominpmp.verification.tracking import doubtful, settled
 
 # Raised slowly, this arm lets errors grow by 2e10.
 START = [-0.872, 2.293, 4.992, 2.843, 1.309, -2.691]

@@ -10,17 +10,17 @@ from scipy.optimize import brentq
 from seeding_samples import END, maze, wall
 
 import tominpmp as tm
-from tominpmp.seeding import guess as guess_module
-from tominpmp.seeding import sampling
-from tominpmp.seeding.guess import initial_guesses, sampled_guesses
-from tominpmp.seeding.inverse_kinematics import (
+from tominpmp.initial_guess import guess as guess_module
+from tominpmp.initial_guess import rrt as sampling
+from tominpmp.initial_guess.guess import initial_guesses, sampled_guesses
+from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     SPREAD,
     find_configurations,
     goal_configurations,
 )
-from tominpmp.seeding.sampling import is_free, sampling_available
-from tominpmp.seeding.timing import time_straight_line
+from tominpmp.initial_guess.rrt import is_free, sampling_available
+from tominpmp.initial_guess.timing import time_straight_line
 from tominpmp.transcription.system import System
 
 SLIDER = """<robot name="slider"><link name="base"/>

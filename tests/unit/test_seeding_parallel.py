@@ -15,7 +15,7 @@ from parallel_work import square, wait_and_tell
 from seeding_samples import START, maze, wall
 
 from tominpmp.exceptions import FrameNotFound
-from tominpmp.seeding.parallel import available_processes, run_parallel
+from tominpmp.initial_guess.parallel import available_processes, run_parallel
 
 
 def refuse(x):

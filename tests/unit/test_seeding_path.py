@@ -7,10 +7,10 @@ import pytest
 from seeding_samples import END, START, gantry, maze, wall
 
 import tominpmp as tm
-from tominpmp.seeding.guess import path_guess
-from tominpmp.seeding.path import RoundedPath, speed_weights
-from tominpmp.seeding.sampling import is_free
-from tominpmp.seeding.timing import time_path, time_straight_line
+from tominpmp.initial_guess.guess import path_guess
+from tominpmp.initial_guess.path import RoundedPath, speed_weights
+from tominpmp.initial_guess.rrt import is_free
+from tominpmp.initial_guess.timing import time_path, time_straight_line
 from tominpmp.transcription.system import System
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.5], [1.5, -1.0], [2.0, 0.0]])

@@ -12,7 +12,7 @@ from seeding_samples import END, START, fine, maze, wall
 
 import tominpmp as tm
 from tominpmp.exceptions import MissingDependency
-from tominpmp.seeding.sampling import (
+from tominpmp.initial_guess.rrt import (
     alike,
     is_free,
     is_free_line,

@@ -11,8 +11,8 @@ from robot_samples import INERTIAL, joint, link, load, robot
 from sample_arms import DOWNWARD, describe
 
 import tominpmp as tm
-from tominpmp.attempts.starts import may_swing
 from tominpmp.collision import CollisionChecker
+from tominpmp.planner.multistart import may_swing
 from tominpmp.transcription.system import System
 
 # The straight line between these leads the wrist of a Panda through its base.

@@ -8,7 +8,7 @@ import pytest
 from parallel_work import square, wait_and_tell
 
 import tominpmp as tm
-from tominpmp.seeding.parallel import ready, run_parallel
+from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.stopping import Stop, Stopper
 
 
@@ -65,7 +65,7 @@ def test_processes_are_not_started_where_there_is_no_time_for_it(
     def started(*_: object) -> None:
         raise AssertionError("processes were started")
 
-    monkeypatch.setattr("tominpmp.attempts.starts.ready", lambda: False)
-    monkeypatch.setattr("tominpmp.attempts.starts.run_parallel", started)
+    monkeypatch.setattr("tominpmp.planner.multistart.ready", lambda: False)
+    monkeypatch.setattr("tominpmp.planner.multistart.run_parallel", started)
     solution = tm.plan(reach(), processes=2, starts=2, max_planning_time=4.9)
     assert solution.success

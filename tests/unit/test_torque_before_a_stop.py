@@ -13,10 +13,10 @@ import pytest
 from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.verification.active_limits import Motion
 from tominpmp.verification.replay import torque_curve
-from tominpmp.verification.task import Task
 
 FRICTION = np.array([2.0, 1.5])
 # How far and which way the joints go; and times from an end, down to microseconds [s].

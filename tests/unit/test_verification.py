@@ -21,8 +21,8 @@ from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Scene, Sphere
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay, verify
-from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.plant import Plant
+from tominpmp.verification.polynomials import Pieces
 
 RAIL_TIME = 2.0 / np.sqrt(PUSH)
 

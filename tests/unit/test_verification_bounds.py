@@ -13,6 +13,9 @@ from optimum_cases import FORCE, MASS, ROD
 from sample_arms import DOWNWARD, Link, make_arm, rod, slide
 from two_link_cases import CASES as FAMILIES
 
+from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.bounds.bang_bang import double_integrator_time, least_time
+from tominpmp.bounds.inertia import energy_bounds, gravity_bounds, inertia_at
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -32,10 +35,8 @@ from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification import LowerBound, lower_bound, replay
-from tominpmp.verification.inertia import energy_bounds, gravity_bounds, inertia_at
-from tominpmp.verification.push import double_integrator_time, least_time
-from tominpmp.verification.reach import Ball, LinkReach
+from tominpmp.verification import replay
+from tominpmp.verification.link_displacement import Ball, LinkReach
 
 # All but most of the arms that lift payloads, whose optima take long to compute.
 CASES = {

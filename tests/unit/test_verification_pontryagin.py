@@ -15,27 +15,27 @@ from optimum_cases import Case, friction_cases, pendulum_cases, swing_cases
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.certificate import Certificate
+from tominpmp.certificate.costates import integrate_costates
+from tominpmp.certificate.dual_program import first_order
+from tominpmp.certificate.minimum_principle import certify
+from tominpmp.certificate.perturbations import MOST, Variations, certificate_grid
+from tominpmp.certificate.state_limits import clearances, constraints
+from tominpmp.certificate.task import Task
 from tominpmp.constraints import KeepUpright, States, ToolSpeed
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AnyGoal, JointGoal, PositionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
-from tominpmp.planner import plan
+from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.active_limits import LimitRows, Motion
-from tominpmp.verification.certificate import Certificate
-from tominpmp.verification.costates import integrate_costates
-from tominpmp.verification.first_order import first_order
-from tominpmp.verification.pontryagin import certify
-from tominpmp.verification.state_limits import clearances, constraints
-from tominpmp.verification.task import Task
-from tominpmp.verification.variations import MOST, Variations, certificate_grid
 
 MASS, FORCE = 2.0, 10.0
 START = (0.5, 1.7, -1.7)

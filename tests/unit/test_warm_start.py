@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.seeding.warm import former_motion
+from tominpmp.initial_guess.warm_start import former_motion
 from tominpmp.transcription.system import System
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
@@ -164,7 +164,7 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar, free):
 
 
 def test_other_guesses_follow_where_it_leads_to_nothing(planar, around, monkeypatch):
-    import tominpmp.attempts.starts as starts
+    import tominpmp.planner.multistart as starts
 
     solve = starts.solve_from_former
 

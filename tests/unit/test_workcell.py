@@ -20,7 +20,7 @@ from tominpmp.goals import (
     PositionGoal,
 )
 from tominpmp.options import Options, Tolerances
-from tominpmp.planner import plan
+from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Scene, Sphere

@@ -252,9 +252,9 @@ def motion_cases(world: World) -> dict[str, Case]:
 
 def file_cases(world: World) -> dict[str, Case]:
     """Whatever reads or writes a file."""
-    from tominpmp.output.export import export
-    from tominpmp.output.playback import play
-    from tominpmp.output.plots import plot_trajectory
+    from tominpmp.io.export import export
+    from tominpmp.viz.playback import play
+    from tominpmp.viz.plots import plot_trajectory
 
     problem, solution = world.problem, world.solution
     shown = {"problem": problem, "trajectory": world.trajectory}

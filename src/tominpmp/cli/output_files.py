@@ -19,7 +19,7 @@ from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
 from tominpmp.solution import Solution
 
 if TYPE_CHECKING:
-    from tominpmp.output.export_check import ExportCheck
+    from tominpmp.io.export_check import ExportCheck
 
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
@@ -158,7 +158,7 @@ class OutputFiles:
 
     def _export(self, solution: Solution, path: Path) -> ExportCheck:
         """Write the motion and judge the file."""
-        from tominpmp.output.export_check import check_export
+        from tominpmp.io.export_check import check_export
 
         self._write_motion(solution, path)
         dt = self.options.dt
@@ -221,8 +221,8 @@ def _check_message(options: PlanOptions, motion: Path | None) -> None:
         ProblemError: If there is no such message.
         OptionsError: If nothing is written that they are about.
     """
-    from tominpmp.output.export import check_options
-    from tominpmp.output.ros import check_message
+    from tominpmp.io.export import check_options
+    from tominpmp.io.ros import check_message
 
     if options.ros_message is not None:
         check_message(options.ros_message)

@@ -77,8 +77,8 @@ def _solve(
     """Load and plan; the time for both counts since the beginning."""
     # Loading the libraries takes long, and may be interrupted.
     from tominpmp.cli.problem import load_problem
-    from tominpmp.output.export import load_motion
-    from tominpmp.planner import plan
+    from tominpmp.io.export import load_motion
+    from tominpmp.planner.planning import plan
     from tominpmp.scenario.scenario import save_scenario
 
     with Progress(error_console(), quiet=said.quiet, verbose=said.verbose) as progress:

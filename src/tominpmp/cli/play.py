@@ -8,10 +8,10 @@ from tominpmp.cli.options import PlayOptions
 from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
 from tominpmp.cli.problem import load_scene
 from tominpmp.goals import JointGoal
-from tominpmp.output.export import load_motion
-from tominpmp.output.playback import play
+from tominpmp.io.export import load_motion
 from tominpmp.problem import Problem
 from tominpmp.recorded import recorded_motion
+from tominpmp.viz.playback import play
 
 
 def run_play(motion: Path, said: PlayOptions) -> Path:

@@ -14,7 +14,7 @@ from tominpmp.solution import Solution
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from tominpmp.output.export_check import ExportCheck
+    from tominpmp.io.export_check import ExportCheck
 
 # A torque or speed this close to its limit, as a share of it, is at the limit.
 CLOSE = 0.01

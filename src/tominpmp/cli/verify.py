@@ -15,7 +15,7 @@ from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED
 from tominpmp.exceptions import ProblemError
-from tominpmp.output.export_check import ExportCheck, check_file
+from tominpmp.io.export_check import ExportCheck, check_file
 from tominpmp.sampling import Interpolation
 
 # Rules that are shown where a message breaks more.

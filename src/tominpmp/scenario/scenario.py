@@ -58,9 +58,9 @@ from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError, expect
 from tominpmp.goals import Goal, JointGoal
+from tominpmp.io.files import write_file
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
-from tominpmp.output.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scenario.limits_table import (

@@ -18,8 +18,8 @@ from tominpmp.arrays import Array, BoolArray, IntArray, real_array
 from tominpmp.collision import CollisionChecker
 from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.pieces import Pieces
-from tominpmp.verification.reach import LinkReach, link_balls
+from tominpmp.verification.link_displacement import LinkReach, link_balls
+from tominpmp.verification.polynomials import Pieces
 
 # Stretches looked at before the proof is given up.
 MAX_STRETCHES = 20_000

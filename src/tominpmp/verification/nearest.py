@@ -13,8 +13,8 @@ from tominpmp.collision.selection import links_of
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.approach import Approach, Closest, Course
-from tominpmp.verification.excess import Excess
+from tominpmp.verification.closest_approach import Approach, Closest, Course
+from tominpmp.verification.limit_violations import Excess
 from tominpmp.verification.replay import TIME_STEP, Replay, planned
 
 # Where a start or a goal touches something, pairs may lack a trace of room as long as

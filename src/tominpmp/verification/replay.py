@@ -23,8 +23,8 @@ from tominpmp.reversals import LOOKS, torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.pieces import Pieces
 from tominpmp.verification.plant import CREEP, Plant
+from tominpmp.verification.polynomials import Pieces
 
 RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]

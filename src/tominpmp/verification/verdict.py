@@ -21,17 +21,7 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.recorded import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
-from tominpmp.verification.excess import Excess, limit_excesses
-from tominpmp.verification.nearest import Nearest, closest
-from tominpmp.verification.pieces import Pieces
-from tominpmp.verification.replay import (
-    Integration,
-    Integrator,
-    Replay,
-    planned,
-    torque_pieces,
-)
-from tominpmp.verification.tracking import (
+from tominpmp.verification.feedback import (
     TIGHTER,
     Tracking,
     amplification,
@@ -40,6 +30,16 @@ from tominpmp.verification.tracking import (
     hopeless,
     needed,
     settled,
+)
+from tominpmp.verification.limit_violations import Excess, limit_excesses
+from tominpmp.verification.nearest import Nearest, closest
+from tominpmp.verification.polynomials import Pieces
+from tominpmp.verification.replay import (
+    Integration,
+    Integrator,
+    Replay,
+    planned,
+    torque_pieces,
 )
 
 # Longer motions are not replayed, which would take too many steps [s].
@@ -73,7 +73,7 @@ class Verification:
         growth: How much larger errors get along the motion, to first order.
         feedback: Largest torque of a feedback that the motion was replayed with since
             it is unstable, shape (n,) [N m or N], see
-            :mod:`~tominpmp.verification.tracking`; None where none was needed.
+            :mod:`~tominpmp.verification.feedback`; None where none was needed.
     """
 
     ok: bool

@@ -1,0 +1,1 @@
+"""Arcs: stretches of time between switches, optimised exactly."""

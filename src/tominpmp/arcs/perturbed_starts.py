@@ -1,0 +1,173 @@
+"""Other motions to read arcs from, of which some lead to other local optima.
+
+Time-optimal motions of the same arm between the same states often come in several
+kinds that differ by the order of the switches, and no small change leads from one to
+another. Wild paths do: torques on a coarse grid find their way from them to a motion
+near to some optimum, roughly but surely; its arcs do the rest. For a single motor the
+number of switches is the only difference, and all of them are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.arcs.structure import Arcs
+from tominpmp.arcs.switching_times import Settled, solve_lengths
+from tominpmp.arrays import Array
+from tominpmp.goals import FrameGoal
+from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.linear_programs import LpSolver
+from tominpmp.options import Options
+from tominpmp.solvers.monitor import Budget, Clock
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.controls import driven_joints
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.system import System
+
+# Grid of torques on which a wild path becomes a motion, and its iterations.
+INTERVALS = 30
+ITERATIONS = 25
+TOLERANCE = 1e-3
+RADIUS = 0.5
+SMOOTHING = 1e-4
+# Waves that a wild path swings in, how far [rad], and how its duration is spread, as a
+# logarithm.
+WAVES = 3
+WILDNESS = 1.0
+SPREAD = 0.3
+# Configurations at the goal that wild paths end at, where it leaves several.
+ENDS = 8
+# Arcs of a motion with a single motor, and how many random lengths are tried of each.
+FEWEST, MOST = 2, 8
+# Steps over a whole motion and evaluations of the dynamics in a first, rough solve.
+ROUGH_STEPS = 24
+ROUGH_EVALUATIONS = 10_000
+# What it may miss the goal by to go on.
+PROMISING = 1e-2
+
+
+def on_grid(
+    system: System,
+    options: Options,
+    lp: LpSolver,
+    clock: Clock,
+    path: Array,
+    duration: float,
+) -> Trajectory:
+    """A motion with torques that are constant on equal intervals, near to optimal.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        lp: Solver of linear programs.
+        clock: Tells when to stop.
+        path: Positions to begin with at the nodes, shape (N + 1, n) [rad or m].
+        duration: About how long the motion takes [s].
+
+    Returns:
+        The motion, which need not keep all constraints.
+    """
+    shares = interval_shares("uniform", path.shape[0] - 1)
+    grid = CollocationTranscription(system, shares, duration)
+    start = grid.start(path, np.array([duration]))
+    program = NonlinearProgram.of(grid).at(start)
+    found = SlpSolver(program, options, SMOOTHING * duration, lp, clock).run(start)
+    last = found.iterate if found.best is None else found.best
+    return program.trajectory(last.z)
+
+
+def wild_motions(
+    system: System,
+    options: Options,
+    lp: LpSolver,
+    clock: Clock,
+    plan: Trajectory,
+    rng: np.random.Generator,
+) -> Iterator[Trajectory]:
+    """Motions from wild paths, without end.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        lp: Solver of linear programs.
+        clock: Tells when to stop.
+        plan: The motion that is to be beaten.
+        rng: Random numbers.
+    """
+    rough = replace(
+        options,
+        max_iterations=min(options.max_iterations, ITERATIONS),
+        tolerance=max(options.tolerance, TOLERANCE),
+        trust_region=RADIUS,
+    )
+    limits = system.problem.robot.limits
+    ends = _goal_ends(system, plan, rng)
+    s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
+    reach = WILDNESS * np.minimum(
+        system.step_scale, limits.position_upper - limits.position_lower
+    )
+    first = True
+    while True:
+        # The first path is straight; it often leads to the best motion.
+        wildness = 0.0 if first else reach
+        path = system.problem.q_start + s * (
+            ends[int(rng.integers(len(ends)))] - system.problem.q_start
+        )
+        for wave in range(1, WAVES + 1):
+            bend = rng.normal(size=system.n) * wildness
+            path = path + bend * np.sin(wave * np.pi * s)
+        path = np.clip(path, limits.position_lower, limits.position_upper)
+        duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
+        first = False
+        yield on_grid(system, rough, lp, clock, path, duration)
+
+
+def _goal_ends(
+    system: System, plan: Trajectory, rng: np.random.Generator
+) -> list[Array]:
+    """Configurations that paths end at."""
+    goal = system.problem.goal
+    if not isinstance(goal, FrameGoal):
+        return [plan.q[-1]]
+    free = goal_configurations(system, goal, ENDS, rng)[0]
+    return [plan.q[-1], *free]
+
+
+def swings(
+    system: System,
+    duration: float,
+    rng: np.random.Generator,
+    budget: Budget,
+) -> Iterator[Settled]:
+    """Rough motions of a single motor, with one switch, two, and so on.
+
+    Args:
+        system: The functions of the problem.
+        duration: About how long the motion takes [s].
+        rng: Random numbers.
+        budget: How much may be spent in all.
+
+    Yields:
+        Motions that nearly reach the goal.
+    """
+    joint = driven_joints(system)
+    for count in range(FEWEST, MOST + 1):
+        for sign in (1.0, -1.0):
+            if budget.spent:
+                return
+            levels = np.zeros((count, system.n))
+            levels[:, joint] = sign * (-1.0) ** np.arange(count)[:, None]
+            lengths = rng.dirichlet(np.full(count, 2.0)) * duration
+            none = np.zeros(levels.shape, dtype=np.int64)
+            arcs = Arcs(lengths, levels, none.astype(bool), none)
+            part = budget.part(ROUGH_EVALUATIONS)
+            found = solve_lengths(system, arcs, None, part, ROUGH_STEPS)
+            budget.take(part)
+            if found is not None and found.miss < PROMISING:
+                yield found

@@ -1,0 +1,368 @@
+"""Exact switching: arcs of exact length in place of intervals of a grid.
+
+A structure of arcs is read off a motion; the lengths are optimised by sequential
+quadratic programming (Kraft, 1988), arcs that vanish are dropped and others put in
+where Pontryagin's conditions are violated, until there is nothing left to change.
+Integration steps are halved until the duration no longer notices: lengths are never
+traded for errors of integration.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tominpmp.arcs.shooting import ArcProgram, Shot
+from tominpmp.arcs.structure import Arcs
+from tominpmp.arcs.switching_functions import Change, find_changes
+from tominpmp.arrays import Array, IntArray
+from tominpmp.solvers.monitor import EVALUATIONS, Budget
+from tominpmp.transcription.system import System
+
+logger = logging.getLogger(__name__)
+
+States = Callable[[Array], Array]
+
+# Steps over the whole motion while arcs are looked for, and in the end; what the
+# duration may change by when they are doubled, relatively.
+FEWER_STEPS = 30
+STEPS = 60
+ACCURACY = 1e-7
+MOST_STEPS = 960
+# Steps of an arc at least.
+STEPS_OF_ARC = 2
+# What the goal may be missed by, and limits passed by, in scaled units.
+EXACT = 1e-7
+SLACK = 1e-6
+ITERATIONS = 150
+# Equations whose gradients depend on each other but for this share are one too many.
+DEPENDENT = 1e-10
+# Steps that close what is left of a gap to the goal, where it is this small.
+CLOSING = 4
+NEARLY = 1e-3
+# Rounds of looking at limits that a solution has come near to.
+LOOKS = 4
+# Largest number of changes of the structure; what one must promise, as a share of the
+# duration, and bring.
+CHANGES = 25
+PROMISE = 1e-7
+PROGRESS = 1e-8
+# Changes that are tried one by one when all together fail.
+SINGLES = 3
+# Lengths are at most this much longer than the whole motion was.
+LONGEST = 3.0
+BROKEN = 1e3
+# Relative progress and misses that count as none, and how often in a row.
+STILL = 1e-10
+CALM = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Arcs whose lengths are optimal, as far as their kinds go.
+
+    Attributes:
+        program: The program.
+        y: Its unknowns.
+        shot: The motion.
+        miss: What the goal is missed by, in the scaled units of the rows.
+        excess: What limits are passed by.
+    """
+
+    program: ArcProgram
+    y: Array
+    shot: Shot
+    miss: float
+    excess: float
+
+    @property
+    def arcs(self) -> Arcs:
+        """The arcs."""
+        return self.program.unpack(self.y)
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return self.arcs.duration
+
+    @property
+    def feasible(self) -> bool:
+        """Whether goal and limits are kept."""
+        return self.miss <= EXACT and self.excess <= SLACK
+
+    @property
+    def at_limits(self) -> bool:
+        """Whether limits other than those of the torques rule."""
+        return bool(np.any(self.arcs.held)) or bool(np.any(self.shot.room < EXACT))
+
+    def states(self, times: Array) -> Array:
+        """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
+        arcs, flow = self.arcs, self.shot.flow
+        t = np.concatenate([[0.0], self.program.sample_times(arcs).ravel()])
+        x = np.concatenate([flow.x_start[None], flow.stages.reshape(t.size - 1, -1)])
+        return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
+
+
+def steps_of(arcs: Arcs, total: int) -> IntArray:
+    """Number of steps of each arc for a number over the whole motion."""
+    share = arcs.lengths / arcs.duration
+    return np.maximum(np.ceil(total * share), STEPS_OF_ARC).astype(np.int64)
+
+
+def solve_lengths(
+    system: System,
+    arcs: Arcs,
+    states: States | None,
+    budget: Budget,
+    total: int = STEPS,
+) -> Settled | None:
+    """Find optimal lengths and free torques for arcs of given kinds.
+
+    Args:
+        system: The functions of the problem.
+        arcs: The arcs, with rough lengths.
+        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n); None
+            integrates the arcs.
+        budget: How much may be spent.
+        total: Integration steps over the whole motion.
+
+    Returns:
+        What was found; None if the motion cannot be integrated.
+    """
+    program = ArcProgram(system, arcs, steps_of(arcs, total))
+    times = program.sample_times(arcs)
+    y = program.pack()
+    if states is not None:
+        program.begin(states(times.ravel()).reshape(*times.shape, -1))
+    shot = program.shoot(y)
+    excess = np.inf
+    for _ in range(LOOKS):
+        if shot is None or budget.spent:
+            return None
+        program.watch(program.look(shot.flow))
+        y = _minimize(program, y, budget)
+        shot = program.shoot(y)
+        excess = np.inf if shot is None else program.excess(shot.flow, 0.1 * SLACK)
+        if excess <= SLACK:
+            break
+    if shot is None:
+        return None
+    return Settled(program, y, shot, _miss(shot), excess)
+
+
+def _miss(shot: Shot) -> float:
+    """What the goal is missed by, and limits passed by beyond the slack."""
+    return max(
+        float(np.max(np.abs(shot.equal), initial=0.0)),
+        float(np.max(-shot.room, initial=0.0)) - SLACK,
+    )
+
+
+def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
+    """Least duration from some unknowns on, with the limits that are watched."""
+    count, size = program.arcs.count, program.size
+    cost = np.concatenate([np.ones(count), np.zeros(size - count)])
+    first = program.shoot(y)
+    assert first is not None  # noqa: S101
+
+    def part(name: str, missing: float) -> Callable[[Array], Array]:
+        shape = getattr(first, name).shape
+
+        def function(z: Array) -> Array:
+            shot = program.shoot(z)
+            if shot is None:
+                return np.full(shape, missing)
+            return np.asarray(getattr(shot, name))
+
+        return function
+
+    basis = _independent(first.by_equal)
+    equal, by_equal = part("equal", BROKEN), part("by_equal", 0.0)
+    constraints: list[dict[str, Any]] = [
+        {
+            "type": "eq",
+            "fun": lambda z: basis @ equal(z),
+            "jac": lambda z: basis @ by_equal(z),
+        }
+    ]
+    if first.room.size:
+        constraints.append(
+            {"type": "ineq", "fun": part("room", -BROKEN), "jac": part("by_room", 0.0)}
+        )
+    low = np.concatenate([np.zeros(count), -np.ones(size - count)])
+    high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
+    last, calm, paid = y, 0, program.evaluations
+
+    def follow(z: Array) -> None:
+        # SLSQP's own test asks for more digits than there are.
+        nonlocal last, calm, paid
+        shot = program.shoot(z)
+        step = abs(float(cost @ (z - last)))
+        still = shot is not None and step < STILL and _miss(shot) < STILL
+        calm = calm + 1 if still else 0
+        last = z.copy()
+        budget.pay(program.evaluations - paid)
+        paid = program.evaluations
+        if calm >= CALM:
+            raise StopIteration
+
+    try:
+        found = minimize(
+            lambda z: float(cost @ z),
+            y,
+            jac=lambda z: cost,
+            method="SLSQP",
+            bounds=list(zip(low, high, strict=True)),
+            constraints=constraints,
+            callback=follow,
+            options={"maxiter": ITERATIONS, "ftol": 1e-11},
+        )
+    except StopIteration:
+        return np.asarray(np.clip(last, low, high))
+    logger.debug("%s after %d iterations", found.message, found.nit)
+    return _closed(program, np.asarray(np.clip(found.x, low, high)), low, high)
+
+
+def _independent(rows: Array) -> Array:
+    """What combines equations to as many as are independent, which SLSQP asks for.
+
+    Others are those of a goal that the arm cannot leave, as its height for an arm that
+    moves in a plane.
+    """
+    left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = int(np.sum(sizes > DEPENDENT * np.max(sizes, initial=1e-300)))
+    if rank == rows.shape[0]:
+        return np.eye(rank)
+    return np.asarray(left[:, :rank].T)
+
+
+def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
+    """Unknowns moved by as little as it takes to come to the goal, if they are near.
+
+    Where the duration hardly depends on them, as on singular arcs, SLSQP goes on for
+    long and ends a little way off.
+    """
+    best = y
+    for _ in range(CLOSING):
+        shot = program.shoot(best)
+        if shot is None or not 0.1 * EXACT < _miss(shot) < NEARLY:
+            break
+        short = shot.room < 0.0
+        rows = np.vstack([shot.by_equal, shot.by_room[short]])
+        gaps = np.concatenate([shot.equal, shot.room[short]])
+        moving = (best > low) & (best < high)
+        step = np.zeros(best.size)
+        step[moving] = -np.linalg.lstsq(rows[:, moving], gaps, rcond=1e-10)[0]
+        trial = np.clip(best + step, low, high)
+        after = program.shoot(trial)
+        if after is None or _miss(after) >= _miss(shot):
+            break
+        best = trial
+    return np.asarray(best)
+
+
+def polish(
+    system: System, settled: Settled, budget: Budget, total: int
+) -> Settled | None:
+    """Solve again without the arcs that have vanished."""
+    arcs = settled.arcs.cleaned().settled()
+    return solve_lengths(system, arcs, settled.states, budget, total)
+
+
+def improve(
+    system: System, settled: Settled, budget: Budget, total: int = STEPS
+) -> Settled:
+    """Change the structure until nothing is left to gain.
+
+    Args:
+        system: The functions of the problem.
+        settled: Arcs of optimal lengths that keep goal and limits.
+        budget: How much may be spent.
+        total: Integration steps over the whole motion.
+
+    Returns:
+        The improved arcs.
+    """
+    for _ in range(CHANGES):
+        T = settled.duration
+        changes = find_changes(settled.program, settled.y, settled.shot, PROMISE * T)
+        if not changes:
+            break
+        best = sorted(changes, key=lambda change: -change.gain)[:SINGLES]
+        for some in [changes] if len(changes) == 1 else [changes, *([c] for c in best)]:
+            better = _changed(system, settled, some, budget, total)
+            if better is not None and better.duration < T * (1.0 - PROGRESS):
+                settled = better
+                break
+        else:
+            break
+    return settled
+
+
+def _changed(
+    system: System,
+    settled: Settled,
+    changes: Sequence[Change],
+    budget: Budget,
+    total: int,
+) -> Settled | None:
+    """Arcs with changes of the structure, solved again; None if that fails."""
+    arcs = settled.arcs
+    for change in sorted(changes, key=lambda change: -change.arc):
+        arcs = change.apply(arcs)
+    found = solve_lengths(system, arcs, settled.states, budget, total)
+    if found is not None:
+        found = polish(system, found, budget, total)
+    return found if found is not None and found.feasible else None
+
+
+def refine_arcs(
+    system: System, arcs: Arcs, states: States, budget: Budget
+) -> Settled | None:
+    """Find the arcs of a locally time-optimal motion, and their lengths.
+
+    Args:
+        system: The functions of the problem.
+        arcs: Rough arcs.
+        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
+        budget: How much may be spent.
+
+    Returns:
+        What was found; None if no motion was that keeps goal and limits.
+    """
+    settled = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
+    if settled is None or not settled.feasible:
+        settled = solve_lengths(system, arcs.loosened(), states, budget, FEWER_STEPS)
+    if settled is None or not settled.feasible:
+        return None
+    polished = polish(system, settled, budget, FEWER_STEPS)
+    if polished is not None and polished.feasible:
+        settled = polished
+    return improve(system, settled, budget, FEWER_STEPS)
+
+
+def sharpen(system: System, settled: Settled, budget: Budget) -> Settled:
+    """Halve the integration steps until the duration does not notice.
+
+    Args:
+        system: The functions of the problem.
+        settled: Arcs of optimal lengths.
+        budget: How much may be spent; this takes little, and its end is paid for.
+    """
+    total = STEPS // 2
+    reserve = Budget(max(budget.left, EVALUATIONS // 4))
+    while total < MOST_STEPS:
+        total *= 2
+        finer = polish(system, settled, reserve, total)
+        if finer is None or not finer.feasible:
+            break
+        change = abs(finer.duration / settled.duration - 1.0)
+        settled = finer
+        if change < ACCURACY:
+            break
+    return settled

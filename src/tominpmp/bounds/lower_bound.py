@@ -1,0 +1,329 @@
+r"""Lower bounds on the duration of any motion that solves a problem.
+
+What is bounded is every motion, not the one found: obstacles and detours are ignored,
+so that the bound holds whatever path there is. Rigorous are
+
+- speed limits: no joint moves faster, and no frame faster than its joints carry it;
+- acceleration limits, where the problem has them, or where an arm has one joint, so
+  that the torques bound its acceleration;
+- energy: with :math:`w = \sqrt{v^T M v}`, the work of the torques gives
+  :math:`\dot w \le \sup_q |u - g|_{M^{-1}}`, in which no Coriolis force appears, as
+  it does no work. It needs a lower bound of the inertia at all configurations; see
+  :mod:`~tominpmp.bounds.inertia`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array
+from tominpmp.bounds.bang_bang import Push, double_integrator_time, least_time
+from tominpmp.bounds.inertia import EnergyBounds, energy_bounds, single_joint
+from tominpmp.exceptions import expect
+from tominpmp.goals import (
+    AllGoals,
+    AxisGoal,
+    FrameGoal,
+    Goal,
+    JointGoal,
+    JointRegionGoal,
+    PoseGoal,
+    PositionGoal,
+    RegionGoal,
+)
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.problem import Problem
+from tominpmp.stopping import check
+from tominpmp.verification.link_displacement import Ball, LinkReach
+
+# Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
+# and steps of the search for the time.
+MAX_BOXES = 128
+BISECTIONS = 5
+# A motion is accepted that ends this far off, so that a goal which the arm does not
+# reach by less is none that it never reaches [m].
+ACCEPTED = 1e-3
+
+
+@dataclass(frozen=True)
+class LowerBound:
+    """Time that no motion can beat.
+
+    Attributes:
+        T: The time [s]; 0 if nothing could be proved.
+        reason: What it comes from, in a clause.
+        joint: Name of the joint that it comes from; None if several are involved.
+    """
+
+    T: float
+    reason: str
+    joint: str | None = None
+
+
+def lower_bound(problem: Problem) -> LowerBound:
+    """Find a time that no motion which solves a problem can beat.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        The largest bound that was found.
+    """
+    expect(problem, Problem, "problem", "a Problem")
+    return min(
+        (_of_goal(problem, goal) for goal in problem.goal.alternatives),
+        key=lambda bound: bound.T,
+    )
+
+
+def _of_goal(problem: Problem, goal: Goal) -> LowerBound:
+    bounds: list[LowerBound] = []
+    if isinstance(goal, JointGoal):
+        bounds = _joint_bounds(problem, goal)
+    elif isinstance(goal, JointRegionGoal):
+        bounds = _range_bounds(problem, goal)
+    elif isinstance(goal, FrameGoal):
+        bounds = _frame_bounds(problem, goal)
+    elif isinstance(goal, AllGoals):
+        bounds = [_of_goal(problem, member) for member in goal.members]
+    nothing = LowerBound(0.0, "no bound is known for a goal of this kind")
+    return max(bounds, key=lambda bound: bound.T, default=nothing)
+
+
+# -- joints ----------------------------------------------------------------------------
+
+
+def _joint_bounds(problem: Problem, goal: JointGoal) -> list[LowerBound]:
+    robot = problem.robot
+    joints, top = robot.joint_names, robot.limits.velocity
+    start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
+    ends = np.stack([start, goal.final_velocity(robot.n)])
+    way = goal.q - problem.q_start
+    found = _speed_bounds(problem, np.abs(way))
+    units = np.where(prismatic_joints(robot), "m", "rad")
+    if problem.motion_limits is not None:
+        limit = problem.motion_limits.by_joint("acceleration", joints)
+        for i in np.flatnonzero(np.isfinite(limit)).tolist():
+            push = float(limit[i])
+            T = double_integrator_time(way[i], ends[:, i], (push, push), top[i])
+            reason = (
+                f"joint {joints[i]} accelerates by {push:.4g} {units[i]}/s^2 at most"
+            )
+            found.append(LowerBound(T, reason, joints[i]))
+    alone = single_joint(robot)
+    if alone is not None:
+        T = _single_time(float(way[0]), ends[:, 0], alone, float(top[0]))
+        reason = f"no torque accelerates joint {joints[0]} more"
+        found.append(LowerBound(T, reason, joints[0]))
+    energy = energy_bounds(robot)
+    if energy is not None:
+        found += _energy_bounds(problem, way, ends, energy)
+    return found
+
+
+def _range_bounds(problem: Problem, goal: JointRegionGoal) -> list[LowerBound]:
+    kinematics, q = RobotKinematics(problem.robot), problem.q_start
+    excess, by_q = goal.place_residual(kinematics, q)
+    return _speed_bounds(problem, np.abs(excess) @ np.abs(by_q))
+
+
+def _speed_bounds(problem: Problem, way: Array) -> list[LowerBound]:
+    """Bounds from the speed limits for distances to go, shape (n,)."""
+    robot, found = problem.robot, []
+    top = robot.limits.velocity
+    units = np.where(prismatic_joints(robot), "m", "rad")
+    for i in np.flatnonzero(np.isfinite(top)).tolist():
+        reason = (
+            f"joint {robot.joint_names[i]} has {way[i]:.4g} {units[i]} to go, at "
+            f"{top[i]:.4g} {units[i]}/s at most"
+        )
+        T = float(way[i]) / float(top[i])
+        found.append(LowerBound(T, reason, robot.joint_names[i]))
+    return found
+
+
+def _single_time(way: float, ends: Array, push: Push, top: float) -> float:
+    side = 1.0 if way >= 0.0 else -1.0
+    toward = np.maximum(side * ends, 0.0)
+    speeding, braking = (push.up, push.down) if side > 0 else (push.down, push.up)
+    if np.all(side * ends >= 0.0) and way != 0.0:
+        # Whoever starts and ends forwards gains nothing by going backwards, and who
+        # goes forwards has dry friction against him, which helps to brake.
+        speeding, braking = speeding - push.dry, braking + push.dry
+        if speeding <= 0.0:
+            return 0.0
+    else:
+        speeding, braking = speeding + push.dry, braking + push.dry
+    if push.drag == 0.0:
+        both = (speeding, braking) if side > 0 else (braking, speeding)
+        return double_integrator_time(way, ends, both, top)
+    drag = push.drag
+    return least_time(abs(way), toward, speeding, braking, drag, top, least_drag=drag)
+
+
+def _energy_bounds(
+    problem: Problem, way: Array, ends: Array, energy: EnergyBounds
+) -> list[LowerBound]:
+    """Bounds from the work of the torques, joint by joint and along the way."""
+    robot, found = problem.robot, []
+    mass = energy.inertia_at(np.stack([problem.q_start, problem.q_start + way]))
+    # Largest w = |v|_M at both ends.
+    swing = np.sqrt(np.einsum("ki,kij,kj->k", ends, mass, ends))
+    directions: list[tuple[Array, str | None]] = [
+        (row, robot.joint_names[i]) for i, row in enumerate(np.eye(robot.n))
+    ]
+    along = np.mean(mass, axis=0) @ way
+    if np.any(along):
+        directions.append((along / np.linalg.norm(along), None))
+    for direction, joint in directions:
+        # A coordinate c q changes at |c v| <= |c|_(M^-1) w.
+        rate = energy.rate(direction)
+        distance = abs(float(direction @ way))
+        top = float(np.sum(np.abs(direction) * robot.limits.velocity))
+        T = least_time(
+            distance,
+            rate * swing,
+            rate * energy.push,
+            rate * energy.push,
+            energy.drag,
+            top,
+        )
+        where = "the arm" if joint is None else f"joint {joint}"
+        found.append(LowerBound(T, f"no torques carry {where} there sooner", joint))
+    return found
+
+
+# -- frames ----------------------------------------------------------------------------
+
+
+def _frame_bounds(problem: Problem, goal: FrameGoal) -> list[LowerBound]:
+    found = []
+    angle = _angle_to_go(problem, goal)
+    speed = _turning_speed(problem, goal)
+    if angle > 0.0 and speed > 0.0:
+        reason = f"frame {goal.frame} has {angle:.4g} rad to turn"
+        found.append(LowerBound(angle / speed, reason))
+    if _apart(goal, np.zeros((1, 3))) is not None:
+        T = _Vicinity(problem, goal).time()
+        reason = f"no sooner do the speeds of the joints carry frame {goal.frame} there"
+        found.append(LowerBound(T, reason))
+    return found
+
+
+def _apart(goal: FrameGoal, points: Array) -> Array | None:
+    """Distances of points from where a frame may end, shape (m, 3) to (m,).
+
+    None where it may end anywhere, or nothing is known.
+    """
+    if isinstance(goal, RegionGoal):
+        pose = pin.SE3.Identity() if goal.pose is None else goal.pose
+        local = (points - pose.translation) @ pose.rotation
+        out = local - np.clip(local, goal.lower, goal.upper)
+        return np.asarray(np.linalg.norm(out, axis=1))
+    if isinstance(goal, PoseGoal):
+        place = np.asarray(goal.pose.translation)
+    elif isinstance(goal, PositionGoal | AxisGoal) and goal.position is not None:
+        place = goal.position
+    else:
+        return None
+    return np.asarray(np.linalg.norm(points - place, axis=1) - goal.tolerance)
+
+
+def _angle_to_go(problem: Problem, goal: FrameGoal) -> float:
+    """Least angle by which a frame has to turn from the start on [rad]."""
+    place = RobotKinematics(problem.robot).placement(problem.q_start, goal.frame)
+    if isinstance(goal, PoseGoal):
+        turn = pin.log3(place.rotation.T @ goal.pose.rotation)
+        return float(np.linalg.norm(turn)) - goal.angle_tolerance
+    if isinstance(goal, AxisGoal):
+        cosine = float(goal.direction @ place.rotation @ goal.axis)
+        return math.acos(min(max(cosine, -1.0), 1.0)) - goal.angle_tolerance
+    return 0.0
+
+
+def _turning_speed(problem: Problem, goal: FrameGoal) -> float:
+    """Bound on the speed at which a frame turns [rad/s]."""
+    robot, model = problem.robot, problem.robot.model
+    top, S = robot.limits.velocity, robot.expansion_matrix
+    if S is not None:
+        moved = np.abs(S) > 0.0
+        top = np.array(
+            [np.sum(np.abs(s[m]) * top[m]) for s, m in zip(S, moved, strict=True)]
+        )
+    speed = 0.0
+    for joint in model.supports[model.frames[robot.frame_id(goal.frame)].parentJoint]:
+        item = model.joints[joint]
+        if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
+            speed += float(top[item.idx_v])
+    return speed
+
+
+class _Vicinity:
+    """Where a frame can be when joints have moved for some time."""
+
+    def __init__(self, problem: Problem, goal: FrameGoal) -> None:
+        robot = problem.robot
+        self.problem, self.goal = problem, goal
+        item = robot.model.frames[robot.frame_id(goal.frame)]
+        origin = np.asarray(item.placement.translation)
+        ball = Ball(goal.frame, int(item.parentJoint), origin, 0.0)
+        self.reach = LinkReach(robot, [ball])
+
+    def time(self) -> float:
+        """Largest time found by which no motion has brought the frame to its goal."""
+        low, high = 0.0, self._far()
+        for _ in range(BISECTIONS):
+            T = 0.5 * (low + high)
+            low, high = (T, high) if self.excluded(T) else (low, T)
+        return low
+
+    def _far(self) -> float:
+        """A time that is too long to exclude, or all there is to look at."""
+        limits = self.problem.robot.limits
+        T = 1e-2
+        while T < 100.0 and self.excluded(T):
+            T *= 2.0
+        return T if np.any(np.isfinite(limits.velocity)) else 0.0
+
+    def excluded(self, T: float) -> bool:
+        """Whether the frame is surely not at its goal before a time."""
+        limits, q = self.problem.robot.limits, self.problem.q_start
+        swing = limits.velocity * T
+        if not np.all(np.isfinite(swing)):
+            # Joints without a speed limit may be anywhere; turning ones need one turn.
+            swing = np.where(np.isfinite(swing), swing, math.pi)
+            if np.any(prismatic_joints(self.problem.robot) & np.isinf(limits.velocity)):
+                return False
+        low = np.maximum(q - swing, np.minimum(limits.position_lower, q))
+        high = np.minimum(q + swing, np.maximum(limits.position_upper, q))
+        boxes = (0.5 * (low + high)[None], 0.5 * (high - low)[None])
+        for _ in range(MAX_BOXES):
+            check()
+            shifts = self.reach.shifts(*boxes)[:, 0]
+            near = self._distance(boxes[0]) <= np.sum(shifts, axis=1) + ACCEPTED
+            if not near.any():
+                return True
+            if 2 * int(near.sum()) > MAX_BOXES:
+                return False
+            boxes = self._halves(boxes[0][near], boxes[1][near], shifts[near])
+        return False
+
+    def _distance(self, q: Array) -> Array:
+        apart = _apart(self.goal, self.reach.centres(q)[:, 0])
+        assert apart is not None  # noqa: S101
+        return apart
+
+    def _halves(self, q: Array, half: Array, shifts: Array) -> tuple[Array, Array]:
+        """Cut each box across the joint that moves the frame most."""
+        share = np.abs(self.problem.robot.reduce_tangent(shifts))
+        widest = np.argmax(share, axis=1)
+        rows = np.arange(q.shape[0])
+        half = half.copy()
+        half[rows, widest] *= 0.5
+        step = np.zeros_like(half)
+        step[rows, widest] = half[rows, widest]
+        return np.concatenate([q - step, q + step]), np.concatenate([half, half])

@@ -1,0 +1,8 @@
+"""Certificates of the minimum principle: costates, multipliers, and what they prove."""
+
+from __future__ import annotations
+
+from tominpmp.certificate.certificate import ActiveLimit, Certificate
+from tominpmp.certificate.minimum_principle import certify
+
+__all__ = ["ActiveLimit", "Certificate", "certify"]

@@ -1,0 +1,342 @@
+"""Limits of a motion as linear rows on its small changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.certificate.friction import friction_at_ends
+from tominpmp.certificate.perturbations import (
+    HAIR,
+    Change,
+    Shape,
+    Variations,
+    blocks,
+    certificate_grid,
+)
+from tominpmp.certificate.task import Task
+from tominpmp.dynamics import InverseJacobians
+from tominpmp.trajectory import Trajectory
+
+# Torques are rows in the middle of an interval where they are larger there than at both
+# of its ends by this share of their limits, and near them.
+BULGE = 1e-3
+NEAR = 0.97
+# Instants of an interval at which its mean torque is taken, where nodes were joined.
+SAMPLES = 8
+# Accelerations that jump by less than this share of the largest one are continuous.
+SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class LimitRows:
+    """Rows of one kind of limit.
+
+    Attributes:
+        kind: "effort", "velocity", "clearance", ...
+        change: How the limited quantities change.
+        lower: Room below, never positive, shape (m,).
+        upper: Room above, never negative, shape (m,).
+        interval: The interval of each row, shape (m,).
+        subject: Joint of each row, or pair, shape (m,).
+        share: Where in its interval each row stands, from 0 to 1.
+        mean: Whether it is the mean of both ends instead.
+        slopes: Derivatives by the positions there, shape (m, n); of clearances and
+            other constraints on states.
+        speed_slopes: Derivatives by the velocities there, likewise.
+        unit: A unit of the rows in units of the limit: the reach for clearances [m].
+    """
+
+    kind: str
+    change: Change
+    lower: Array
+    upper: Array
+    interval: IntArray
+    subject: IntArray
+    share: float = 0.5
+    mean: bool = False
+    slopes: Array | None = None
+    speed_slopes: Array | None = None
+    unit: float = 1.0
+
+    def kept(self, rows: IntArray) -> LimitRows:
+        """Some of the rows."""
+        return replace(
+            self,
+            change=Change(self.change.matrix[rows], self.change.by_length[rows]),
+            lower=self.lower[rows],
+            upper=self.upper[rows],
+            interval=self.interval[rows],
+            subject=self.subject[rows],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion at the ends of the intervals of a grid, where its limits are rows.
+
+    Attributes:
+        task: Dynamics and limits.
+        trajectory: The motion.
+        changes: Its small changes.
+        a: Accelerations just after the beginnings and before the ends of the intervals,
+            shape (N, 2, n).
+        u: Torques there, shape (N, 2, n).
+        parts: Derivatives of the torques there, 2 N rows.
+        load: Mean torque of each interval as a share of its limits, shape (N, n).
+    """
+
+    task: Task
+    trajectory: Trajectory
+    changes: Variations
+    a: Array
+    u: Array
+    parts: InverseJacobians
+    load: Array
+
+    @classmethod
+    def of(cls, task: Task, trajectory: Trajectory) -> Motion:
+        """Look at a motion on a grid that suits it."""
+        t, joined = certificate_grid(trajectory)
+        n, h = trajectory.n, np.diff(t)
+        times = t[:-1, None] + h[:, None] * np.array([HAIR, 1.0 - HAIR])
+        ends = trajectory(times.ravel())
+        a = ends.a
+        if trajectory.inverse_dynamics is None:
+            x = np.concatenate([ends.q, ends.v], axis=1)
+            dry = friction_at_ends(task.problem.robot, trajectory, t, ends)
+            a = task.dynamics.forward(x, ends.u - dry)[:, n:]
+        parts = task.dynamics.inverse_jacobians(ends.q, ends.v, a)
+        a, u = a.reshape(-1, 2, n), ends.u.reshape(-1, 2, n)
+        mean = u.mean(axis=1)
+        if joined:
+            inside = (np.arange(SAMPLES) + 0.5) / SAMPLES
+            times = t[:-1, None] + h[:, None] * inside
+            mean = trajectory(times.ravel()).u.reshape(-1, SAMPLES, n).mean(axis=1)
+        nodes = trajectory(t)
+        shape = _shape(task, trajectory, a, joined)
+        changes = Variations(t, nodes.q, nodes.v, shape)
+        load = (mean - task.effort_middle) / task.effort_half
+        return cls(task, trajectory, changes, a, u, parts, load)
+
+    @property
+    def loads(self) -> Array:
+        """Torques at both ends as shares of their limits, shape (N, 2, n)."""
+        return (self.u - self.task.effort_middle) / self.task.effort_half
+
+    @property
+    def driven(self) -> IntArray:
+        """Joints with a motor."""
+        limits = self.task.problem.robot.limits
+        return np.flatnonzero(limits.effort_upper > limits.effort_lower)
+
+    # -- torques -----------------------------------------------------------------------
+
+    def _torque(self, end: int) -> Change:
+        """Changes of the torques at one end of the intervals [N m or N]."""
+        changes, parts, n = self.changes, self.parts, self.changes.n
+        rows = slice(end * n, (changes.N + end) * n)
+        matrix = (
+            blocks(parts.tau_q[end::2]) @ changes.positions[rows]
+            + blocks(parts.tau_v[end::2]) @ changes.velocities[rows]
+            + blocks(parts.tau_a[end::2]) @ changes.accelerations(end)
+        )
+        return changes.fixed(matrix)
+
+    def _mean_torque(self) -> Change:
+        half = 0.5 * sp.identity(self.changes.N * self.changes.n, format="csr")
+        return (self._torque(0) + self._torque(1)).after(half)
+
+    def _rows(
+        self,
+        kind: str,
+        change: Change,
+        lower: Array,
+        upper: Array,
+        share: float = 0.5,
+        mean: bool = False,
+    ) -> LimitRows:
+        """Rows of all joints on all intervals."""
+        N, n = self.changes.N, self.changes.n
+        return LimitRows(
+            kind,
+            change,
+            np.minimum(np.broadcast_to(lower, (N, n)), 0.0).ravel(),
+            np.maximum(np.broadcast_to(upper, (N, n)), 0.0).ravel(),
+            np.repeat(np.arange(N), n),
+            np.tile(np.arange(n), N),
+            share,
+            mean,
+        )
+
+    def _as_loads(self, torque: Change) -> Change:
+        scale = np.tile(1.0 / self.task.effort_half, self.changes.N)
+        return torque.after(sp.diags(scale).tocsr())
+
+    def efforts(self) -> list[LimitRows]:
+        """Torques, as shares of their limits."""
+        N, n = self.changes.N, self.changes.n
+        driven, out = self.driven, []
+        every = np.arange(N * n).reshape(N, n)
+        if driven.size < n:
+            # What has no motor obeys its equation of motion in the mean.
+            mean = self._as_loads(self._mean_torque())
+            none = np.zeros(1)
+            rows = self._rows("passive", mean, none, none, mean=True)
+            passive = np.setdiff1d(np.arange(n), driven)
+            out.append(rows.kept(every[:, passive].ravel()))
+        if self.changes.shape == "torques":
+            mean = self._as_loads(self._mean_torque())
+            rows = self._rows(
+                "effort", mean, -1.0 - self.load, 1.0 - self.load, mean=True
+            )
+            return [*out, rows.kept(every[:, driven].ravel())]
+        loads = self.loads
+        for end in (0, 1):
+            rows = self._rows(
+                "effort",
+                self._as_loads(self._torque(end)),
+                -1.0 - loads[:, end],
+                1.0 - loads[:, end],
+                float(end),
+            )
+            chosen = every[:, driven]
+            if end == 1 and self.changes.shape == "ramps":
+                chosen = chosen[-1:]  # the others begin the next interval
+            out.append(rows.kept(chosen.ravel()))
+        middle = self._bulges()
+        return out if middle is None else [*out, middle]
+
+    def _bulges(self) -> LimitRows | None:
+        """Torques in the middle of intervals, where they are largest there."""
+        changes, task = self.changes, self.task
+        times = changes.t[:-1] + 0.5 * changes.h
+        state = self.trajectory(times)
+        load = (state.u - task.effort_middle) / task.effort_half
+        over = np.abs(load) > np.max(np.abs(self.loads), axis=1) + BULGE
+        over &= np.abs(load) > NEAR
+        over[:, np.setdiff1d(np.arange(changes.n), self.driven)] = False
+        if not over.any():
+            return None
+        parts = task.dynamics.inverse_jacobians(state.q, state.v, state.a)
+        q = changes.position_at(0.5, state.q)
+        v = changes.velocity_at(0.5, state.v)
+        a = 0.5 * (changes.accelerations(0) + changes.accelerations(1))
+        torque = (
+            q.after(blocks(parts.tau_q))
+            + v.after(blocks(parts.tau_v))
+            + changes.fixed(blocks(parts.tau_a) @ a)
+        )
+        rows = self._rows("effort", self._as_loads(torque), -1.0 - load, 1.0 - load)
+        return rows.kept(np.flatnonzero(over.ravel()))
+
+    # -- what else motors and controllers limit ----------------------------------------
+
+    def declared(self) -> list[LimitRows]:
+        """What motors and controllers limit beside torques: rates, jerks, power."""
+        limits = self.task.problem.motion_limits
+        if limits is None:
+            return []
+        names = self.task.problem.robot.joint_names
+        out = self._over_speed()
+        rate = limits.by_joint("effort_rate", names)
+        if np.any(np.isfinite(rate)):
+            mean = self.u.mean(axis=1)
+            change = self.changes.differences(self._mean_torque(), mean)
+            out.append(self._slopes("effort rate", change, mean, rate))
+        jerk = limits.by_joint("jerk", names)
+        if np.any(np.isfinite(jerk)):
+            out.append(self._jerks(jerk))
+        return out
+
+    def _slopes(
+        self, kind: str, change: Change, values: Array, limit: Array
+    ) -> LimitRows:
+        """Differences between neighbouring intervals, as shares of limits."""
+        h, n = self.changes.h, self.changes.n
+        found = np.diff(values, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
+        return _shares(kind, change, found, limit, np.arange(h.size - 1), n)
+
+    def _jerks(self, limit: Array) -> LimitRows:
+        changes, n, N = self.changes, self.changes.n, self.changes.N
+        if changes.shape != "ramps":
+            mean = changes.fixed(
+                0.5 * (changes.accelerations(0) + changes.accelerations(1))
+            )
+            a = self.a.mean(axis=1)
+            return self._slopes("jerk", changes.differences(mean, a), a, limit)
+        found = (self.a[:, 1] - self.a[:, 0]) / changes.h[:, None]
+        rise = changes.accelerations(1) - changes.accelerations(0)
+        weight = sp.diags(np.repeat(1.0 / changes.h, n))
+        by_length = sp.csr_matrix(
+            (
+                -(found / changes.h[:, None]).ravel(),
+                (np.arange(N * n), np.repeat(np.arange(N), n)),
+            ),
+            shape=(N * n, N),
+        )
+        change = Change((weight @ rise).tocsr(), by_length)
+        return _shares("jerk", change, found, limit, np.arange(N), n)
+
+    def _over_speed(self) -> list[LimitRows]:
+        limits, changes = self.task.problem.motion_limits, self.changes
+        curves = {} if limits is None else (limits.effort_curves or {})
+        names, N, n = self.task.problem.robot.joint_names, changes.N, changes.n
+        half, out = self.task.effort_half, []
+        for name, curve in sorted(curves.items()):
+            joint = names.index(name)
+            own = np.arange(N) * n + joint
+            for end in (0, 1):
+                node = slice(end, N + end)
+                most, slope = curve(changes.v[node, joint])
+                slope = slope * np.sign(changes.v[node, joint])
+                speeds = changes.velocities[(np.arange(N) + end) * n + joint]
+                torque = self._torque(end).matrix[own]
+                for sign in (1.0, -1.0):
+                    matrix = sign * torque - sp.diags(slope) @ speeds
+                    room = most - sign * self.u[:, end, joint]
+                    out.append(
+                        LimitRows(
+                            "effort over speed",
+                            changes.fixed(matrix / half[joint]),
+                            np.full(N, -np.inf),
+                            np.maximum(room / half[joint], 0.0),
+                            np.arange(N),
+                            np.full(N, joint),
+                        )
+                    )
+        return out
+
+
+def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:
+    """What is constant on the intervals of a motion."""
+    limits = task.problem.motion_limits
+    if limits is not None and limits.continuous:
+        return "ramps"
+    if trajectory.inverse_dynamics is None or joined:
+        return "torques"
+    largest = float(np.max(np.abs(a), initial=0.0))
+    jump = float(np.max(np.abs(a[1:, 0] - a[:-1, 1]), initial=0.0))
+    return "ramps" if jump <= SAME * largest else "steps"
+
+
+def _shares(
+    kind: str, change: Change, found: Array, limit: Array, interval: IntArray, n: int
+) -> LimitRows:
+    """Rows of some joints on some intervals, as shares of finite limits."""
+    rows = interval.size * n
+    scale = np.tile(np.where(np.isfinite(limit), 1.0 / limit, 1.0), interval.size)
+    share = found.ravel() * scale
+    out = LimitRows(
+        kind,
+        change.after(sp.diags(scale).tocsr()),
+        np.minimum(-1.0 - share, 0.0),
+        np.maximum(1.0 - share, 0.0),
+        np.repeat(interval, n),
+        np.tile(np.arange(n), interval.size),
+    )
+    limited = np.tile(np.isfinite(limit), interval.size)
+    return out.kept(np.flatnonzero(limited[:rows]))

@@ -1,0 +1,231 @@
+"""First-order conditions in words: to what they are kept, or which one fails where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.certificate import Certificate
+from tominpmp.certificate.dual_program import FirstOrder
+from tominpmp.certificate.multipliers import GOAL, TRUST
+from tominpmp.options import Tolerances
+from tominpmp.verification.verdict import Verification
+
+# By how much the Hamiltonian may be off in the mean; the cost of time is 1.
+HAMILTONIAN = 0.2
+# Torques must obey their switching functions for this share of the time.
+OBEDIENCE = 0.95
+# A grid is worth a word where a finer one promises this share of the duration more.
+COARSE = 0.005
+# Shares below this are rounding.
+LEAST_SHARE = 1e-5
+
+
+def name_of(motion: Motion, kind: str, subject: int) -> str:
+    """Name of the joint, or of the pair, that a limit belongs to."""
+    problem = motion.task.problem
+    if kind == "clearance":
+        one, other = problem.checker.pairs[subject]
+        return f"{one} and {other}"
+    for item in problem.constraints:
+        if item.name == kind:
+            return item.subject
+    return problem.robot.joint_names[subject]
+
+
+def autonomous(motion: Motion) -> bool:
+    """Whether nothing but the state decides what is allowed, so that H is constant."""
+    room = motion.task.room
+    return room is None or not room.moving
+
+
+def praise(motion: Motion, out: Certificate) -> str:
+    """What to say of a motion that keeps all conditions."""
+    T = float(out.t[-1])
+    constancy = (
+        f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
+        f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
+        if autonomous(motion)
+        else "Obstacles move, so that the Hamiltonian need not be constant. Torques"
+    )
+    text = (
+        "The motion satisfies the first-order conditions to "
+        f"{_percent(out.stationarity)}: small changes promise no more than "
+        f"{_time(out.stationarity * T)} of its {T:.4g} s. {constancy} obey their "
+        f"switching functions {_percent(out.sign_share)} of the time, and some limit "
+        f"holds the motion {_percent(out.active_share)} of the time."
+    )
+    if out.grid_gain > out.stationarity + COARSE:
+        text += (
+            " Torques that switch within the intervals of the grid could gain up to "
+            f"{_percent(out.grid_gain)}."
+        )
+    return text
+
+
+def failing(
+    motion: Motion,
+    found: FirstOrder,
+    out: Certificate,
+    verification: Verification | None,
+) -> list[str]:
+    """A sentence for each condition that fails, with where.
+
+    Args:
+        motion: The motion.
+        found: Its multipliers.
+        out: The figures of the certificate.
+        verification: The replay of the motion, if there is one.
+    """
+    return list(_Failures(motion, found, out).sentences(verification))
+
+
+class _Failures:
+    """What is wrong with a motion."""
+
+    def __init__(self, motion: Motion, found: FirstOrder, out: Certificate) -> None:
+        self.motion, self.found, self.out = motion, found, out
+        self.names = out.joint_names
+        self.t = motion.changes.t
+        self.h, self.T = motion.changes.h, float(motion.changes.t[-1])
+
+    def sentences(self, verification: Verification | None) -> Iterator[str]:
+        """One for each condition that fails."""
+        out = self.out
+        if verification is None:
+            flaw = self._flaw()
+        else:
+            flaw = "" if verification.ok else verification.message
+        if flaw:
+            yield f"The motion is not admissible: {flaw}"
+        if not out.stationarity <= out.tolerance:
+            yield (
+                "The motion does not satisfy the first-order conditions: small changes "
+                f"promise {_percent(out.stationarity)} of its duration "
+                f"({_time(out.stationarity * self.T)}). {self._worst()}"
+            )
+        constant = out.hamiltonian_mean_deviation <= HAMILTONIAN
+        if autonomous(self.motion) and not constant:
+            apart = np.abs(
+                out.hamiltonian - np.average(out.hamiltonian, weights=self.h)
+            )
+            k = int(np.argmax(apart * self.h))
+            yield (
+                "The Hamiltonian is not constant: it is off by "
+                f"{out.hamiltonian_mean_deviation:.2g} in the mean, and by "
+                f"{apart[k]:.2g} at {self._middle(k):.3f} s."
+            )
+        if not out.sign_share >= OBEDIENCE:
+            lost = np.abs(out.switching) * ~out.obeys * self.h[:, None]
+            joint = int(np.argmax(lost.sum(axis=0)))
+            k = int(np.argmax(lost[:, joint]))
+            yield (
+                "Torques obey the signs of their switching functions only "
+                f"{_percent(out.sign_share)} of the time; the worst is that of joint "
+                f"{self.names[joint]}, about {self._middle(k):.3f} s."
+            )
+
+    def _flaw(self) -> str:
+        """What keeps a motion that was not replayed from being one of the problem."""
+        system, changes = self.motion.task, self.motion.changes
+        problem, tolerances = system.problem, Tolerances()
+        apart = np.abs([changes.q[0] - problem.q_start, changes.v[0] - system.v_start])
+        if float(apart.max()) > tolerances.goal:
+            joint = self.names[int(np.argmax(apart.max(axis=0)))]
+            return f"joint {joint} does not start where the problem does."
+        misses = problem.goal.misses(system.kinematics, changes.q[-1], changes.v[-1])
+        for miss in sorted(misses, key=lambda miss: -miss.amount):
+            if miss.amount > (tolerances.speed if miss.moving else tolerances.goal):
+                return f"{miss.name} ends {miss.amount:.3g} {miss.unit} from the goal."
+        load = np.abs(self.motion.loads).max(axis=1)
+        if changes.shape == "torques":
+            load = np.abs(self.motion.load)
+        undriven = np.setdiff1d(np.arange(changes.n), self.motion.driven)
+        load[:, undriven] = 0.0
+        return self._over(load, tolerances.limits)
+
+    def _over(self, load: Array, tolerance: float) -> str:
+        changes, limits = self.motion.changes, self.motion.task.problem.robot.limits
+        speed = np.abs(changes.v) / limits.velocity
+        for what, share in (("torque", load), ("velocity", speed[1:])):
+            k, joint = np.unravel_index(int(np.argmax(share)), share.shape)
+            if share[k, joint] > 1.0 + tolerance:
+                return (
+                    f"the {what} of joint {self.names[joint]} is "
+                    f"{_percent(share[k, joint] - 1.0)} beyond its limit at "
+                    f"{self.t[k + 1]:.3f} s."
+                )
+        return ""
+
+    def _middle(self, k: int) -> float:
+        return float(0.5 * (self.t[k] + self.t[k + 1]))
+
+    def _worst(self) -> str:
+        """The limit, or the joint, that gives away most, and when."""
+        given = self.found.multipliers
+        promise = given.promise
+        # One number for each kind and subject.
+        key = given.code * (int(given.subject.max()) + 2) + given.subject + 1
+        groups, of_group = np.unique(key, return_inverse=True)
+        sums = np.bincount(of_group, weights=promise, minlength=groups.size)
+        rows = np.flatnonzero(of_group == int(np.argmax(sums)))
+        total = float(sums.max())
+        at = np.zeros(self.h.size)
+        np.add.at(at, given.interval[rows], promise[rows])
+        k = int(np.argmax(at))
+        peak = rows[np.argmax(promise[rows] * (given.interval[rows] == k))]
+        kind, subject = given.kinds[given.code[peak]], int(given.subject[peak])
+        when, room = self._middle(k), float(given.room[peak])
+        share = f"{_percent(total)} of the duration"
+        if kind == TRUST:
+            if subject < 0:
+                return f"Most of it, {share}, is in the pace at {when:.3f} s."
+            return (
+                f"Most of it, {share}, is in the path: no limit holds joint "
+                f"{self.names[subject]} where it is at {when:.3f} s."
+            )
+        if kind == "clearance":
+            name = name_of(self.motion, kind, subject)
+            return (
+                f"Most of it, {share}: {name} are {1e3 * room:.3g} mm farther apart "
+                f"than need be at {when:.3f} s."
+            )
+        if kind == GOAL:
+            return f"Most of it, {share}, is in where the motion ends."
+        constraints = self.motion.task.problem.constraints
+        if kind in {item.name for item in constraints}:
+            return (
+                f"Most of it, {share}: the {kind} stays off the limit that its "
+                f"multiplier asks for, by {room:.3g} {constraints[subject].unit} and "
+                f"most at {when:.3f} s."
+            )
+        what = {"effort": "torque"}.get(kind, kind)
+        side = "upper" if given.upper[peak] else "lower"
+        far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"
+        return (
+            f"Most of it, {share}: the {what} of joint {self.names[subject]} stays off "
+            f"the {side} limit that its multiplier asks for, by {far} and most at "
+            f"{when:.3f} s."
+        )
+
+
+def _percent(share: float) -> str:
+    """A share in per cent, with two digits where it is small."""
+    if share < LEAST_SHARE:
+        return "less than 0.001 %"
+    percent = 100.0 * share
+    if percent >= 99.95:
+        return "100 %"
+    return f"{percent:.3g} %" if percent >= 10.0 else f"{percent:.2g} %"
+
+
+def _time(seconds: float) -> str:
+    """A time in words."""
+    if seconds < 1e-6:
+        return "a microsecond"
+    if seconds < 0.1:
+        return f"{1e3 * seconds:.2g} ms"
+    return f"{seconds:.3g} s"

@@ -1,0 +1,101 @@
+r"""Costates, integrated backwards along a motion.
+
+.. math:: \dot p = -f_x^T p
+
+between the instants at which a limit on the state holds; there the costate falls by the
+multiplier times the gradient of the limit. The multipliers of the linear program give
+the costate without this equation: it knows accelerations and the inverse dynamics, this
+one torques and the forward dynamics. That both agree is a check of either.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.dual_program import FirstOrder
+from tominpmp.certificate.friction import overcoming
+from tominpmp.verification.replay import Replay
+
+# Steps of an interval; even, so that one ends in the middle.
+STEPS = 4
+
+
+def integrate_costates(
+    motion: Motion,
+    found: FirstOrder,
+    replay: Replay | None = None,
+    *,
+    anew: bool = True,
+) -> Array:
+    """Integrate the adjoint equation backwards from node to node.
+
+    Args:
+        motion: The motion.
+        found: Its multipliers, and the costate at the end.
+        replay: Where the torques lead, if they were replayed: the states to integrate
+            along. Without it the states are those of the plan.
+        anew: Whether each interval begins with the costate that was found at its end,
+            else with the integrated one. Where an arm can fall over, what is
+            integrated from one end to the other is off by powers of ten.
+
+    Returns:
+        Costates just after the start and just before the nodes 1 to N, shape
+        (N + 1, 2 n).
+    """
+    changes, n = motion.changes, motion.changes.n
+    shares = (np.arange(STEPS) + 0.5) / STEPS
+    times = (changes.t[:-1, None] + changes.h[:, None] * shares).ravel()
+    state = motion.trajectory(times)
+    q, v = state.q, state.v
+    if replay is not None and replay.complete:
+        q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
+        v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
+    x = np.concatenate([q, v], axis=1)
+    left = overcoming(motion.task.problem.robot, motion.trajectory, state)
+    slope = motion.task.dynamics.forward_jacobians(x, left).f_x
+    steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
+    steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)
+    out = np.empty((changes.N + 1, 2 * n))
+    p = found.costates[-1].copy()
+    for k in range(changes.N - 1, -1, -1):
+        out[k + 1] = p
+        if anew:
+            p = found.costates[k].copy()
+        for i in range(STEPS - 1, -1, -1):
+            p = p @ steps[k, i]
+            if i == STEPS // 2:
+                p[:n] += found.pushes[k]
+        if k:
+            p = p + found.jumps[k - 1]
+    out[0] = p
+    return out
+
+
+def _transitions(slope: Array, h: Array) -> Array:
+    """What a step makes of small changes of the state, by Radau IIA of order 3.
+
+    Args:
+        slope: f_x in the middle of each step, shape (m, k, k).
+        h: Lengths of the steps [s], shape (m,).
+
+    Returns:
+        Shape (m, k, k).
+    """
+    z = slope * h[:, None, None]
+    eye = np.eye(slope.shape[1])
+    return np.asarray(np.linalg.solve(eye - 2 / 3 * z + z @ z / 6, eye + z / 3))
+
+
+def disagreement(found: FirstOrder, integrated: Array) -> float:
+    """Largest difference between costates, relative to the largest of them.
+
+    Args:
+        found: Those of the linear program.
+        integrated: Those of the adjoint equation, shape (N + 1, 2 n).
+    """
+    scale = found.state_scale
+    largest = float(np.max(np.abs(found.costates * scale), initial=0.0))
+    apart = (found.costates - integrated[1:]) * scale
+    return float(np.max(np.abs(apart), initial=0.0)) / max(largest, 1e-300)

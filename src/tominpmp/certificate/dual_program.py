@@ -1,0 +1,390 @@
+"""What small changes of a motion could gain: a linear program, and its multipliers.
+
+The program asks for the largest reduction of the duration that changes within a unit
+trust region promise to first order. Its multipliers are the costates and the
+multipliers of the limits; by the duality of linear programs the promise is the sum of
+what each limit and the trust region give away: multiplier times room. A motion that
+keeps the first-order conditions promises nothing: all multipliers stand at limits that
+have no room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
+from tominpmp.certificate.perturbations import Change
+from tominpmp.certificate.state_limits import clearances, constraints
+from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
+
+# The trust region: positions in rad or shares of the reach, velocities in these units
+# over the duration, which changes by a share of itself.
+RADIUS = 1.0
+SPEED_RADIUS = 10.0
+LENGTH_RADIUS = 0.5
+# Each interval may be longer or shorter by this share as well. Of several sets of
+# multipliers that say the same this picks one whose Hamiltonian is constant.
+SHIFT = 1e-3
+# Interior points find the middle of the multipliers that there are, a simplex a corner.
+SOLVERS = ("piqp", "highs")
+# Torques with more room than this to their nearer limit, as a share of it, are far.
+FAR_TORQUES = 0.5
+# Programs of at most so many unknowns are quick in any case.
+SMALL = 400
+# A bound at least this far is the trust region's.
+FAR = RADIUS * (1.0 - 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class FirstOrder:
+    """First-order conditions of a motion.
+
+    Attributes:
+        costates: Derivatives of the duration by the states just before the nodes 1 to
+            N, shape (N, 2 n).
+        jumps: By how much costates fall at these nodes, where a limit on the state
+            holds, shape (N, 2 n).
+        pushes: By how much those of the positions fall in the middle of the intervals,
+            where a clearance holds, shape (N, n).
+        switching: Derivative of the Hamiltonian by the torques, mean over each
+            interval, in shares of the torque limits, shape (N, n).
+        hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
+        multipliers: Of the limits.
+        promise: Reduction of the duration to first order, as a share of it.
+        state_scale: Changes of the state that the trust region allows, shape (2 n,).
+    """
+
+    costates: Array
+    jumps: Array
+    pushes: Array
+    switching: Array
+    hamiltonian: Array
+    multipliers: Multipliers
+    promise: float
+    state_scale: Array
+
+
+class _Bounds(NamedTuple):
+    """Bounds of the unknowns, in scaled units, and what they are.
+
+    Attributes:
+        lower: Shape (size,).
+        upper: Shape (size,).
+        kind: 0 for positions, 1 for velocities, 2 for accelerations, shape (size,).
+        interval: Shape (size,).
+        joint: Shape (size,).
+        unit: A scaled unit in units of the limit, shape (size,).
+    """
+
+    lower: Array
+    upper: Array
+    kind: IntArray
+    interval: IntArray
+    joint: IntArray
+    unit: Array
+
+
+BOUND_KINDS = ("position", "velocity", "acceleration")
+
+
+def first_order(motion: Motion, enough: float = 0.0) -> FirstOrder | None:
+    """First-order conditions of a motion; None if the program cannot be solved.
+
+    Args:
+        motion: The motion.
+        enough: A promise that is good enough. Torques far from their limits are left
+            out at first, which is quicker and promises too much, if anything; only
+            where that is more than this, all are looked at.
+    """
+    if enough > 0.0 and motion.changes.size > SMALL:
+        found = _Program(motion, FAR_TORQUES).solve()
+        if found is not None and found.promise <= enough:
+            return found
+    return _Program(motion).solve()
+
+
+class _Program:
+    """The linear program of a motion, in units that make its numbers of order one.
+
+    Columns are the unknowns of the changes, a change of each interval, and one of the
+    duration; rows are the equations of motion, the limits, and the goal.
+    """
+
+    def __init__(self, motion: Motion, far: float = np.inf) -> None:
+        self.motion = motion
+        changes, system = motion.changes, motion.task
+        self.n, self.N = changes.n, changes.N
+        self.T = float(changes.t[-1])
+        place = system.step_scale
+        self.state_scale = np.concatenate([place, SPEED_RADIUS * place / self.T])
+        mass = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
+        drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
+        inertia = mass + drag * self.T / self.N
+        self.acceleration_scale = system.effort_half / np.maximum(inertia, 1e-12)
+        efforts = [
+            rows.kept(np.flatnonzero(np.minimum(-rows.lower, rows.upper) < far))
+            if rows.kind == "effort" and np.isfinite(far)
+            else rows
+            for rows in motion.efforts()
+        ]
+        others = [*motion.declared(), *clearances(motion), *constraints(motion)]
+        self.limits = [*efforts, *others]
+        self.goal = self._goal()
+
+    # -- columns -----------------------------------------------------------------------
+
+    @cached_property
+    def bounds(self) -> _Bounds:
+        """Limits of states and accelerations, and the trust region."""
+        N, n, controls = self.N, self.n, self.motion.changes.controls
+        problem, changes = self.motion.task.problem, self.motion.changes
+        limits = problem.robot.limits
+        states = np.concatenate([changes.q, changes.v], axis=1)[1:]
+        low = np.concatenate([limits.position_lower, -limits.velocity])
+        high = np.concatenate([limits.position_upper, limits.velocity])
+        lower = np.clip((low - states) / self.state_scale, -RADIUS, 0.0)
+        upper = np.clip((high - states) / self.state_scale, 0.0, RADIUS)
+        below, above, most = self._acceleration_bounds()
+        place, speed = np.split(self.state_scale, 2)
+        units = np.concatenate([place, speed / limits.velocity])
+        return _Bounds(
+            np.concatenate([lower.ravel(), below.ravel()]),
+            np.concatenate([upper.ravel(), above.ravel()]),
+            np.append(np.tile(np.repeat([0, 1], n), N), np.full(controls * n, 2)),
+            np.append(
+                np.repeat(np.arange(N), 2 * n),
+                np.repeat(np.minimum(np.arange(controls), N - 1), n),
+            ),
+            np.tile(np.arange(n), 2 * N + controls),
+            np.append(
+                np.tile(units, N), np.tile(self.acceleration_scale / most, controls)
+            ),
+        )
+
+    def _acceleration_bounds(self) -> tuple[Array, Array, Array]:
+        """Room below and above, shape (controls, n), and the limits, shape (n,)."""
+        motion, limits = self.motion, self.motion.task.problem.motion_limits
+        most = np.full(self.n, np.inf)
+        continuous = False
+        if limits is not None:
+            names = motion.task.problem.robot.joint_names
+            most = limits.by_joint("acceleration", names)
+            continuous = limits.continuous
+        least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
+        if motion.changes.shape == "ramps":
+            least = largest = np.concatenate([motion.a[:, 0], motion.a[-1:, 1]])
+        below = np.minimum((-most - least) / self.acceleration_scale, 0.0)
+        above = np.maximum((most - largest) / self.acceleration_scale, 0.0)
+        if continuous:
+            # Accelerations that must not jump begin and end with none.
+            below[[0, -1]] = above[[0, -1]] = 0.0
+        return below, above, most
+
+    # -- rows --------------------------------------------------------------------------
+
+    def _goal(self) -> tuple[sp.csr_matrix, Array, Array]:
+        """Rows of the goal with their bounds."""
+        system, changes = self.motion.task, self.motion.changes
+        q, v = changes.q[-1], changes.v[-1]
+        goal = system.problem.goal.nearest(system.kinematics, q, v)
+        value, by_q, by_v = goal.residual(system.kinematics, q, v)
+        lower, upper = goal.bounds(system.kinematics)
+        loose = lower < upper
+        low = np.where(loose, np.minimum(lower - value, 0.0), 0.0)
+        high = np.where(loose, np.maximum(upper - value, 0.0), 0.0)
+        by_x = sp.csr_matrix(np.hstack([by_q, by_v]))
+        before = sp.csr_matrix((value.size, 2 * (self.N - 1) * self.n))
+        after = sp.csr_matrix((value.size, changes.controls * self.n))
+        return sp.hstack([before, by_x, after], format="csr"), low, high
+
+    def _all_rows(self, gaps: Change) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """All rows, by the unknowns and by the lengths of the intervals, scaled."""
+        goal, low, _ = self.goal
+        matrix = sp.vstack(
+            [gaps.matrix, *(rows.change.matrix for rows in self.limits), goal],
+            format="csr",
+        )
+        lengths = sp.vstack(
+            [
+                gaps.by_length,
+                *(rows.change.by_length for rows in self.limits),
+                sp.csr_matrix((low.size, self.N)),
+            ],
+            format="csr",
+        )
+        columns = np.concatenate(
+            [
+                np.tile(self.state_scale, self.N),
+                np.tile(self.acceleration_scale, self.motion.changes.controls),
+            ]
+        )
+        scale = np.ones(matrix.shape[0])
+        scale[: 2 * self.N * self.n] = np.tile(1.0 / self.state_scale, self.N)
+        left = sp.diags(scale)
+        return (left @ matrix @ sp.diags(columns)).tocsr(), (left @ lengths).tocsr()
+
+    # -- solution ----------------------------------------------------------------------
+
+    def solve(self) -> FirstOrder | None:
+        """Solve the program; None if no solver can."""
+        changes, (_, low, high) = self.motion.changes, self.goal
+        matrix, lengths = self._all_rows(changes.gaps())
+        stretch = sp.csr_matrix((lengths @ changes.h)[:, None])
+        rows = sp.hstack([matrix, self.T * lengths, stretch], format="csc")
+        cost = np.zeros(rows.shape[1])
+        # Lengths are in shares of the duration, as the objective.
+        cost[changes.size :] = 1.0
+        shift = np.append(SHIFT * changes.h / self.T, LENGTH_RADIUS)
+        equations = np.zeros(2 * self.N * self.n)
+        program = LinearProgram(
+            cost,
+            rows,
+            np.concatenate([equations, *(rows.lower for rows in self.limits), low]),
+            np.concatenate([equations, *(rows.upper for rows in self.limits), high]),
+            np.append(self.bounds.lower, -shift),
+            np.append(self.bounds.upper, shift),
+            np.arange(rows.shape[0]),
+            np.arange(rows.shape[1]),
+        )
+        found = _solve(program)
+        if found is None:
+            return None
+        duals = found.row_duals
+        hamiltonian = 1.0 + self.T * (lengths.T @ duals)
+        return self._read(duals, cost + rows.T @ duals, shift, hamiltonian)
+
+    def _read(
+        self, duals: Array, slopes: Array, shift: Array, hamiltonian: Array
+    ) -> FirstOrder:
+        """Turn the duals of the rows, and what they leave of the costs, into times."""
+        N, n, states = self.N, self.n, 2 * self.N * self.n
+        lower, upper = self.bounds.lower[:states], self.bounds.upper[:states]
+        slope = slopes[:states]
+        # The trust region is no limit of the problem.
+        held = np.where(slope > 0.0, -lower, upper) < FAR
+        jumps = np.where(held, -slope, 0.0).reshape(N, -1) * self.T / self.state_scale
+        pushes = np.zeros((N, n))
+        for rows, y in self._of_rows(duals):
+            if rows.slopes is not None:
+                target = pushes if rows.share < 1.0 else jumps[:, :n]
+                np.add.at(target, rows.interval, self.T * y[:, None] * rows.slopes)
+            if rows.speed_slopes is not None and rows.share == 1.0:
+                falls = self.T * y[:, None] * rows.speed_slopes
+                np.add.at(jumps[:, n:], rows.interval, falls)
+        multipliers = self._multipliers(duals, slopes, shift)
+        costates = -duals[:states].reshape(N, -1) * self.T / self.state_scale
+        return FirstOrder(
+            costates=costates - self._arriving(duals),
+            jumps=jumps,
+            pushes=pushes,
+            switching=self._switching(duals),
+            hamiltonian=hamiltonian,
+            multipliers=multipliers,
+            promise=float(multipliers.promise.sum()),
+            state_scale=self.state_scale,
+        )
+
+    def _of_rows(self, duals: Array) -> Iterator[tuple[LimitRows, Array]]:
+        """Rows of the limits with their multipliers."""
+        at = 2 * self.N * self.n
+        for rows in self.limits:
+            yield rows, duals[at : at + rows.lower.size]
+            at += rows.lower.size
+
+    def _multipliers(self, duals: Array, slopes: Array, shift: Array) -> Multipliers:
+        """Sort the multipliers of rows and bounds by what they belong to."""
+        found = Collection()
+        for rows, y in self._of_rows(duals):
+            found.add(
+                rows.kind,
+                rows.interval,
+                rows.subject,
+                y,
+                rows.lower,
+                rows.upper,
+                rows.unit,
+            )
+        _, low, high = self.goal
+        last = np.full(low.size, self.N - 1)
+        found.add(
+            GOAL, last, np.arange(low.size), duals[duals.size - low.size :], low, high
+        )
+        bounds, size = self.bounds, self.bounds.lower.size
+        y = -slopes[:size]
+        near = np.where(y > 0.0, bounds.upper, -bounds.lower)
+        far = (near >= FAR) & (bounds.kind < 2)
+
+        def add(kind: str, own: BoolArray, unit: Array) -> None:
+            interval, joint = bounds.interval[own], bounds.joint[own]
+            lower, upper = bounds.lower[own], bounds.upper[own]
+            found.add(kind, interval, joint, y[own], lower, upper, unit[own])
+
+        for code, kind in enumerate(BOUND_KINDS):
+            add(kind, (bounds.kind == code) & ~far & (bounds.unit > 0.0), bounds.unit)
+        add(TRUST, far, np.ones(size))
+        nobody = np.full(shift.size, -1)
+        interval = np.append(np.arange(self.N), 0)
+        found.add(TRUST, interval, nobody, -slopes[size:], -shift, shift)
+        return found.multipliers()
+
+    def _arriving(self, duals: Array) -> Array:
+        """Share of the torques before a node in the multipliers there, shape (N, 2 n).
+
+        The costate changes over an interval as the torques on it depend on the state;
+        rows at its end have that change at the node itself, where it is too late.
+        """
+        motion, n = self.motion, self.n
+        at_end, ramps = np.zeros((self.N, n)), motion.changes.shape == "ramps"
+        for rows, y in self._of_rows(duals):
+            if rows.kind not in ("effort", "passive"):
+                continue
+            if rows.mean:
+                np.add.at(at_end, (rows.interval, rows.subject), 0.5 * y)
+            elif rows.share == 1.0:
+                np.add.at(at_end, (rows.interval, rows.subject), y)
+            elif rows.share == 0.0 and ramps:
+                later = rows.interval > 0
+                index = (rows.interval[later] - 1, rows.subject[later])
+                np.add.at(at_end, index, 0.5 * y[later])
+        parts, at_end = motion.parts, self.T * at_end / motion.task.effort_half
+        by_q = np.einsum("kj,kji->ki", at_end, parts.tau_q[1::2])
+        by_v = np.einsum("kj,kji->ki", at_end, parts.tau_v[1::2])
+        return np.concatenate([by_q, by_v], axis=1)
+
+    def _switching(self, duals: Array) -> Array:
+        """Multipliers of the torques, as a density over time."""
+        N, n, h = self.N, self.n, self.motion.changes.h
+        ramps = self.motion.changes.shape == "ramps"
+        at_nodes, inside = np.zeros((N + 1, n)), np.zeros((N, n))
+        for rows, y in self._of_rows(duals):
+            if rows.kind not in ("effort", "passive"):
+                continue
+            if ramps and rows.share != 0.5:
+                node = rows.interval + int(rows.share)
+                np.add.at(at_nodes, (node, rows.subject), y)
+            else:
+                np.add.at(inside, (rows.interval, rows.subject), y)
+        # A node stands for half of both intervals beside it.
+        width = np.append(h, 0.0) + np.append(0.0, h)
+        density = at_nodes / width[:, None]
+        return np.asarray(-self.T * (density[1:] + density[:-1] + inside / h[:, None]))
+
+
+def _solve(program: LinearProgram) -> LpSolution | None:
+    """Solve a program with the first solver that can."""
+    numbers = (program.matrix.data, program.row_lower, program.row_upper)
+    if not all(np.all(np.isfinite(part) | np.isinf(part)) for part in numbers):
+        return None
+    for name in SOLVERS:
+        found = make_solver(name).solve(program)
+        if found.optimal and np.all(np.isfinite(found.row_duals)):
+            return found
+    return None

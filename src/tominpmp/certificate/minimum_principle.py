@@ -1,0 +1,230 @@
+r"""Certificate of the minimum principle: how near a motion is to an extremal.
+
+The duration T is minimised: with the costates :math:`p = \partial T / \partial x`, the
+derivatives of the time that is left by the state, the Hamiltonian is
+
+.. math:: H = 1 + p^T f(x, u) = 0
+
+all along an optimal motion (Pontryagin, Boltyanskii, Gamkrelidze and Mishchenko, 1962),
+and its torques minimise it: where the switching function :math:`\sigma = H_u` of a
+joint is positive its torque is at the lower limit, where it is negative at the upper
+one. On limits of the state, as speeds have them, the costate falls, and H does not
+(Hartl, Sethi and Vickson, 1995). Where obstacles move, what they do to later clearances
+is part of H.
+
+The certificate takes nothing from the solver that made the motion: costates and
+multipliers come from a linear program about it
+(:mod:`tominpmp.certificate.dual_program`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.certificate import ActiveLimit, Certificate
+from tominpmp.certificate.conditions import failing, name_of, praise
+from tominpmp.certificate.costates import disagreement, integrate_costates
+from tominpmp.certificate.dual_program import FirstOrder, first_order
+from tominpmp.certificate.task import Task
+from tominpmp.exceptions import expect
+from tominpmp.problem import Problem
+from tominpmp.recorded import checked_motion
+from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.verification.verdict import Verification
+
+# What small changes may promise, as a share of the duration.
+TOLERANCE = 0.01
+# Below this share of it, whether the promise is exact does not matter.
+ENOUGH = 0.3
+# A torque is at its limit within this share of half its range, and a switching function
+# is zero within this; on limits within this share.
+AT_LIMIT = 0.02
+NO_SLOPE = 0.02
+ON_LIMIT = 0.01
+# Limits whose multiplier is below this, as a density over time, do not hold the motion.
+HOLDING = 0.01
+
+
+def certify(
+    problem: Problem,
+    trajectory: Trajectory | Samples,
+    *,
+    verification: Verification | None = None,
+    tolerance: float = TOLERANCE,
+) -> Certificate:
+    """Check the first-order conditions of a motion, whoever made it.
+
+    Args:
+        problem: What the motion solves.
+        trajectory: The motion; samples, from a file say, are joined to one first.
+        verification: Its replay, if there is one: costates are integrated along it, and
+            a motion that fails it is not certified.
+        tolerance: What small changes may promise, as a share of the duration.
+
+    Returns:
+        The certificate.
+
+    Raises:
+        ProblemError: If the motion is one of other joints, or has no numbers.
+    """
+    begin = time.perf_counter()
+    expect(problem, Problem, "problem", "a Problem")
+    if verification is not None:
+        expect(verification, Verification, "verification", "a Verification or None")
+    expect(tolerance, (int, float, np.number), "tolerance", "a share of the duration")
+    robot = problem.robot
+    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    try:
+        with np.errstate(all="ignore"):
+            motion = Motion.of(Task.of(problem), trajectory)
+            found = first_order(motion, ENOUGH * tolerance)
+            if found is None:
+                out = _nothing(trajectory, tolerance)
+            else:
+                out = _Reading(motion, found, verification, tolerance).certificate()
+    except np.linalg.LinAlgError:
+        out = _nothing(trajectory, tolerance)
+    return replace(out, seconds=time.perf_counter() - begin)
+
+
+def _nothing(trajectory: Trajectory, tolerance: float) -> Certificate:
+    """Certificate of a motion of which nothing can be said."""
+    n, N = trajectory.n, trajectory.t.size - 1
+    return Certificate(
+        joint_names=trajectory.joint_names,
+        ok=False,
+        message="The first-order conditions of the motion could not be evaluated: the "
+        "linear program of its small changes has no solution.",
+        t=trajectory.t,
+        costates=np.zeros((N + 1, 2 * n)),
+        switching=np.zeros((N, n)),
+        hamiltonian=np.zeros(N),
+        obeys=np.zeros((N, n), dtype=bool),
+        active=(),
+        hamiltonian_deviation=np.inf,
+        hamiltonian_mean_deviation=np.inf,
+        sign_share=0.0,
+        saturated_share=0.0,
+        active_share=0.0,
+        complementarity=np.inf,
+        stationarity=np.inf,
+        grid_gain=np.inf,
+        costate_error=None,
+        tolerance=tolerance,
+        seconds=0.0,
+    )
+
+
+class _Reading:
+    """A motion and its multipliers, while a certificate is made of them."""
+
+    def __init__(
+        self,
+        motion: Motion,
+        found: FirstOrder,
+        verification: Verification | None,
+        tolerance: float,
+    ) -> None:
+        self.motion, self.found = motion, found
+        self.verification, self.tolerance = verification, tolerance
+        self.names = motion.trajectory.joint_names
+        self.t, self.h = motion.changes.t, motion.changes.h
+        self.T = float(self.t[-1])
+        load = motion.loads
+        if motion.changes.shape == "torques":
+            load = motion.load[:, None]
+        # Room of the torques to their limits, in half ranges, shape (N, n).
+        self.above = np.maximum(1.0 - load.max(axis=1), 0.0)
+        self.below = np.maximum(1.0 + load.min(axis=1), 0.0)
+
+    def certificate(self) -> Certificate:
+        """The certificate."""
+        found, motion, h = self.found, self.motion, self.h
+        H = found.hamiltonian
+        apart = np.abs(H - np.average(H, weights=h))
+        sigma = found.switching
+        room = np.where(sigma < 0.0, self.above, self.below)
+        obeys = (room <= AT_LIMIT) | (np.abs(sigma) <= NO_SLOPE)
+        driven = motion.driven
+        obeys[:, np.setdiff1d(np.arange(motion.changes.n), driven)] = True
+        saturated = np.minimum(self.above, self.below) <= ON_LIMIT
+        busy = saturated[:, driven].any(axis=1)
+        active = tuple(self._active())
+        replay = None if self.verification is None else self.verification.replay
+        costates = integrate_costates(motion, found, replay)
+        error = disagreement(found, costates)
+        costates[1:] = found.costates
+        limits = motion.task.problem.motion_limits
+        out = Certificate(
+            joint_names=self.names,
+            ok=False,
+            message="",
+            t=self.t,
+            costates=costates,
+            switching=sigma,
+            hamiltonian=H,
+            obeys=obeys,
+            active=active,
+            hamiltonian_deviation=float(apart.max()),
+            hamiltonian_mean_deviation=float(np.average(apart, weights=h)),
+            sign_share=self._share(obeys[:, driven].mean(axis=1)),
+            saturated_share=self._share(busy),
+            active_share=self._share(busy | self._covered(active)),
+            complementarity=self._promised(found.multipliers.limits),
+            stationarity=found.promise,
+            grid_gain=self._grid_gain(room),
+            costate_error=error if limits is None or not limits.need_smooth else None,
+            tolerance=self.tolerance,
+            seconds=0.0,
+        )
+        failures = failing(motion, found, out, self.verification)
+        message = " ".join(failures) if failures else praise(motion, out)
+        return replace(out, ok=not failures, message=message)
+
+    def _share(self, flags: Array | BoolArray) -> float:
+        return float(np.average(flags, weights=self.h))
+
+    def _promised(self, which: BoolArray) -> float:
+        return float(self.found.multipliers.promise[which].sum())
+
+    def _grid_gain(self, room: Array) -> float:
+        """What torques promise that may switch within the intervals."""
+        sigma, load = self.found.switching, self.motion.load
+        mean = np.where(sigma < 0.0, 1.0 - load, 1.0 + load)
+        more = np.abs(sigma) * np.maximum(mean - room, 0.0) * self.h[:, None]
+        return float(self.found.promise + more[:, self.motion.driven].sum() / self.T)
+
+    # -- limits that hold --------------------------------------------------------------
+
+    def _active(self) -> Iterator[ActiveLimit]:
+        """Limits without room whose multipliers are worth mention."""
+        given = self.found.multipliers
+        density = given.value * self.T / self.h[given.interval]
+        holding = given.limits & (density > HOLDING) & (given.room <= ON_LIMIT)
+        holding &= ~given.of("passive")
+        for code, kind in enumerate(given.kinds):
+            of_kind = holding & (given.code == code)
+            for subject in np.unique(given.subject[of_kind]).tolist():
+                rows = np.flatnonzero(of_kind & (given.subject == subject))
+                interval, first = np.unique(given.interval[rows], return_index=True)
+                total = np.zeros(self.h.size)
+                np.add.at(total, given.interval[rows], density[rows])
+                yield ActiveLimit(
+                    kind,
+                    name_of(self.motion, kind, subject),
+                    frozen_array(self.t[interval]),
+                    frozen_array(self.t[interval + 1]),
+                    frozen_array(total[interval]),
+                    given.upper[rows[first]],
+                )
+
+    def _covered(self, active: tuple[ActiveLimit, ...]) -> BoolArray:
+        """Intervals on which a limit holds, shape (N,)."""
+        begins = [item.begin for item in active]
+        return np.isin(self.t[:-1], np.concatenate([np.zeros(0), *begins]))

@@ -1,0 +1,287 @@
+"""Initial guesses: a path over time that need satisfy nothing but its ends."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.dynamics import directions
+from tominpmp.goals import PlaceGoal
+from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.initial_guess.pace import stretch
+from tominpmp.initial_guess.path import RoundedPath
+from tominpmp.initial_guess.rrt import (
+    is_free,
+    is_free_line,
+    sample_paths,
+    sampling_available,
+)
+from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
+from tominpmp.transcription.system import System
+
+# Random configurations tried when solving inverse kinematics for a goal on a frame.
+KINEMATIC_STARTS = 20
+# How many of the configurations found there are approached on a straight line that is
+# timed.
+STRAIGHT_LINES = 10
+# Durations of untimed guesses, in multiples of what the speed limits demand.
+LEISURE = 2.0
+# Samples of a guess.
+SAMPLES = 200
+# Sampled paths that are compared before the fastest is tried. One takes a tenth of the
+# time of an attempt, and it is the fastest that leads to the best optimum: in a cage,
+# paths of 1.6 s and 2.6 s became motions of 1.2 s and 1.9 s.
+BATCH = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A path over time.
+
+    Attributes:
+        name: How it came about, for reports.
+        t: Times [s], increasing from 0, shape (m,).
+        q: Configurations, shape (m, n) [rad or m].
+        timed: Whether the duration is the least for this path.
+        delay: How long the arm stays at the start before [s], within the duration.
+    """
+
+    name: str
+    t: Array
+    q: Array
+    timed: bool
+    delay: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self.t[-1])
+
+    def position(self, times: Array) -> Array:
+        """Configurations at times, shape (k, n)."""
+        columns = [np.interp(times, self.t, column) for column in self.q.T]
+        return np.stack(columns, axis=1)
+
+
+def straight_guess(system: System, q_end: Array, name: str = "straight line") -> Guess:
+    """Straight line in joint space, in minimum time where that can be told.
+
+    Args:
+        system: Dynamics and limits.
+        q_end: Final configuration, shape (n,) [rad or m].
+        name: Name of the guess.
+
+    Returns:
+        The guess.
+    """
+    problem = system.problem
+    timing = time_straight_line(system, problem.q_start, q_end)
+    if timing is not None:
+        return _timed_guess(system, timing, name)
+    return _smooth_guess(system, np.stack([problem.q_start, q_end]), name)
+
+
+def path_guess(system: System, corners: Array, name: str = "sampled path") -> Guess:
+    """Path through corners that are rounded, in minimum time where that can be told.
+
+    Args:
+        system: Dynamics, limits and clearance.
+        corners: Corners of a path that keeps clear of obstacles, shape (m, n) [rad or
+            m]; the rounded corners are clear of them too.
+        name: Name of the guess.
+
+    Returns:
+        The guess.
+    """
+    path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
+    path = path.clear_of_obstacles(lambda q: is_free(system, q))
+    timing = time_path(system, path)
+    if timing is not None:
+        return _timed_guess(system, timing, name)
+    q, _, _ = path.evaluate(_quintic())
+    return _untimed_guess(system, q, name)
+
+
+def _timed_guess(system: System, timing: PathTiming, name: str) -> Guess:
+    times = np.linspace(0.0, timing.duration, SAMPLES)
+    q = timing.position(times)
+    factor = stretch(system, q, timing.duration)
+    return Guess(name, factor * times, q, factor == 1.0)
+
+
+def resting_guess(system: System, duration: float) -> Guess:
+    """Stay at the start for a duration [s]."""
+    q = np.tile(system.problem.q_start, (2, 1))
+    return Guess("at rest", np.array([0.0, duration]), q, False)
+
+
+def via_guess(system: System, via: Array, q_end: Array) -> Guess:
+    """Path through a configuration halfway.
+
+    Args:
+        system: Dynamics and limits.
+        via: Configuration in the middle, shape (n,).
+        q_end: Final configuration, shape (n,).
+
+    Returns:
+        The guess.
+    """
+    corners = np.stack([system.problem.q_start, via, q_end])
+    return _smooth_guess(system, corners, "via point")
+
+
+def _quintic() -> Array:
+    """Path parameter from rest to rest, shape (SAMPLES,)."""
+    s = np.linspace(0.0, 1.0, SAMPLES)
+    return np.asarray(s**3 * (10.0 + s * (6.0 * s - 15.0)))
+
+
+def _smooth_guess(system: System, corners: Array, name: str) -> Guess:
+    """Quadratic Bezier curve or line, with a quintic time law from rest to rest."""
+    s = _quintic()
+    if corners.shape[0] == 2:
+        q = corners[0] + s[:, None] * (corners[1] - corners[0])
+    else:
+        # Passes the middle configuration at s = 1/2.
+        middle = 2.0 * corners[1] - 0.5 * (corners[0] + corners[2])
+        weights = np.stack([(1.0 - s) ** 2, 2.0 * s * (1.0 - s), s**2], axis=1)
+        q = weights @ np.stack([corners[0], middle, corners[2]])
+        limits = system.problem.robot.limits
+        q = np.clip(q, limits.position_lower, limits.position_upper)
+    return _untimed_guess(system, q, name)
+
+
+def _untimed_guess(system: System, q: Array, name: str) -> Guess:
+    duration = LEISURE * _least_time(system, q)
+    duration *= stretch(system, q, duration)
+    return Guess(name, duration * np.linspace(0.0, 1.0, SAMPLES), q, False)
+
+
+def _least_time(system: System, q: Array) -> float:
+    """Time scale of a path: speed limits and the torque for its accelerations [s]."""
+    limits, count = system.problem.robot.limits, q.shape[0]
+    unit = np.linspace(0.0, 1.0, count)
+    v = np.gradient(q, unit, axis=0)
+    a = np.gradient(v, unit, axis=0)
+    speed = float(np.max(np.abs(v) / limits.velocity, initial=0.0))
+    zero = np.zeros_like(q)
+    hold = system.torque(q, zero, zero)
+    need = system.torque(q, v, a) - hold
+    if system.friction is not None:
+        # It is as large however slow the motion is.
+        dry = system.friction * directions(v, a)
+        need, hold = need - dry, hold + dry
+    # Friction grows with 1/T and inertia with 1/T^2; the larger bound covers both.
+    room = np.maximum(1.0 - np.abs(hold), 0.1)
+    ratio = float(np.max(np.abs(need) / room, initial=0.0))
+    return max(speed, float(np.sqrt(ratio)), 1e-3)
+
+
+def initial_guesses(
+    system: System,
+    count: int,
+    rng: np.random.Generator,
+    duration: float | None = None,
+    deadline: float | None = None,
+) -> Iterator[Guess]:
+    """Initial guesses for a problem, the most promising first.
+
+    A guess is only made when it is asked for. The first ones need not be admissible:
+    mostly the optimiser drives them out of the obstacles faster than a path around
+    them is found. Sampled paths follow where there are obstacles and OMPL is installed,
+    then paths through random configurations.
+
+    Args:
+        system: The problem.
+        count: How many at most.
+        rng: Random numbers.
+        duration: Duration of the guess at rest [s]; None for that of the fastest
+            straight line.
+        deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
+
+    Yields:
+        At most ``count`` guesses; none if inverse kinematics did not reach the goal.
+    """
+    guesses = _guesses(system, rng, duration, deadline)
+    yield from itertools.islice(guesses, count)
+
+
+def _guesses(
+    system: System,
+    rng: np.random.Generator,
+    duration: float | None,
+    deadline: float | None,
+) -> Iterator[Guess]:
+    problem = system.problem
+    final = problem.goal.configuration
+    if final is not None:
+        ends = [final]
+    elif isinstance(problem.goal, PlaceGoal):
+        ends, _ = goal_configurations(system, problem.goal, KINEMATIC_STARTS, rng)
+    else:
+        ends = []
+    if not ends:
+        return
+    ends = ends[:STRAIGHT_LINES]
+    straight = [straight_guess(system, q) for q in ends]
+    order = np.argsort([(g.duration, np.inf)[not g.timed] for g in straight])
+    straight = [straight[i] for i in order]
+    ends = [ends[i] for i in order]
+    rest = resting_guess(system, duration or straight[0].duration)
+    on_frame = isinstance(problem.goal, PlaceGoal)
+    if system.alone:
+        # The paper's kind of start, which satisfies nothing: the linear programs choose
+        # the final configuration themselves. It is mostly the best one to begin with.
+        yield from [rest, *straight] if on_frame else straight
+    else:
+        yield from [straight[0], rest] if on_frame else straight
+    if system.clearance is not None:
+        line = np.stack([problem.q_start, ends[0]])
+        clear = is_free_line(system, *line)
+        # With nothing in the way but itself an arm needs no path around anything,
+        # unless it runs into itself on the straight one.
+        if sampling_available() and not (system.alone and clear):
+            known = [line] if clear else []
+            yield from sampled_guesses(
+                system, ends, rng, known=known, deadline=deadline
+            )
+    if not system.alone:
+        yield from straight[1:]
+    limits = problem.robot.limits
+    low = np.maximum(limits.position_lower, problem.q_start - np.pi)
+    high = np.minimum(limits.position_upper, problem.q_start + np.pi)
+    while True:
+        end = ends[int(rng.integers(len(ends)))]
+        yield via_guess(system, rng.uniform(low, high), end)
+
+
+def sampled_guesses(
+    system: System,
+    ends: Sequence[Array],
+    rng: np.random.Generator,
+    *,
+    known: Sequence[Array] = (),
+    deadline: float | None = None,
+) -> Iterator[Guess]:
+    """Paths that keep clear of obstacles, timed; of every few the fastest first.
+
+    Args:
+        system: The problem.
+        ends: Final configurations, each of shape (n,) [rad or m].
+        rng: Random numbers.
+        known: Free paths like which none is wanted, each of shape (m, n).
+        deadline: When to stop, as a value of :func:`time.perf_counter` [s].
+
+    Yields:
+        Guesses; how many there are depends on the obstacles.
+
+    Raises:
+        MissingDependency: If OMPL is not installed.
+    """
+    paths = sample_paths(system, ends, rng, known=known, deadline=deadline)
+    while batch := [path_guess(system, p) for p in itertools.islice(paths, BATCH)]:
+        yield from sorted(batch, key=lambda guess: (not guess.timed, guess.duration))

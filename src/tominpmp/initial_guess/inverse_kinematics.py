@@ -1,0 +1,158 @@
+"""Configurations that reach a goal on a frame, by damped least squares."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.goals import PlaceGoal
+from tominpmp.initial_guess.path import speed_weights
+from tominpmp.initial_guess.rrt import is_free
+from tominpmp.stopping import check
+from tominpmp.transcription.system import System
+
+STEPS = 60
+TOLERANCE = 1e-8
+# Residual that counts as none [m, rad].
+REACHED = 1e-6
+# A start is given up when this many steps have not halved the residual; most of the
+# time would go into those that get nowhere.
+PATIENCE = 12
+# Two solutions closer than this are one [rad or m].
+DISTINCT = 1e-2
+# Solutions at least this far apart go before those near to one of them [rad].
+SPREAD = 0.5
+
+
+class GoalSearch(NamedTuple):
+    """Configurations that reach a goal.
+
+    Attributes:
+        free: Those clear of obstacles, the most promising first, each of shape (n,).
+        blocked: Those in collision.
+        least: Smallest residual seen if there are neither (else 0).
+    """
+
+    free: list[Array]
+    blocked: list[Array]
+    least: float
+
+
+def solve_inverse_kinematics(
+    system: System, goal: PlaceGoal, q: Array
+) -> tuple[Array, float]:
+    """Bring the placement residual of a goal to zero within the position limits.
+
+    Levenberg-Marquardt steps, clipped to the limits (Sugihara, 2011).
+
+    Args:
+        system: Kinematics and limits.
+        goal: The goal.
+        q: Where to begin, shape (n,) [rad or m].
+
+    Returns:
+        Configuration, shape (n,), and the norm of the residual left there.
+    """
+    limits = system.problem.robot.limits
+    low, high = limits.position_lower, limits.position_upper
+    q = np.clip(q, low, high)
+    value, jacobian = goal.place_residual(system.kinematics, q)
+    damping = 1e-2
+    error = mark = float(value @ value)
+    for number in range(STEPS):
+        check()
+        if error < TOLERANCE**2:
+            break
+        if number % PATIENCE == PATIENCE - 1:
+            if error > 0.25 * mark:
+                break
+            mark = error
+        gradient = jacobian.T @ value
+        pinned = ((q <= low) & (gradient > 0.0)) | ((q >= high) & (gradient < 0.0))
+        free = ~pinned
+        if not np.any(free):
+            break
+        J = jacobian[:, free]
+        normal = J.T @ J + (damping * error + 1e-12) * np.eye(int(free.sum()))
+        step = np.zeros_like(q)
+        step[free] = -np.linalg.solve(normal, gradient[free])
+        step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
+        trial = np.clip(q + step, low, high)
+        new_value, new_jacobian = goal.place_residual(system.kinematics, trial)
+        new_error = float(new_value @ new_value)
+        if new_error < error:
+            q, value, jacobian, error = trial, new_value, new_jacobian, new_error
+            damping = max(0.3 * damping, 1e-6)
+        else:
+            damping *= 5.0
+            if damping > 1e8:
+                break
+    return q, float(np.sqrt(error))
+
+
+def find_configurations(
+    system: System, goal: PlaceGoal, count: int, rng: np.random.Generator
+) -> GoalSearch:
+    """Distinct configurations that reach a goal, from many starts.
+
+    Those that the speed limits let the arm reach soonest come first, as far as they are
+    not near to one before them.
+
+    Args:
+        system: Kinematics, limits and clearance.
+        goal: The goal.
+        count: Number of random starts, beside the start of the problem.
+        rng: Random numbers.
+
+    Returns:
+        Configurations clear of obstacles and those in collision.
+    """
+    problem = system.problem
+    limits = problem.robot.limits
+    low = np.maximum(limits.position_lower, problem.q_start - np.pi)
+    high = np.minimum(limits.position_upper, problem.q_start + np.pi)
+    found: list[Array] = []
+    least = np.inf
+    starts = [problem.q_start, *(rng.uniform(low, high) for _ in range(count))]
+    for start in starts:
+        q, error = solve_inverse_kinematics(system, goal, start)
+        least = min(least, error)
+        if error < REACHED and not _near(q, found, DISTINCT):
+            found.append(q)
+    weights = speed_weights(limits.velocity)
+    found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
+    clear = [is_free(system, q) for q in found]
+    return GoalSearch(
+        _spread(system, [q for q, ok in zip(found, clear, strict=True) if ok]),
+        _spread(system, [q for q, ok in zip(found, clear, strict=True) if not ok]),
+        0.0 if found else least,
+    )
+
+
+def goal_configurations(
+    system: System, goal: PlaceGoal, count: int, rng: np.random.Generator
+) -> tuple[list[Array], float]:
+    """As :func:`find_configurations`, those in collision only if there are no others.
+
+    Returns:
+        Configurations, and the smallest residual seen if there are none (else 0).
+    """
+    free, blocked, least = find_configurations(system, goal, count, rng)
+    return free or blocked, least
+
+
+def _near(q: Array, others: list[Array], distance: float) -> bool:
+    return any(float(np.abs(q - other).max()) <= distance for other in others)
+
+
+def _spread(system: System, found: list[Array]) -> list[Array]:
+    """Put configurations that are near to one before them last."""
+    scale = system.step_scale
+    first: list[Array] = []
+    last: list[Array] = []
+    for q in found:
+        near = _near(q / scale, [other / scale for other in first], SPREAD)
+        (last if near else first).append(q)
+    return first + last

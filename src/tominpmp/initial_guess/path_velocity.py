@@ -1,0 +1,199 @@
+"""Letting obstacles pass: when to wait on a path and when to go.
+
+A path is given, and obstacles that move cross it. Whether the arm is free depends on
+how far along the path it is and on the time: in the plane of these two, the way that
+arrives first is sought by going, waiting and going back (path-velocity decomposition,
+Kant and Zucker, 1986). The arm never goes faster than on the timed path it follows, and
+the time of waiting is part of the motion: T counts from the start.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.collision import CollisionChecker
+from tominpmp.constraints import ClearanceConstraint
+from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.transcription.system import System
+
+# Places on the path that are told apart, and the shortest time between two [s].
+PLACES = 60
+SHORTEST = 5e-3
+# Configurations that are checked for one path, at most.
+CHECKS = 30_000
+# How long to wait at most: this many times the duration of the path, and at least this
+# long [s].
+PATIENCE = 10.0
+LONG = 10.0
+# Obstacles at rest are left to the path: they do not go away [m].
+ANY_DEPTH = -1e6
+# A cautious passage keeps this share of the reach free beside the margin.
+CAUTION = 0.02
+# Guesses that are made without the obstacles that move, before some are made with these
+# standing still, and when they do, as shares of the time that a motion takes.
+ALONE = 4
+MOMENTS = (0.5, 0.25, 0.75, 1.0)
+# What guesses are called that follow a sampled path, and those that go just anywhere.
+SAMPLED, ANYWHERE = "sampled path", "via point"
+
+
+def guesses_among_moving(
+    system: System,
+    count: int,
+    rng: np.random.Generator,
+    duration: float | None = None,
+    deadline: float | None = None,
+) -> Iterator[Guess]:
+    """Initial guesses where obstacles move, the most promising first.
+
+    Those for the scene without them come first, each beside the same path traversed in
+    such a way that they are let pass. Then paths follow that are free where they stand
+    still at some instant.
+
+    Args:
+        system: The problem.
+        count: How many at most.
+        rng: Random numbers.
+        duration: Duration of the guess at rest [s]; None for that of the fastest
+            straight line.
+        deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
+
+    Yields:
+        At most ``count`` guesses; none if inverse kinematics did not reach the goal.
+    """
+    found = _guesses(system, count, rng, duration, deadline)
+    yield from itertools.islice(found, count)
+
+
+def _guesses(
+    system: System,
+    count: int,
+    rng: np.random.Generator,
+    duration: float | None,
+    deadline: float | None,
+) -> Iterator[Guess]:
+    alone = initial_guesses(system.resting(), count, rng, duration, deadline)
+    first: Guess | None = None
+    last: Guess | None = None
+    for guess in itertools.islice(alone, ALONE):
+        if guess.name == ANYWHERE:
+            last = guess
+            break
+        first = guess if first is None else first
+        yield from _with_passages(system, guess)
+    if first is None:
+        return
+    for share in MOMENTS:
+        still = system.resting(share * first.duration)
+        for guess in initial_guesses(still, count, rng, duration, deadline):
+            if guess.name == ANYWHERE:
+                break
+            if guess.name == SAMPLED:  # the straight lines are known from above
+                yield from _with_passages(system, guess)
+                break
+    for guess in alone if last is None else itertools.chain([last], alone):
+        yield from _with_passages(system, guess)
+
+
+def _with_passages(system: System, guess: Guess) -> Iterator[Guess]:
+    """A guess, after the way in which its path lets pass what moves, if there is one.
+
+    That is an admissible start, or nearly, while the optimiser may drive a motion that
+    goes through an obstacle to either side of it, or nowhere.
+    """
+    passed = let_pass(system, guess)
+    if passed is not None and passed is not guess:
+        yield passed
+    yield guess
+    slower = let_pass(system, guess, CAUTION)
+    known = guess.duration if passed is None else passed.duration
+    if slower is not None and slower.duration > known:
+        yield slower
+
+
+def let_pass(system: System, guess: Guess, caution: float = 0.0) -> Guess | None:
+    """Traverse the path of a guess so that obstacles that move are let pass.
+
+    Args:
+        system: Clearance and margin.
+        guess: A path over time.
+        caution: Distance to keep beyond the margin, as a share of the reach.
+
+    Returns:
+        The guess that arrives first as far as this is known; the same guess if nothing
+        is in its way, and None if there is no way.
+    """
+    clearance = system.clearance
+    if not isinstance(clearance, ClearanceConstraint) or not clearance.moving:
+        return guess
+    checker = clearance.checker
+    margin = np.where(
+        checker.moving_pairs, clearance.margin + caution * system.reach, ANY_DEPTH
+    )
+    count = min(PLACES, max(int(guess.duration / SHORTEST), 2))
+    step = float(guess.duration) / count
+    q = guess.position(np.linspace(0.0, guess.duration, count + 1))
+    places = _passage(_Plane(checker, q, margin, step))
+    if places is None:
+        return None
+    if places.size == count + 1:
+        return guess
+    t = step * np.arange(places.size, dtype=np.float64)
+    waits = step * float(np.argmax(places > 0) - 1)
+    name = f"{guess.name}, waiting"
+    return replace(guess, name=name, t=t, q=q[places], delay=waits)
+
+
+class _Plane:
+    """Which places on a path are free at which times."""
+
+    def __init__(
+        self, checker: CollisionChecker, q: Array, margin: Array, step: float
+    ) -> None:
+        self._checker, self._q, self._margin, self.step = checker, q, margin, step
+        self.checks = 0
+
+    @property
+    def places(self) -> int:
+        """Number of places."""
+        return len(self._q)
+
+    def free(self, places: BoolArray, number: int) -> BoolArray:
+        """Which of some places are free at a time, counted in steps."""
+        out = np.zeros_like(places)
+        for place in np.flatnonzero(places).tolist():
+            self.checks += 1
+            time = number * self.step
+            out[place] = self._checker.is_free(self._q[place], self._margin, time)
+        return out
+
+
+def _passage(plane: _Plane) -> IntArray | None:
+    """Place at each step on the way that arrives first; None if there is none."""
+    here = np.zeros(plane.places, dtype=bool)
+    here[0] = True
+    reached = [here]
+    most = int(max(PATIENCE * (plane.places - 1), LONG / plane.step))
+    while not here[-1]:
+        ahead = here.copy()
+        ahead[1:] |= here[:-1]
+        ahead[:-1] |= here[1:]
+        here = plane.free(ahead, len(reached))
+        if not here.any() or len(reached) > most or plane.checks > CHECKS:
+            return None
+        reached.append(here)
+    # Back from the end, as long as possible without waiting: the arm waits at first.
+    place = plane.places - 1
+    found = [place]
+    for before in reversed(reached[:-1]):
+        for other in (place - 1, place, place + 1):
+            if 0 <= other < plane.places and before[other]:
+                place = other
+                break
+        found.append(place)
+    return np.array(found[::-1], dtype=np.int64)

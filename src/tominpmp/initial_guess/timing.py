@@ -1,0 +1,182 @@
+r"""Time-optimal timing of paths in joint space.
+
+On q(s) the torque is m(s) s'' + b(s) s'^2 + d(s) s' + g(s). With x = s'^2 the largest
+controllable x is found backwards from the end and followed forwards (reachability
+analysis after Pham and Pham, 2018). Viscous friction enters with s', so that the
+constraints are not linear in (s'', x); they are therefore evaluated on a table of x.
+Dry friction is a torque that depends on the way of the joint along the path alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.initial_guess.path import RoundedPath
+from tominpmp.robot import JointLimits
+from tominpmp.transcription.system import System
+
+POINTS = 120  # grid points of s
+CORNER_POINTS = 9  # grid points added at each rounded corner
+SPEEDS = 160  # table entries of x at each of them
+
+
+@dataclass(frozen=True, eq=False)
+class PathTiming:
+    """A motion along a path.
+
+    Attributes:
+        path: The path.
+        s: Grid of the path parameter from 0 to 1, shape (m,).
+        t: Time at each of them [s], shape (m,).
+        x: Squared speed of s there [1/s^2], shape (m,).
+    """
+
+    path: RoundedPath
+    s: Array
+    t: Array
+    x: Array
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self.t[-1])
+
+    def position(self, times: Array) -> Array:
+        """Configurations at times, shape (k, n); s'' is constant on each step."""
+        index = np.clip(
+            np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2
+        )
+        step = times - self.t[index]
+        speed = np.sqrt(self.x)
+        slope = (speed[index + 1] - speed[index]) / (self.t[index + 1] - self.t[index])
+        s = self.s[index] + step * (speed[index] + 0.5 * step * slope)
+        return self.path.evaluate(np.clip(s, 0.0, 1.0))[0]
+
+
+def time_straight_line(
+    system: System, q_start: Array, q_end: Array
+) -> PathTiming | None:
+    """Traverse a straight line from rest to rest in minimum time.
+
+    Args:
+        system: Dynamics and limits.
+        q_start: Start, shape (n,) [rad or m].
+        q_end: End, shape (n,).
+
+    Returns:
+        The timing; None if the torque limits do not let the arm stand somewhere on it.
+    """
+    if not np.any(np.abs(q_end - q_start) > 1e-12):
+        return None
+    velocity = system.problem.robot.limits.velocity
+    corners = np.stack([q_start, q_end])
+    return time_path(system, RoundedPath.through(corners, velocity))
+
+
+def time_path(system: System, path: RoundedPath) -> PathTiming | None:
+    """Traverse a path from rest to rest in minimum time.
+
+    Args:
+        system: Dynamics and limits.
+        path: The path; its corners are to be rounded, for a sharp one would have to be
+            passed at rest.
+
+    Returns:
+        The timing; None if the torque limits do not let the arm stand somewhere on it.
+    """
+    limits = system.problem.robot.limits
+    s = path.grid(POINTS, CORNER_POINTS)
+    q, first, second = path.evaluate(s)
+    zero = np.zeros_like(q)
+    dynamics = system.dynamics
+    g = dynamics.inverse(q, zero, zero)
+    m = dynamics.inverse(q, zero, first) - g
+    fast = dynamics.inverse(q, first, second) - g
+    slow = dynamics.inverse(q, -first, second) - g
+    b, d = 0.5 * (fast + slow), 0.5 * (fast - slow)  # even and odd in the speed
+    if system.friction is not None:
+        g = g + system.problem.robot.friction * np.sign(first)
+
+    with np.errstate(divide="ignore"):
+        top = np.min(limits.velocity / np.abs(first), axis=1)
+    # From rest on a path of length 1, x is at most twice the largest s''.
+    _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), limits)
+    top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))
+    if not (np.all(top > 0.0) and np.all(np.isfinite(top))):
+        return None
+    # Quadratic spacing: resolution where the motion begins and ends.
+    table = top[:, None] ** 2 * np.linspace(0.0, 1.0, SPEEDS) ** 2
+    lower, upper = _acceleration_range(m, b, d, g, table, limits)
+    return _integrate(path, s, table, lower, upper)
+
+
+def _acceleration_range(
+    m: Array, b: Array, d: Array, g: Array, table: Array, limits: JointLimits
+) -> tuple[Array, Array]:
+    """Smallest and largest s'' on the table, shapes (points, speeds)."""
+    middle = 0.5 * (limits.effort_upper + limits.effort_lower)
+    half = 0.5 * (limits.effort_upper - limits.effort_lower)
+    idle = np.abs(m) < 1e-12
+    inverse = 1.0 / np.where(idle, 1.0, m)
+    # s'' lies within the room of each joint about the one that needs its middle torque.
+    x = table[:, None, :]
+    need = (
+        ((middle - g) * inverse)[..., None]
+        - (b * inverse)[..., None] * x
+        - (d * inverse)[..., None] * np.sqrt(x)
+    )
+    room = (half * np.abs(inverse))[..., None]
+    # An idle joint leaves s'' free, or nothing at all if its torque is not enough.
+    free = np.where(np.abs(need) > room, -np.inf, np.inf)
+    room = np.where(idle[..., None], free, room)
+    with np.errstate(invalid="ignore"):
+        return np.max(need - room, axis=1), np.min(need + room, axis=1)
+
+
+def _integrate(
+    path: RoundedPath, s: Array, table: Array, lower: Array, upper: Array
+) -> PathTiming | None:
+    count, steps = s.size, np.diff(s)
+    controllable = np.zeros(count)
+    allowed = lower <= upper
+    for i in range(count - 2, -1, -1):
+        step, target = steps[i], controllable[i + 1]
+        # Trapezoidal rule: friction changes along the step.
+        brake = 0.5 * (lower[i] + np.interp(target, table[i + 1], lower[i + 1]))
+        reachable = (
+            allowed[i]
+            & (table[i] + 2.0 * step * brake <= target + 1e-12)
+            & (table[i] + 2.0 * step * upper[i] >= 0.0)
+        )
+        if not reachable[0]:
+            return None
+        # The set is an interval from rest; the first failure ends it.
+        last = int(np.argmin(reachable)) - 1 if not reachable.all() else SPEEDS - 1
+        controllable[i] = _refine(last, table[i], brake, target, step)
+    x = np.zeros(count)
+    for i in range(count - 1):
+        step = steps[i]
+        push = float(np.interp(x[i], table[i], upper[i]))
+        ahead = min(controllable[i + 1], max(x[i] + 2.0 * step * push, 0.0))
+        push = 0.5 * (push + float(np.interp(ahead, table[i + 1], upper[i + 1])))
+        x[i + 1] = min(controllable[i + 1], max(x[i] + 2.0 * step * push, 0.0))
+        if x[i + 1] <= 0.0 and i + 1 < count - 1:
+            return None
+    speed = np.sqrt(x)
+    t = np.concatenate([[0.0], np.cumsum(2.0 * steps / (speed[:-1] + speed[1:]))])
+    return PathTiming(path, s, t, x)
+
+
+def _refine(last: int, table: Array, brake: Array, target: float, step: float) -> float:
+    """Largest x between two table entries that can still brake to the target."""
+    if last + 1 >= table.size:
+        return float(table[last])
+    x0, x1 = table[last], table[last + 1]
+    f0 = x0 + 2.0 * step * brake[last] - target
+    f1 = x1 + 2.0 * step * brake[last + 1] - target
+    if not (np.isfinite(f1) and f1 > 0.0 >= f0):
+        return float(x0)
+    return float(x0 + (x1 - x0) * (-f0) / (f1 - f0))

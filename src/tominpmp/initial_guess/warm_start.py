@@ -1,0 +1,358 @@
+"""Warm starts: a former motion as the guess for a problem that is much like its own.
+
+The motion is entered where it passes closest to the new start, and bent to the new ends
+by the cubic polynomial that takes up the differences in position and velocity: its
+torques change as little as they can. Where it fits the transcription it is taken over
+to the last bit, interval by interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from tominpmp.arrays import Array
+from tominpmp.constraints.friction import arrival
+from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.controls import net_torque, torque_shares
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.system import System
+from tominpmp.transcription.ticks import ClockedTranscription, Ticks
+
+# Samples for what needs the shape only.
+SAMPLES = 400
+# A motion is entered on the way if it passes the new start this much closer than it
+# begins, before this share of its duration.
+CLOSER = 0.5
+LATEST = 0.95
+# What a difference in velocity counts, in shares of the duration.
+SPEED_WEIGHT = 0.1
+# Grids of this many times the intervals asked for are not taken over.
+FINEST = 4
+# Nor are those with an interval this much shorter than the mean.
+SHORTEST = 1e-3
+# Samples an interval for fitting splines.
+FIT = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FormerMotion(Guess):
+    """A former motion, bent to new ends.
+
+    Attributes:
+        trajectory: The motion, without its inverse dynamics.
+        torque: Its torques [N m or N] at times of the guess, shape (k,) to (k, n).
+        held: Whether its torques are held on the intervals.
+        entry: Its time at which the guess begins [s].
+        bend: What is added to the positions: coefficients of the powers 0 to 3 of the
+            share of the duration, shape (4, n).
+        box: Lower and upper position limits, shape (n,) each.
+    """
+
+    trajectory: Trajectory
+    torque: Callable[[Array], Array]
+    held: bool
+    entry: float
+    bend: Array
+    box: tuple[Array, Array]
+
+    def position(self, times: Array) -> Array:
+        """Configurations at times, shape (k, n)."""
+        share = times[:, None] / self.duration
+        added = self.bend[0] + share * (
+            self.bend[1] + share * (self.bend[2] + share * self.bend[3])
+        )
+        return self.within(self.trajectory(self._own(times)).q + added)
+
+    def _own(self, times: Array) -> Array:
+        """Times of the motion itself at times of the guess [s]: the end is the last."""
+        return np.clip(self.entry + times, 0.0, self.trajectory.duration)
+
+    def within(self, q: Array) -> Array:
+        """Configurations brought within the position limits."""
+        return np.asarray(np.clip(q, *self.box))
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the motion is as it was, from the entry on."""
+        return not np.any(np.abs(self.bend) > 1e-9)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether its accelerations are continuous."""
+        motion = self.trajectory
+        return not self.held and (motion.a is None or len(motion.a) == motion.t.size)
+
+    def remainder(self, system: System) -> Trajectory | None:
+        """The motion as it was from the entry on; None if it was bent.
+
+        Torques follow from the inverse dynamics of the new problem, unless they are
+        what is given.
+        """
+        motion = self.trajectory
+        if not self.unchanged or (self.held and self.entry > 0.0):
+            return None
+        if self.held:
+            return motion
+        inverse, a = system.motor_dynamics.inverse, motion.a
+        if self.entry > 0.0:
+            if a is None or a.shape[0] == motion.t.size:
+                return None
+            t = np.concatenate([[self.entry], self.nodes[1:] + self.entry])
+            state = motion(t)
+            motion = replace(motion, t=t - self.entry, q=state.q, v=state.v)
+            a = a[a.shape[0] + 1 - t.size :]
+        every = replace(motion, a=a)(motion.t).a
+        torques = inverse(motion.q, motion.v, every)
+        friction = system.problem.robot.friction
+        torques[-1] += arrival(friction, motion.v[-1], every[-1])
+        return replace(motion, a=a, u=torques, inverse_dynamics=inverse)
+
+    @property
+    def nodes(self) -> Array:
+        """Times of the nodes from the entry on [s]."""
+        t = self.trajectory.t - self.entry
+        later = t[t > 1e-9 * self.duration]
+        return np.concatenate([[0.0], later])
+
+    def grid(self, intervals: int) -> Array | None:
+        """Nodes of the motion, with some between them until there are enough [s].
+
+        None where its own nodes are too many or too close.
+        """
+        nodes = self.nodes
+        h = np.diff(nodes)
+        if h.size > FINEST * intervals or h.min() < SHORTEST * h.mean():
+            return None
+        while nodes.size - 1 < intervals:
+            longest = int(np.argmax(np.diff(nodes)))
+            middle = 0.5 * (nodes[longest] + nodes[longest + 1])
+            nodes = np.insert(nodes, longest + 1, middle)
+        return nodes
+
+    def inverse_program(
+        self, system: System, intervals: int, kind: str
+    ) -> tuple[NonlinearProgram, Array]:
+        """Program in constant accelerations, and the motion as its iterate."""
+        T, motion = self.duration, self.trajectory
+        nodes = self.grid(intervals)
+        constant = motion.a is not None and motion.a.shape[0] == motion.t.size - 1
+        if nodes is None or not constant:
+            transcription = InverseTranscription(
+                system, interval_shares(kind, intervals), T
+            )
+            return _program(transcription, transcription.start(self.position, T))
+        return self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
+
+    def _inverse_on(
+        self, system: System, shares: Array, duration: float
+    ) -> tuple[NonlinearProgram, Array]:
+        """Program in constant accelerations on intervals of given shares."""
+        T = self.duration
+        nodes = T * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+        transcription = InverseTranscription(system, shares, duration)
+        q = self.position(nodes)
+        middle = self.position(0.5 * (nodes[1:] + nodes[:-1]))
+        points = self.within(2.0 * middle - 0.5 * (q[1:] + q[:-1]))
+        points[0], points[-1] = q[0], q[-1]
+        v_end = system.final_velocity
+        if v_end is None:
+            v_end = self.trajectory(self.trajectory.duration).v
+        z = transcription.pack(points, v_end, np.array([duration]))
+        return _program(transcription, z)
+
+    def spline_program(
+        self, system: System, intervals: int, kind: str, degree: int
+    ) -> tuple[NonlinearProgram, Array]:
+        """Program in a B-spline, and the nearest one to the motion."""
+        shares = interval_shares(kind, intervals)
+        own = np.diff(self.nodes)[:, None] / self.duration
+        if own.shape == shares.shape:
+            shares = own
+        return self._spline_on(system, shares, self.duration, degree)
+
+    def _spline_on(
+        self, system: System, shares: Array, duration: float, degree: int
+    ) -> tuple[NonlinearProgram, Array]:
+        """Program in a B-spline on intervals of given shares."""
+        transcription = BSplineTranscription(system, shares, degree)
+        # As many in each interval, however short: each has a control point.
+        starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
+        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
+        wanted = self.position(fit * self.duration)
+        return _program(transcription, transcription.fitted(fit, wanted, duration))
+
+    def clocked_program(
+        self, system: System, ticks: Ticks
+    ) -> tuple[ClockedTranscription, Array]:
+        """Program on the clock of a controller, and an iterate near to the motion.
+
+        In a B-spline if the accelerations of the motion are continuous, else in
+        constant accelerations; the motion is stretched to the time of the ticks.
+        """
+        motion, T = self.trajectory, ticks.duration
+        if self.continuous:
+            degree = 3 if motion.a is None else 5
+            inner, z = self._spline_on(system, ticks.shares, T, degree)
+        else:
+            inner, z = self._inverse_on(system, ticks.shares, T)
+        return ClockedTranscription(inner, ticks), z
+
+    def lifted_program(
+        self, system: System, intervals: int, kind: str
+    ) -> tuple[NonlinearProgram, Array]:
+        """Program in states and torques, and the motion as its iterate."""
+        T, n = self.duration, system.n
+        nodes = self.grid(intervals)
+        if nodes is None:
+            shares = interval_shares(kind, intervals)
+            nodes = T * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+        transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
+        q = self.position(nodes)
+        if not self.unchanged:
+            return _program(transcription, transcription.start(q, np.array([T])))
+        v = self.trajectory(self._own(nodes)).v
+        u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
+        x = np.hstack([q, v])
+        assert x.shape == (nodes.size, 2 * n)  # noqa: S101
+        return _program(transcription, transcription.pack(x, u, np.array([T])))
+
+    def _net_torque(self, system: System, times: Array) -> Array:
+        """What dry friction leaves of the torques, shape (k, n)."""
+        v = self.trajectory(self.entry + times).v
+        return net_torque(system, self.torque(times), v)
+
+    def torque_program(self, system: System, shares: Array) -> Array:
+        """Iterate of the methods that shoot: torques and the duration."""
+        ends = np.concatenate([[0.0], np.cumsum(shares[:, 0])]) * self.duration
+        u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
+        z = torque_shares(system, u).ravel()
+        return np.concatenate([z, [self.duration / shares.sum()]])
+
+
+def _program(
+    transcription: Transcription[Any], z: Array
+) -> tuple[NonlinearProgram, Array]:
+    return NonlinearProgram.of(transcription).at(z), z
+
+
+def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
+    """Take a former motion as a guess.
+
+    Args:
+        system: The problem that it is to start.
+        motion: The motion: of the same joints.
+
+    Returns:
+        The guess.
+
+    Raises:
+        ProblemError: If the motion is one of other joints, or is none at all.
+    """
+    trajectory = _checked(system, motion)
+    problem, limits = system.problem, system.problem.robot.limits
+    plain = replace(trajectory, inverse_dynamics=None)
+    entry = _entry(plain, problem.q_start, system.v_start, system.step_scale)
+    T = trajectory.duration - entry
+    first, last = plain(entry), plain(trajectory.duration)
+    goal, v_goal = system.joint_goal, system.final_velocity
+    q_end = last.q if goal is None else goal.q
+    v_end = last.v if v_goal is None else v_goal
+    p0, p1 = problem.q_start - first.q, q_end - last.q
+    s0, s1 = T * (system.v_start - first.v), T * (v_end - last.v)
+    bend = np.stack(
+        [p0, s0, 3.0 * (p1 - p0) - 2.0 * s0 - s1, 2.0 * (p0 - p1) + s0 + s1]
+    )
+    bend[np.abs(bend) < 1e-12] = 0.0
+    times = np.linspace(0.0, T, SAMPLES)
+    guess = FormerMotion(
+        "former motion",
+        times,
+        np.tile(problem.q_start, (SAMPLES, 1)),
+        False,
+        trajectory=plain,
+        torque=lambda t: trajectory(np.minimum(entry + t, trajectory.duration)).u,
+        held=trajectory.inverse_dynamics is None,
+        entry=entry,
+        bend=bend,
+        box=(limits.position_lower, limits.position_upper),
+    )
+    return replace(guess, q=guess.position(times))
+
+
+def _checked(system: System, motion: Trajectory | Samples) -> Trajectory:
+    joints = system.problem.robot.joint_names
+    if not isinstance(motion, Trajectory | Samples):
+        raise ProblemError(
+            f"start is a {type(motion).__name__}, expected a Solution with a motion, "
+            "a Trajectory or Samples",
+            "start",
+        )
+    if tuple(motion.joint_names) != joints:
+        raise ProblemError(
+            f"start: the motion is one of {', '.join(motion.joint_names)}, expected "
+            f"one of {', '.join(joints)}",
+            "start",
+        )
+    if isinstance(motion, Samples):
+        motion = _from_samples(system, motion)
+    if not all(np.all(np.isfinite(part)) for part in (motion.q, motion.v, motion.u)):
+        raise ProblemError("start: the motion has values that are no numbers", "start")
+    return motion
+
+
+def _from_samples(system: System, samples: Samples) -> Trajectory:
+    """Cubic pieces through sampled positions, with what is not there filled in."""
+    t, q, v = samples.t, samples.q, samples.v
+    if t.size < 2 or not np.all(np.isfinite(q)):
+        raise ProblemError(
+            "start: the motion has fewer than two rows, or positions that are no "
+            "numbers",
+            "start",
+        )
+    if not np.all(np.isfinite(v)):
+        v = np.gradient(q, t, axis=0)
+    a = samples.a if np.all(np.isfinite(samples.a)) else np.gradient(v, t, axis=0)
+    u = samples.u
+    if not np.all(np.isfinite(u)):
+        u = system.motor_dynamics.inverse(q, v, a)
+    inverse = system.motor_dynamics.inverse
+    return Trajectory(samples.joint_names, t - t[0], q, v, u, holding=inverse)
+
+
+def _entry(motion: Trajectory, q: Array, v: Array, scale: Array) -> float:
+    """Time at which a motion is closest to a state [s]; 0 unless that is far closer."""
+    T = motion.duration
+
+    def distance(times: Array) -> Array:
+        state = motion(times)
+        apart = np.abs(state.q - q) + SPEED_WEIGHT * T * np.abs(state.v - v)
+        return np.asarray(np.max(apart / scale, axis=-1))
+
+    times = np.linspace(0.0, T, SAMPLES)
+    far = distance(times)
+    best = int(np.argmin(far))
+    if best == 0:
+        return 0.0
+    step = times[1]
+    found = minimize_scalar(
+        lambda t: float(distance(np.array([t]))[0]),
+        bounds=(times[best] - step, min(times[best] + step, T)),
+        method="bounded",
+        options={"xatol": 1e-9 * T},
+    )
+    entry = float(found.x)
+    if entry > LATEST * T or found.fun > CLOSER * far[0]:
+        return 0.0
+    return entry

@@ -1,0 +1,313 @@
+"""Motions as files: CSV for everybody, NPZ for NumPy, YAML, JSON and MCAP for ROS.
+
+All hold one row a time: the time [s], then for every joint its position [rad or m],
+velocity [rad/s or m/s], acceleration [rad/s^2 or m/s^2] and torque [N m or N]. The
+columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``, ``a_<joint>``
+and ``u_<joint>``, without units, so that any program takes the names as they are. YAML
+and JSON files are messages of ROS 2, see :mod:`~tominpmp.io.ros`; MCAP files are
+bags of them, see :mod:`~tominpmp.io.bag`. Numbers are written in full: what is read
+back is what was there, to the last bit; the times of ROS messages are whole
+nanoseconds, and the motion is looked at then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
+from tominpmp.description.yaml_reader import parse_yaml, read_bytes
+from tominpmp.exceptions import ProblemError, ScenarioError, brief, expect
+from tominpmp.io.bag import parse_bag, write_bag
+from tominpmp.io.files import write_file
+from tominpmp.io.ros import (
+    MESSAGE,
+    check_message,
+    message_samples,
+    write_json,
+    write_yaml,
+)
+from tominpmp.io.ros_reader import parse_json, read_message
+from tominpmp.io.tables import (
+    QUANTITIES,
+    read_csv,
+    read_npz,
+    write_csv,
+    write_npz,
+)
+from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.trajectory import Samples, Trajectory
+
+# Tables as large as :mod:`~tominpmp.io.tables` reads them fit in, and messages of
+# as many values as YAML may have.
+MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
+
+
+def export(
+    trajectory: Trajectory,
+    path: str | Path,
+    *,
+    dt: float | None = None,
+    with_effort: bool = False,
+    message: str | None = None,
+) -> Path:
+    """Write a motion as CSV, NPZ or ROS message, by the ending of the path.
+
+    A file that exists is replaced once the new one is complete.
+
+    Args:
+        trajectory: The motion.
+        path: File to write, ending in ``.csv``, ``.npz``, ``.yaml``, ``.json`` or
+            ``.mcap``.
+        dt: Time between rows [s], the end of the motion being the last row in any case;
+            None writes the nodes. At a node where acceleration or torque jump, the row
+            holds the value just after it.
+        with_effort: Whether ROS messages have the torques: controllers that do not
+            command efforts refuse such messages. CSV and NPZ always have them.
+        message: Which ROS message: "JointTrajectory" (the default), the goal of the
+            action "FollowJointTrajectory", or MoveIt's "RobotTrajectory".
+
+    Returns:
+        The path.
+
+    Raises:
+        ProblemError: If the ending or the message is unknown, dt is not a positive
+            number, an option is one of other endings, or the motion has values that are
+            no finite numbers.
+        ScenarioError: If the file cannot be written.
+        MissingDependency: If a package for bags is not installed.
+    """
+    expect(trajectory, Trajectory, "trajectory", "a Trajectory")
+    write = _chosen(WRITERS, path)
+    check_options(path, with_effort, message)
+    samples = file_samples(trajectory, path, dt, with_effort=with_effort)
+    _check_finite(samples)
+    if not is_message(path):
+        return write_file(path, lambda file: write(samples, file))
+    return write_file(path, lambda file: write(samples, file, message or MESSAGE))
+
+
+def is_message(path: str | Path) -> bool:
+    """Whether a file holds a message of ROS, by its ending."""
+    return Path(path).suffix.lower() in PARSERS
+
+
+def file_samples(
+    trajectory: Trajectory,
+    path: str | Path,
+    dt: float | None,
+    *,
+    with_effort: bool = False,
+) -> Samples:
+    """What a file holds that a motion is written to.
+
+    Args:
+        trajectory: The motion.
+        path: The file; its ending counts.
+        dt: Time between rows [s]; None for the nodes.
+        with_effort: Whether messages have the torques.
+
+    Returns:
+        The samples; what the file leaves out is NaN.
+
+    Raises:
+        ProblemError: If dt is not a positive number.
+    """
+    if is_message(path):
+        return message_samples(trajectory, dt, with_effort)
+    return _node_samples(trajectory) if dt is None else trajectory.sample(dt)
+
+
+def check_options(path: str | Path, with_effort: bool, message: str | None) -> None:
+    """Check that options of :func:`export` are known, and of use for the ending.
+
+    Raises:
+        ProblemError: If they are not.
+    """
+    if not isinstance(with_effort, bool):
+        raise ProblemError(
+            f"with_effort is {brief(with_effort)}, expected True or False",
+            "with_effort",
+        )
+    if message is not None:
+        check_message(message)
+    for name, given in (("with_effort", with_effort), ("message", message)):
+        if given and not is_message(path):
+            raise ProblemError(
+                f"{name} is for ROS messages ({', '.join(PARSERS)}), not for {path}",
+                name,
+            )
+
+
+def _check_finite(samples: Samples) -> None:
+    """Check that no reader will stumble over a value; what is left out is all NaN."""
+    for key in QUANTITIES:
+        values = getattr(samples, key)
+        wrong = np.argwhere(~np.isfinite(values))
+        if len(wrong) and not _left_out(key, values):
+            row, joint = wrong[0].tolist()
+            raise ProblemError(
+                f"the motion has {key} = {values[row, joint]} for joint "
+                f"{brief(samples.joint_names[joint])} at {samples.t[row]:.6g} s: "
+                "expected a finite number",
+                key,
+            )
+
+
+def load_motion(
+    path: str | Path, *, interpolation: Interpolation | None = None
+) -> Samples:
+    """Read a motion that :func:`export` wrote, or another program in one of its forms.
+
+    Positions must be there; velocities, accelerations and torques need not.
+
+    Args:
+        path: CSV, NPZ, YAML, JSON or MCAP file, by its ending.
+        interpolation: What becomes of the samples between their times, see
+            :class:`~tominpmp.trajectory.Samples`; None takes "controller" for ROS
+            messages and "auto" for the others.
+
+    Returns:
+        The samples, their times increasing; a quantity that the file lacks is NaN.
+
+    Raises:
+        ProblemError: If the ending or the interpolation is unknown.
+        ScenarioError: If the file cannot be read or is wrong: the message says where.
+    """
+    read = _chosen(READERS, path)
+    if interpolation is not None:
+        check_interpolation(interpolation)
+    path = checked_path(path)
+    try:
+        largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
+        content = read(read_bytes(path, largest), path)
+        if is_message(path):
+            samples = message_motion(content, path)
+        else:
+            samples = _checked(content, path)
+    except ProblemError as error:  # what the file holds is not samples
+        raise ScenarioError(f"{path}: {error}", path, error.field) from error
+    if interpolation is None:
+        return samples
+    return replace(samples, interpolation=interpolation)
+
+
+def load_message(path: str | Path) -> Any:
+    """Read a ROS message as plain values, from a YAML, JSON or MCAP file.
+
+    Raises:
+        ProblemError: If the ending is of none.
+        ScenarioError: If the file cannot be read.
+    """
+    parse = _chosen(PARSERS, path)
+    path = checked_path(path)
+    return parse(read_bytes(path, MAX_MESSAGE), path)
+
+
+def message_motion(message: Any, path: Path) -> Samples:
+    """Take the motion out of a message.
+
+    Args:
+        message: A JointTrajectory, or what holds one, as plain values.
+        path: Where it comes from, for messages.
+
+    Raises:
+        ScenarioError: If there is none, or it is wrong.
+    """
+    return _checked(read_message(Field(message, path)), path)
+
+
+def _chosen(
+    table: Mapping[str, Callable[..., Any]], path: str | Path
+) -> Callable[..., Any]:
+    ending = checked_path(path).suffix.lower()
+    if ending not in table:
+        raise ProblemError(
+            f"{path}: motions are not kept as {ending or 'files without ending'}; "
+            f"there are: {', '.join(table)}",
+            "path",
+        )
+    return table[ending]
+
+
+def _node_samples(trajectory: Trajectory) -> Samples:
+    return Samples(
+        trajectory.joint_names,
+        trajectory.t,
+        trajectory.q,
+        trajectory.v,
+        trajectory(trajectory.t).a,
+        trajectory.u,
+    )
+
+
+def _checked(samples: Samples, path: Path) -> Samples:
+    """Check names, shapes and values of samples from a file."""
+    names, n = samples.joint_names, len(samples.joint_names)
+    if n == 0 or len(set(names)) < n or "" in names:
+        raise ScenarioError(
+            f"{path}: the joints need names, each its own, not {', '.join(names)}",
+            path,
+            "joint_names",
+        )
+    rows = samples.t.size
+    shapes = {"t": (rows,)} | {key: (rows, n) for key in QUANTITIES}
+    for key, shape in shapes.items():
+        values = getattr(samples, key)
+        if values.shape != shape:
+            raise ScenarioError(
+                f"{path}: {key} has shape {values.shape}, expected {shape}", path, key
+            )
+        wrong = np.argwhere(~np.isfinite(values))
+        if len(wrong) and not _left_out(key, values):
+            where = f"row {wrong[0][0] + 1}"
+            if key != "t":
+                where += f", joint {names[wrong[0][1]]!r}"
+            raise ScenarioError(
+                f"{path}: {key} is not a finite number in {where}", path, key
+            )
+    if rows < 2:
+        raise ScenarioError(f"{path} holds {rows} rows, expected 2 or more", path)
+    back = np.flatnonzero(np.diff(samples.t) <= 0.0)
+    if back.size:
+        k = int(back[0])
+        raise ScenarioError(
+            f"{path}: the time must increase, but is {samples.t[k]} s in row {k + 1} "
+            f"and {samples.t[k + 1]} s in the next",
+            path,
+            "time",
+        )
+    return samples
+
+
+def _left_out(key: str, values: Array) -> bool:
+    """Whether nothing is said about a quantity, which positions and times need."""
+    return key not in ("t", "q") and bool(np.all(np.isnan(values)))
+
+
+WRITERS: dict[str, Callable[..., None]] = {
+    ".csv": write_csv,
+    ".npz": write_npz,
+    ".yaml": write_yaml,
+    ".yml": write_yaml,
+    ".json": write_json,
+    ".mcap": write_bag,
+}
+# What holds messages, and how those are read as plain values.
+PARSERS: dict[str, Callable[[bytes, Path], Any]] = {
+    ".yaml": parse_yaml,
+    ".yml": parse_yaml,
+    ".json": parse_json,
+    ".mcap": parse_bag,
+}
+READERS: dict[str, Callable[[bytes, Path], Any]] = {
+    ".csv": read_csv,
+    ".npz": read_npz,
+    **PARSERS,
+}

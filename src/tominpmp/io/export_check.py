@@ -1,0 +1,384 @@
+"""Files of motions, judged as their readers will follow them.
+
+A file is some points of a motion; whoever reads it joins them in a way of his own, and
+what moves the arm is that. So a file is read, joined as its reader does, and judged
+like a plan, whoever made it. Where one does not hold that a plan was written to, other
+times between the points are tried, so that there is something to say beyond that.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import ProblemError, expect
+from tominpmp.io.export import (
+    file_samples,
+    is_message,
+    load_message,
+    load_motion,
+    message_motion,
+)
+from tominpmp.io.ros_rules import (
+    Refusal,
+    controller_needs,
+    controller_refusals,
+)
+from tominpmp.kinematics import prismatic_joints
+from tominpmp.options import Tolerances
+from tominpmp.problem import Problem
+from tominpmp.recorded import Joined, join
+from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.solution import Solution
+from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.verification import Verification, verify
+from tominpmp.verification.limit_violations import UNITS, Excess
+
+# Periods that controllers have [s], the longest first.
+PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)
+# A period that controllers have [s], where none is known.
+USUAL = 0.004
+# Instants of each interval that are looked at, as shares of it: near the ends, where
+# polynomials that overshoot are fastest, too.
+INSTANTS = np.array([0.0005, 0.1, 0.3, 0.5, 0.7, 0.9, 0.9995])
+# Times what is tolerated that an excess must be to do without a replay.
+CLEARLY = 2.0
+# Intervals shorter than this [s] are rounding of times.
+SHORTEST = 1e-7
+# Two curves are the same if they differ by no more, in positions [rad or m],
+# velocities [rad/s or m/s] and torques, these relative to their range.
+SAME_Q, SAME_V, SAME_U = 1e-7, 1e-5, 2e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ExportCheck:
+    """What a file was found to do.
+
+    Attributes:
+        path: The file.
+        ok: Whether what its reader makes of it solves the problem, and a controller
+            takes it.
+        joined: How its reader joins the points, in words.
+        refusals: Rules of the joint trajectory controller that it breaks, for messages
+            of ROS.
+        violations: Limits that it breaks, and the goal if it misses it.
+        verification: Its replay; None where the points alone told that it breaks
+            limits.
+        holding: Times between points that would hold [s], of those that were tried;
+            None stands for the nodes of the motion.
+        tried: Those that were tried.
+        replan: Period to plan with for a motion whose samples hold [s]; None if there
+            is nothing to say.
+        notes: What else is to be known of it, in sentences.
+        seconds: Time taken [s].
+        duration: Duration of the motion that its reader makes of it [s].
+    """
+
+    path: Path
+    ok: bool
+    joined: str
+    refusals: tuple[Refusal, ...]
+    violations: tuple[Excess, ...]
+    verification: Verification | None = field(repr=False)
+    holding: tuple[float | None, ...] = ()
+    tried: tuple[float | None, ...] = ()
+    replan: float | None = None
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    duration: float = math.nan
+
+    @property
+    def message(self) -> str:
+        """Whether the file holds; if not, what is wrong and what would hold."""
+        if self.ok:
+            return f"{self.path} holds, joined by {self.joined}."
+        parts = [f"{self.path} does not hold, joined by {self.joined}"]
+        if self.violations:
+            parts.append("; ".join(map(str, self.violations)))
+        if self.refusals:
+            shown = "; ".join(map(str, self.refusals[:3]))
+            more = len(self.refusals) - 3
+            rest = f"; and {more} more" if more > 0 else ""
+            parts.append(f"a controller would refuse it: {shown}{rest}")
+        return ": ".join(parts) + "." + self._advice()
+
+    def _advice(self) -> str:
+        """What would hold, as far as it was tried, and what else to do."""
+        parts = []
+        if self.holding:
+            parts.append(f"What holds: {_listed(self.holding)}.")
+        elif self.tried:
+            parts.append(f"Nor do these hold: {_listed(self.tried)}.")
+        if self.replan is not None:
+            parts.append(
+                f"A motion for samples of {self.replan:g} s is planned with "
+                f"control_period = {self.replan:g} (--control-period)."
+            )
+        return "".join(f" {part}" for part in parts)
+
+
+def _listed(steps: tuple[float | None, ...]) -> str:
+    return ", ".join(
+        "the nodes of the motion (without dt)" if step is None else f"dt = {step:g} s"
+        for step in steps
+    )
+
+
+class _Found(NamedTuple):
+    violations: tuple[Excess, ...]
+    verification: Verification | None
+
+
+def check_file(
+    problem: Problem,
+    path: str | Path,
+    *,
+    tolerances: Tolerances | None = None,
+    interpolation: Interpolation | None = None,
+) -> ExportCheck:
+    """Read a motion from a file, whoever made it, and judge it as its reader.
+
+    Args:
+        problem: What it is to solve.
+        path: The file, see :func:`~tominpmp.io.export.load_motion`.
+        tolerances: What is tolerated; None for the defaults.
+        interpolation: How the points are joined; None for what the kind of file says.
+
+    Returns:
+        What was found, with the replay.
+
+    Raises:
+        ProblemError: If an argument is wrong.
+        ScenarioError: If the file cannot be read, or is of another robot.
+    """
+    expect(problem, Problem, "problem", "a Problem")
+    if interpolation is not None:
+        check_interpolation(interpolation)
+    within = Tolerances() if tolerances is None else tolerances
+    expect(within, Tolerances, "tolerances", "Tolerances or None")
+
+    def judge(motion: Trajectory) -> _Found:
+        found = verify(problem, motion, within)
+        return _Found(found.violations, found)
+
+    return _check(problem, path, judge, interpolation)
+
+
+def check_export(
+    solution: Solution, path: str | Path, *, dt: float | None = None
+) -> ExportCheck:
+    """Read a file back that a solution was written to, and judge it as its reader.
+
+    Args:
+        solution: The solution.
+        path: The file, as :meth:`Solution.export` wrote it.
+        dt: Time between its points [s], as given to that; only for the advice.
+
+    Returns:
+        What was found.
+
+    Raises:
+        ProblemError: If the solution is none or has no motion, or an argument is wrong.
+        ScenarioError: If the file cannot be read.
+    """
+    begin = time.perf_counter()
+    expect(solution, Solution, "solution", "a Solution")
+    motion = solution.trajectory
+    if motion is None:
+        raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
+    path = checked_path(path)
+    judge = _Judge(solution, motion)
+    check = _check(solution.problem, path, judge)
+    if not check.violations:
+        return check
+    holding: list[float | None] = []
+    tried: list[float | None] = []
+    for step in _others(dt):
+        # The check must not take longer than planning did.
+        if time.perf_counter() - begin > solution.planning_time:
+            break
+        samples = file_samples(motion, path, step)
+        tried.append(step)
+        if not judge(_joined(samples, solution.problem, path).trajectory).violations:
+            holding.append(step)
+            if step is not None:
+                break  # shorter periods hold less surprise
+    return replace(
+        check,
+        holding=tuple(holding),
+        tried=tuple(tried),
+        replan=_replan(solution, path, dt),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _check(
+    problem: Problem,
+    path: str | Path,
+    judge: Callable[[Trajectory], _Found],
+    interpolation: Interpolation | None = None,
+) -> ExportCheck:
+    """Read, join and judge."""
+    begin = time.perf_counter()
+    path = checked_path(path)
+    refusals: tuple[Refusal, ...] = ()
+    notes: list[str] = []
+    if is_message(path):
+        message = load_message(path)
+        samples = message_motion(message, path)
+        effort = bool(np.any(np.isfinite(samples.u)))
+        moving = problem.goal.ends_moving
+        refusals = controller_refusals(
+            message, effort_interface=effort, moving_end=moving
+        )
+        notes += controller_needs(samples, moving)
+    else:
+        samples = load_motion(path)
+    joined = _joined(samples, problem, path, interpolation)
+    found = judge(joined.trajectory)
+    return ExportCheck(
+        path,
+        not (found.violations or refusals),
+        str(joined),
+        refusals,
+        found.violations,
+        found.verification,
+        notes=tuple(notes),
+        seconds=time.perf_counter() - begin,
+        duration=joined.trajectory.duration,
+    )
+
+
+def _joined(
+    samples: Samples,
+    problem: Problem,
+    path: Path,
+    interpolation: Interpolation | None = None,
+) -> Joined:
+    return join(
+        samples,
+        problem.robot,
+        path,
+        start=problem.q_start,
+        start_velocity=problem.v_start,
+        interpolation=interpolation,
+    )
+
+
+def _replan(solution: Solution, path: Path, dt: float | None) -> float | None:
+    """Period to plan with so that samples hold; None if there is none to name."""
+    if solution.problem.robot.passive_joints:
+        return None
+    if dt is None:
+        return USUAL if is_message(path) else None
+    return None if dt == solution.options.control_period else dt
+
+
+def _others(dt: float | None) -> list[float | None]:
+    """Times between points to try instead of one: the nodes, then shorter periods."""
+    if dt is None:
+        return list(PERIODS[::-1])
+    return [None, *(period for period in PERIODS if period < dt * (1.0 - 1e-9))]
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Judges what readers make of a motion that was planned."""
+
+    solution: Solution
+    motion: Trajectory
+
+    def __call__(self, motion: Trajectory) -> _Found:
+        """Judge a motion; by its replay if nothing simpler tells."""
+        problem, known = self.solution.problem, self.solution.verification
+        tolerances = self.solution.options.tolerances
+        if known is not None and known.ok and self._is_planned(motion):
+            return _Found((), known)
+        broken = tuple(excesses(problem, motion, CLEARLY * tolerances.limits))
+        if broken:
+            return _Found(broken, None)
+        found = verify(problem, motion, tolerances)
+        return _Found(found.violations, found)
+
+    def _is_planned(self, motion: Trajectory) -> bool:
+        """Whether a motion is the planned one, up to rounding."""
+        plan = self.motion
+        if abs(plan.duration - motion.duration) > SHORTEST:
+            return False
+        nodes = np.union1d(plan.t, motion.t)
+        times = inner_instants(nodes)
+        ours, theirs = plan(times), motion(times)
+        limits = self.solution.problem.robot.limits
+        span = limits.effort_upper - limits.effort_lower
+        span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
+        apart = (
+            (ours.q - theirs.q) / SAME_Q,
+            (ours.v - theirs.v) / SAME_V,
+            (ours.u - theirs.u) / (SAME_U * span),
+        )
+        return all(bool(np.all(np.abs(part) <= 1.0)) for part in apart)
+
+
+def inner_instants(nodes: Array) -> Array:
+    """Times within intervals, on none of their ends [s], shape (m,)."""
+    h = np.diff(nodes)
+    wide = h > SHORTEST
+    return np.asarray(
+        (nodes[:-1][wide, None] + INSTANTS * h[wide, None]).ravel(), dtype=np.float64
+    )
+
+
+def excesses(problem: Problem, motion: Trajectory, tolerance: float) -> list[Excess]:
+    """Limits of positions, velocities and torques that a motion breaks.
+
+    Args:
+        problem: What the motion is to solve.
+        motion: The motion.
+        tolerance: Relative excess that is tolerated.
+
+    Returns:
+        The worst of each kind.
+    """
+    limits = problem.robot.limits
+    times = inner_instants(motion.t)
+    state = motion(times)
+    bounds = {
+        "position": (state.q, limits.position_lower, limits.position_upper),
+        "velocity": (state.v, -limits.velocity, limits.velocity),
+        "effort": (state.u, limits.effort_lower, limits.effort_upper),
+    }
+    slides = prismatic_joints(problem.robot)
+    half = 0.5 * (limits.effort_upper - limits.effort_lower)
+    scales = {
+        "position": limits.position_upper - limits.position_lower,
+        "velocity": limits.velocity,
+        "effort": np.where(half > 0.0, half, max(float(np.max(half)), 1e-12)),
+    }
+    found = []
+    for kind, (values, lower, upper) in bounds.items():
+        scale = scales[kind]
+        scale = np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
+        amount = np.maximum(values - upper, lower - values)
+        share = amount / scale
+        k, joint = np.unravel_index(int(np.argmax(share)), share.shape)
+        if share[k, joint] > tolerance:
+            found.append(
+                Excess(
+                    kind,
+                    problem.robot.joint_names[int(joint)],
+                    float(times[k]),
+                    float(amount[k, joint]),
+                    UNITS[kind][bool(slides[joint])],
+                    float(share[k, joint]),
+                    True,
+                )
+            )
+    return found

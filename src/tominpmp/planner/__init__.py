@@ -1,0 +1,7 @@
+"""Planning: the story from a problem to a motion, told in planning.py."""
+
+from __future__ import annotations
+
+from tominpmp.planner.planning import plan
+
+__all__ = ["plan"]

@@ -1,0 +1,92 @@
+"""Planning for sets of goals of which any will do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from tominpmp.bounds import lower_bound
+from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.watch import Watch
+from tominpmp.problem import Problem
+from tominpmp.stopping import Stop
+from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.transcription.system import System
+
+Attempts = Callable[[System, "FormerMotion | None"], Iterator[Attempt | None]]
+
+
+def attempts_of_alternatives(
+    problem: Problem,
+    make: Attempts,
+    watch: Watch,
+    former: Trajectory | Samples | None = None,
+) -> Iterator[Attempt]:
+    """Solve for each goal of a set, a start each before the second one for any.
+
+    The goals that might be reached soonest come first. As long as there is no motion,
+    a start may take no more than its share of the planning time: one goal may be out of
+    reach, and that is not always known at once. Goals that no motion could reach faster
+    than the best one so far are left out.
+
+    Args:
+        problem: A problem with a set of goals, or with one.
+        make: Makes the attempts for a problem with one goal, given a former motion.
+        watch: Time limit, and the duration of the best motion so far.
+        former: A former motion; it goes to the goal that it ends nearest to.
+
+    Yields:
+        The attempts.
+
+    Raises:
+        ProblemError: If none of the goals can be reached at all.
+    """
+    parts = problem.alternatives
+    if len(parts) == 1:
+        system = System.of(parts[0])
+        start = None if former is None else former_motion(system, former)
+        yield from (attempt for attempt in make(system, start) if attempt is not None)
+        return
+    bounds = [lower_bound(part).T for part in parts]
+    order = np.argsort(bounds, kind="stable").tolist()
+    entered = None
+    if former is not None:
+        # Its columns may be in any order, and its velocities be missing.
+        motion = former_motion(System.of(parts[0]), former).trajectory
+        nearest = problem.alternative_at(motion.q[-1], motion.v[-1])
+        entered = [part.goal is nearest.goal for part in parts].index(True)
+        order = [entered, *(i for i in order if i != entered)]
+    runs: dict[int, Iterator[Attempt | None]] = {}
+    wrong: list[str] = []
+    while order:
+        again: list[int] = []
+        for place, i in enumerate(order):
+            if bounds[i] >= watch.best:
+                continue
+            watch.share(len(order) - place + len(again))
+            if i not in runs:
+                system = System.of(parts[i])
+                start = None
+                if former is not None and i == entered:
+                    start = former_motion(system, former)
+                runs[i] = make(system, start)
+            try:
+                attempt = next(runs[i])
+            except StopIteration:
+                continue
+            except Stop as stop:
+                if watch.ended(watch.stopped(stop)):
+                    raise
+                continue  # its share of the time is used up
+            except ProblemError as error:
+                wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
+                continue
+            again.append(i)
+            if attempt is not None:
+                yield attempt
+        order = again
+    if len(wrong) == len(parts):
+        raise ProblemError("; ".join(wrong), "goal")

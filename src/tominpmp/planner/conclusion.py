@@ -1,0 +1,116 @@
+"""What attempts have led to, as a solution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.watch import Watch
+from tominpmp.problem import Problem
+from tominpmp.solution import Solution
+from tominpmp.status import STOPPED, Status
+from tominpmp.stopping import Stop
+from tominpmp.verification import explain
+from tominpmp.verification.verdict import LONGEST
+
+# A lower bound is mentioned if T is within this factor of it.
+TELLING = 2.0
+# Shorter times are given by their digits, not their decimals [s].
+BRIEF_TIME = 0.01
+
+
+def conclude(
+    problem: Problem,
+    options: Options,
+    watch: Watch,
+    attempts: Sequence[Attempt],
+    status: Status | None,
+) -> Solution:
+    """Turn the best attempt into a solution.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        watch: Time that was spent.
+        attempts: All attempts.
+        status: How the last one ended, or all of planning.
+    """
+    history = tuple(
+        replace(record, start=number)
+        for number, attempt in enumerate(attempts)
+        for record in attempt.history
+    )
+    if not attempts:
+        ended = status or Status.INFEASIBLE
+        return Solution(
+            problem,
+            options,
+            ended,
+            ended.value,
+            False,
+            None,
+            planning_time=watch.seconds,
+        )
+    best = min(attempts, key=lambda a: (a.duration, not a.feasible, a.violation))
+    ended = best.status
+    if status in STOPPED:
+        ended = status
+    if best.feasible and not best.found and not best.unconfirmed:
+        ended = Status.UNVERIFIED
+    elif ended is Status.CONVERGED and not best.feasible:
+        ended = Status.INFEASIBLE
+    bound = _bound(problem)
+    return Solution(
+        problem=problem,
+        options=options,
+        status=ended,
+        message=_message(problem, ended, best, attempts, bound),
+        feasible=best.found,
+        trajectory=best.trajectory,
+        initial=best.initial,
+        history=history,
+        planning_time=watch.seconds,
+        violations=best.violations,
+        verification=best.verification,
+        lower_bound=bound,
+    )
+
+
+def _bound(problem: Problem) -> LowerBound | None:
+    """A lower bound on the duration, if there is time for it."""
+    try:
+        return lower_bound(problem)
+    except Stop:
+        return None
+
+
+def _message(
+    problem: Problem,
+    status: Status,
+    best: Attempt,
+    attempts: Sequence[Attempt],
+    bound: LowerBound | None,
+) -> str:
+    if best.found:
+        T = best.trajectory.duration
+        sentence = f"{status.value} T = {T:.4f} s"
+        if T < BRIEF_TIME:
+            sentence = f"{status.value} T = {T:.3g} s"
+        if bound is not None and bound.T * TELLING > T:
+            above = 100 * (T / bound.T - 1)
+            sentence = f"{sentence}, {above:.1f} % above what none can beat"
+        return f"{sentence}. {best.remark}".rstrip()
+    if best.unconfirmed:
+        return f"{status.value} There was no time to verify the motion that was found."
+    if best.feasible and best.verification is not None:
+        sentence = f"{status.value} {best.verification.message}"
+        if bound is not None and bound.T > LONGEST:
+            sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
+        return sentence
+    try:
+        return explain(problem, attempts, status)
+    except Stop:
+        return status.value

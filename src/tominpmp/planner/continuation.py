@@ -1,0 +1,95 @@
+"""Attempts that go on from a motion: a former one, or the one that was found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.direct_solve import (
+    solve_and_verify,
+    solve_from_guess,
+    with_rows_where_needed,
+)
+from tominpmp.planner.torque_starts import solve_by_shooting
+from tominpmp.planner.watch import Watch
+from tominpmp.robot import JointLimits
+from tominpmp.status import STOPPED, Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.system import System
+
+# Trust region of a start from a former motion, in shares of the usual one.
+FORMER_RADIUS = 0.3
+# Going on with continuous accelerations takes 3 to 4 % off T where torques rule, and
+# next to nothing where speeds do (benchmarks/random_goals.py). It is done where no
+# joint is at its speed limit for more than this share of the nodes.
+SPEED_SHARE = 0.4
+# A limit is active from this share of it on.
+ACTIVE = 0.99
+# Most of the gain comes in so many iterations.
+FEW_ITERATIONS = 12
+
+
+def solve_from_former(
+    system: System, options: Options, former: FormerMotion, watch: Watch
+) -> Attempt:
+    """Improve a former motion; it stays as it was if nothing faster is found."""
+    near = replace(options, trust_region=FORMER_RADIUS * options.trust_region)
+    if options.control == "auto" and former.continuous:
+        near = replace(near, control="linear")
+    if options.method in ("adjoint", "penalty"):
+        shares = interval_shares(options.grid, options.intervals)
+        first = former.torque_program(system, shares)
+        attempt = solve_by_shooting(system, near, watch, first)
+    else:
+        attempt = solve_and_verify(system, near, former, watch)
+    if attempt.duration < former.duration:
+        return attempt
+    kept = former.remainder(system)
+    if kept is None:
+        return attempt
+    same = replace(attempt, feasible=True, trajectory=kept, violations={})
+    same = same.verified(system.problem, options)
+    return same if same.duration < attempt.duration else attempt
+
+
+def solve_with_continuous_accelerations(
+    system: System, options: Options, attempt: Attempt, watch: Watch
+) -> Attempt | None:
+    """Go on from a motion with constant accelerations in each interval, where it pays.
+
+    The parameterisation of the control is the paper's quasi-linear one. None if torques
+    do not rule the motion, its accelerations are continuous already, or nothing faster
+    came of it.
+    """
+    motion, limits = attempt.trajectory, system.problem.robot.limits
+    if motion.a is None or speed_share(motion, limits) > SPEED_SHARE:
+        return None
+    near = replace(
+        options,
+        control="linear",
+        trust_region=FORMER_RADIUS * options.trust_region,
+        max_iterations=min(options.max_iterations, FEW_ITERATIONS),
+    )
+
+    def solve(tried: System, _: Attempt | None) -> Attempt:
+        guess = former_motion(tried, motion)
+        found = solve_from_guess(tried, near, guess, watch)
+        return found.verified(system.problem, options, later=watch.puts_off)
+
+    faster = with_rows_where_needed(system, watch, solve)
+    if not faster.duration < attempt.duration:
+        return None
+    # Few iterations do, and the motion that they began with had settled.
+    status = faster.status if faster.status in STOPPED else Status.CONVERGED
+    return replace(faster, status=status)
+
+
+def speed_share(motion: Trajectory, limits: JointLimits) -> float:
+    """Share of the nodes at which a speed limit holds the motion."""
+    used = np.max(np.abs(motion.v) / limits.velocity, axis=1)
+    return float(np.mean(used > ACTIVE))

@@ -1,0 +1,389 @@
+"""Motions on the clock of a controller: the last stage of a plan with a period.
+
+The motion that was found freely lasts so many periods and a bit. Its knots are moved to
+ticks, and a few linear programs find a motion on these knots that lasts one period
+more at most, or a few where that cannot be. What a controller makes of its samples is
+this motion itself, see :mod:`~tominpmp.transcription.ticks`, and so its replay judges
+what the controller will do.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.exceptions import OptionsError
+from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.linear_programs import make_solver
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.control_period_outcome import Clocked, failed, succeeded
+from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
+from tominpmp.planner.watch import Watch
+from tominpmp.problem import Problem
+from tominpmp.solution import Solution
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.rounds import FAR, ROUNDS
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.stopping import Stop
+from tominpmp.trajectory import MAX_SAMPLES, Trajectory
+from tominpmp.transcription.system import System
+from tominpmp.transcription.ticks import (
+    TRACE,
+    ClockedTranscription,
+    Ticks,
+    ticks_of,
+)
+from tominpmp.verification.verdict import Verification, verify
+
+logger = logging.getLogger(__name__)
+
+# Share of the planning time after which a motion without a clock is made do.
+SEARCH_SHARE = 0.7
+# Time for this stage once planning was interrupted [s].
+PATIENCE = 1.0
+# The motion is near to what it comes from: share of the usual trust region, iterations.
+RADIUS = 0.1
+ITERATIONS = 15
+# Numbers of periods that are tried, and by how much more of them the next try has
+# where nothing tells: by one, and by shares of the number later on.
+TRIES = 12
+LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
+# A motion has so many periods at least; the shortest have more than they need.
+FEWEST = 4
+# An iteration goes on while its last step has promised this share of what is missing,
+# and the duration still changes by that share.
+HOPE = 0.5
+MOVING = 0.1
+# Intervals are halved where it takes more periods than so many more, by their share.
+DEAR = 0.01
+# They are as well where the replay of a motion is not all right, up to so many.
+MOST_INTERVALS = 400
+
+
+def check_clock(problem: Problem, options: Options) -> None:
+    """Refuse options and robots that know no clock.
+
+    Raises:
+        OptionsError: If a joint has no motor, or torques are to switch exactly.
+    """
+    if options.control_period is None:
+        return
+    passive = problem.robot.passive_joints
+    if passive:
+        raise OptionsError(
+            f"control_period is {options.control_period:g} s, and {', '.join(passive)} "
+            "has no motor: no controller makes it follow samples; expected None for "
+            "this robot",
+            "control_period",
+        )
+    if options.refine == "switching":
+        raise OptionsError(
+            "refine is 'switching', which places switches between ticks, and "
+            f"control_period is {options.control_period:g} s, which allows them at "
+            "ticks only: expected refine 'grid' or None",
+            "refine",
+        )
+
+
+def searching(options: Options) -> Options:
+    """Options for the search without a clock, which leaves some of the time."""
+    limit = options.max_planning_time
+    if options.control_period is None or limit is None:
+        return options
+    return replace(options, max_planning_time=SEARCH_SHARE * limit)
+
+
+def puts_off_replays(options: Options) -> bool:
+    """Whether motions of the search without a clock need no replay of their own.
+
+    What leaves is another motion, made of the best of them, and that is replayed. Where
+    time is limited there may be none in the end, and what was found has to be known to
+    hold.
+    """
+    return options.control_period is not None and options.max_planning_time is None
+
+
+def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> Solution:
+    """Bring the motion of a solution to the clock of its options.
+
+    Args:
+        solution: What planning without the clock has led to.
+        attempts: All that it has tried: where the fastest motion cannot be brought to
+            the clock, another one may.
+        watch: Time that was spent.
+
+    Returns:
+        The solution on the clock; what was given where there is no motion. Where none
+        on the clock is found, it is no success, and the message says so.
+
+    Raises:
+        OptionsError: If the period does not suit the duration of the motion.
+    """
+    options, period = solution.options, solution.options.control_period
+    if period is None or not solution.success:
+        return solution
+    assert solution.trajectory is not None  # noqa: S101
+    check_period(period, solution.trajectory.duration)
+    monitor = _monitor(options, solution.status, watch)
+    found = sorted((a for a in attempts if a.found), key=lambda a: a.duration)
+    outcome = Clocked(Status.INFEASIBLE)
+    history, remark = list(solution.history), ""
+    try:
+        for attempt in found:
+            outcome = _bring(solution.problem, options, attempt.trajectory, monitor)
+            remark = attempt.remark
+            history += _numbered(outcome.history, attempts.index(attempt), attempt)
+            if outcome.trajectory is not None or outcome.status in STOPPED:
+                break
+    except (Stop, KeyboardInterrupt) as stop:
+        outcome = Clocked(watch.stopped(stop))
+    solution = replace(solution, history=tuple(history), planning_time=watch.seconds)
+    if outcome.trajectory is None:
+        return failed(_replayed(solution, watch), outcome, period)
+    return succeeded(solution, outcome, remark, period)
+
+
+def _replayed(solution: Solution, watch: Watch) -> Solution:
+    """The solution with the replay of its motion, if that was put off."""
+    motion, problem = solution.trajectory, solution.problem
+    if solution.verification is not None or motion is None:
+        return solution
+    try:
+        verification = verify(
+            problem, motion, solution.options.tolerances, checker=problem.checker
+        )
+    except (Stop, KeyboardInterrupt) as stop:
+        watch.stopped(stop)
+        return solution
+    watch.in_vain = not verification.ok
+    return replace(solution, verification=verification, planning_time=watch.seconds)
+
+
+def _numbered(
+    records: Sequence[IterationRecord], start: int, former: Attempt
+) -> list[IterationRecord]:
+    """Records of this stage as those of the attempt that it goes on from."""
+    first = len(former.history)
+    return [
+        replace(record, start=start, iteration=first + number)
+        for number, record in enumerate(records)
+    ]
+
+
+def check_period(period: float, duration: float) -> None:
+    """Refuse periods that do not suit a motion.
+
+    Raises:
+        OptionsError: If a period is longer than half of it, or far too short.
+    """
+    if period > 0.5 * duration:
+        raise OptionsError(
+            f"control_period is {period:g} s, and the motion takes {duration:.4g} s: "
+            "expected half of that at most",
+            "control_period",
+        )
+    if not duration / period <= MAX_SAMPLES:
+        raise OptionsError(
+            f"control_period is {period:g} s, too short for a motion of "
+            f"{duration:.4g} s: more than {MAX_SAMPLES} samples",
+            "control_period",
+        )
+
+
+@dataclass
+class Deadline:
+    """Monitor of this stage: ends it at a time, or when the callback says so.
+
+    Attributes:
+        options: Callback and feasibility.
+        watch: Time that was spent.
+        until: End on the clock of ``perf_counter`` [s]; None for no end.
+        goal: Duration that need not be improved [s].
+        last: Duration after the last iteration [s]; infinite before the first.
+    """
+
+    options: Options
+    watch: Watch
+    until: float | None
+    goal: float = 0.0
+    last: float = np.inf
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is used up."""
+        return self.until is not None and time.perf_counter() >= self.until
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        callback = self.options.callback
+        seen = replace(record, start=self.watch.start, seconds=self.watch.seconds)
+        if callback is not None and callback(seen):
+            return Status.INTERRUPTED
+        there = record.duration <= self.goal * (1.0 + TRACE)
+        if there and record.violation <= self.options.feasibility:
+            return Status.FEASIBLE
+        if self.over:
+            return Status.TIME_LIMIT
+        # Nearly admissible, slower, and no hope of more: it takes another period.
+        missing, last = record.duration - self.goal, self.last
+        self.last = record.duration
+        settled = abs(last - record.duration) < MOVING * missing
+        hopeless = settled or record.predicted < HOPE * missing
+        hopeless = hopeless and record.violation <= FAR
+        return Status.STALLED if not there and hopeless else None
+
+
+def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
+    limit = options.max_planning_time
+    now = time.perf_counter()
+    until = None if limit is None else now - watch.seconds + limit
+    if status is Status.INTERRUPTED:
+        # Who interrupts wants the motion soon; without a clock it is none.
+        until = min(now + PATIENCE, np.inf if until is None else until)
+        options = replace(options, callback=None)
+    return Deadline(options, watch, until)
+
+
+@dataclass(frozen=True, eq=False)
+class Try:
+    """What is tried.
+
+    Attributes:
+        count: Number of periods.
+        intervals: Number of intervals that are wanted at least.
+        guess: The motion to begin with.
+        fewest: Number of periods of the first try.
+        finer: Whether intervals were halved to need fewer periods.
+        fruitless: Number of tries that told nothing about how many it takes.
+    """
+
+    count: int
+    intervals: int
+    guess: FormerMotion
+    fewest: int
+    finer: bool = False
+    fruitless: int = 0
+
+    def after(
+        self, system: System, program: ClockedTranscription, result: SlpResult
+    ) -> Try:
+        """What to try after a motion that is slower, not admissible or not all right.
+
+        Args:
+            system: The problem.
+            program: The program of this try.
+            result: Its outcome.
+        """
+        reached, near = result.iterate, result.iterate.violation <= FAR
+        needed = ticks_of(program.timed(reached.z)[-1], program.ticks.period)
+        if near and needed > self.count:
+            guess = former_motion(system, program.trajectory(reached.z))
+            dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
+            if dear and not self.finer and program.ticks.intervals < needed:
+                twice = 2 * self.intervals
+                return replace(self, guess=guess, intervals=twice, finer=True)
+            return replace(self, count=needed, guess=guess)
+        longer = 1 + int(LONGER[min(self.fruitless, len(LONGER) - 1)] * self.count)
+        intervals = min(2 * self.intervals, max(self.intervals, MOST_INTERVALS))
+        return replace(
+            self,
+            count=self.count + longer,
+            intervals=intervals,
+            fruitless=self.fruitless + 1,
+        )
+
+
+def _bring(
+    problem: Problem, options: Options, motion: Trajectory, monitor: Deadline
+) -> Clocked:
+    """Look for a motion on the clock near one without."""
+    period = options.control_period
+    assert period is not None  # noqa: S101
+    complete = System.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
+    system = complete if monitor.watch.links_touched else complete.first_tried
+    fewest = max(ticks_of(motion.duration, period), FEWEST)
+    now = Try(fewest, motion.t.size - 1, former_motion(system, motion), fewest)
+    last = Clocked(Status.INFEASIBLE)
+    for _ in range(TRIES):
+        ticks = Ticks.near(period, now.count, motion.t, now.intervals)
+        program, z, result = _solve(system, options, now.guess, ticks, monitor)
+        last = replace(
+            last, status=result.status, history=(*last.history, *result.history)
+        )
+        logger.info("%s: %s", ticks, result.status.value)
+        if z is not None:
+            trajectory = ticks.timed(program.trajectory(z))
+            verification = verify(
+                problem, trajectory, options.tolerances, checker=problem.checker
+            )
+            last = replace(last, verification=verification)
+            if verification.ok:
+                return replace(last, trajectory=trajectory)
+            last = replace(last, status=Status.UNVERIFIED)
+        if result.status in STOPPED or monitor.over:
+            stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
+            return replace(last, status=stopped)
+        if z is not None and system is not complete and _touches(verification):
+            # As many periods, with rows for the links.
+            system, monitor.watch.links_touched = complete, True
+        else:
+            now = now.after(system, program, result)
+    return last
+
+
+def _touches(verification: Verification) -> bool:
+    return any(item.kind == "clearance" for item in verification.violations)
+
+
+def _solve(
+    system: System,
+    options: Options,
+    guess: FormerMotion,
+    ticks: Ticks,
+    monitor: Deadline,
+) -> tuple[ClockedTranscription, Array | None, SlpResult]:
+    """Look for a motion on given knots.
+
+    Returns:
+        Program, an iterate that keeps all constraints and lasts as long as the ticks,
+        if there is one, and the last outcome.
+    """
+    near = replace(
+        options,
+        objective="time",
+        trust_region=RADIUS * options.trust_region,
+        max_iterations=min(options.max_iterations, ITERATIONS),
+    )
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * ticks.duration
+    monitor.goal = ticks.duration
+    lp = make_solver(options.lp_solver)
+    program, z = guess.clocked_program(system, ticks)
+    program = program.with_more_rows(z, -NEARLY) or program
+    result: SlpResult | None = None
+    for _ in range(ROUNDS):
+        monitor.last = np.inf
+        solver = SlpSolver(program, near, smoothing, lp, monitor)
+        result = solver.run(z, after=result)
+        z = result.iterate.z if result.best is None else result.best.z
+        if result.status in STOPPED or result.best is None:
+            break
+        more = program.with_more_rows(z, OVERLOAD)
+        if more is None:
+            break
+        program = more
+    assert result is not None  # noqa: S101
+    kept = program.on_clock(z)
+    if result.best is None or kept is None:
+        return program, None, result
+    worst = np.max(program.rows.violation(program.evaluate(kept)), initial=0.0)
+    return program, kept if worst <= options.feasibility else None, result

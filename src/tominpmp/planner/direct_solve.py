@@ -1,0 +1,183 @@
+"""Motions improved from a guess of their path, by programs in states or splines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.options import Options
+from tominpmp.planner.attempt import REFINEMENTS, Attempt
+from tominpmp.planner.refinement import refine, unrefined
+from tominpmp.planner.watch import Watch
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED
+from tominpmp.transcription.base import Program, Transcription
+from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.grid import delayed_shares, interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.system import System
+from tominpmp.verification.verdict import LONGEST
+
+# Weight of the total variation, as a share of the duration of the guess; chosen on
+# benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
+SMOOTHING_SHARE = 1e-4
+# Relative room of torques between the rows up to which a former motion rests on them.
+NEARLY = 1e-2
+# A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
+# admissible.
+GUESS_STRETCH = 1.02
+# The same for motions whose accelerations must not jump.
+SMOOTH_STRETCH = 1.3
+
+
+def solve_and_verify(
+    system: System, options: Options, guess: Guess, watch: Watch
+) -> Attempt:
+    """Improve a guess; where the replay fails, go on with a finer grid."""
+
+    def solve(tried: System, former: Attempt | None) -> Attempt:
+        first = guess
+        if former is not None:
+            first = replace(former_motion(tried, former.trajectory), name=former.name)
+        return _solve_and_verify(tried, options, first, watch)
+
+    return with_rows_where_needed(system, watch, solve)
+
+
+def with_rows_where_needed(
+    system: System,
+    watch: Watch,
+    solve: Callable[[System, Attempt | None], Attempt],
+) -> Attempt:
+    """Solve without rows for the links of an arm alone; again with them if they touch.
+
+    Args:
+        system: The problem.
+        watch: What remembers that links touched: rows are taken at once then.
+        solve: Solves a problem, beginning with a former attempt if there is one.
+    """
+    first = system if watch.links_touched else system.first_tried
+    attempt = solve(first, None)
+    if first is system or not attempt.touches or attempt.status in STOPPED:
+        return attempt
+    watch.links_touched = True
+    return solve(system, attempt).after(attempt)
+
+
+def _solve_and_verify(
+    system: System, options: Options, guess: Guess, watch: Watch
+) -> Attempt:
+    problem = system.problem
+    attempt = solve_from_guess(system, options, guess, watch)
+    attempt = attempt.verified(problem, options, later=watch.puts_off)
+    unwatched = system.clearance is None
+    for _ in range(REFINEMENTS):
+        if attempt.found or not attempt.feasible or attempt.status in STOPPED:
+            break
+        if unwatched and attempt.touches:
+            break  # a finer grid does not part the links
+        if attempt.trajectory.duration > LONGEST:
+            break  # nor does it make a motion short enough to be replayed
+        # Nor will the first motion do on the finer grid: it was too rough.
+        options = replace(options, intervals=2 * options.intervals, objective="time")
+        guess = replace(former_motion(system, attempt.trajectory), name=attempt.name)
+        finer = solve_from_guess(system, options, guess, watch)
+        finer = finer.verified(problem, options)
+        if not finer.feasible:
+            break
+        attempt = finer.after(attempt)
+    return attempt
+
+
+def make_slp(
+    program: Program,
+    options: Options,
+    smoothing: float,
+    lp: LpSolver,
+    watch: Watch,
+) -> SlpSolver:
+    """Solver whose motions the watch sees and keeps."""
+    keep = watch.keep
+    return SlpSolver(program, options, smoothing, lp, watch, keep=keep)
+
+
+def solve_from_guess(
+    system: System, options: Options, guess: Guess, watch: Watch
+) -> Attempt:
+    """Improve a guess with the transcription that the options ask for."""
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * guess.duration
+    lp = make_solver(options.lp_solver)
+    program, start = first_program(system, options, guess)
+    initial = program.trajectory(start)
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    ) -> SlpResult:
+        solver = make_slp(program, options, smoothing, lp, watch)
+        return solver.run(z, after=after)
+
+    solved = solve_in_rounds(program, start, options, solve)
+    if options.control in DEGREES and options.method != "collocation":
+        found: tuple[Program, SlpResult]
+        found = solved[0], unrefined(options, solved[1])
+    else:
+        found = refine(system, options, *solved, lp, watch)
+    return Attempt.of(guess.name, found[0], initial, found[1])
+
+
+def first_program(
+    system: System, options: Options, guess: Guess
+) -> tuple[NonlinearProgram, Array]:
+    """Program for a guess, and the guess as its iterate."""
+    former = guess if isinstance(guess, FormerMotion) else None
+    grid = options.intervals, options.grid
+    shares = guess_shares(options, guess)
+    timed = GUESS_STRETCH if guess.timed else 1.0
+    transcription: Transcription[Any]
+    if options.method == "collocation":
+        if former is not None:
+            return former.lifted_program(system, *grid)
+        shares = np.sum(shares, axis=1, keepdims=True)
+        transcription = lifted = CollocationTranscription(
+            system, shares, guess.duration
+        )
+        nodes = np.concatenate([[0.0], np.cumsum(shares)])
+        path = guess.position(nodes * guess.duration)
+        start = lifted.start(path, np.array([timed * guess.duration]))
+    elif options.control in DEGREES:
+        degree = DEGREES[options.control]
+        if former is not None:
+            return former.spline_program(system, *grid, degree)
+        shares = np.sum(shares, axis=1, keepdims=True)
+        transcription = smooth = BSplineTranscription(system, shares, degree)
+        stretched = SMOOTH_STRETCH * guess.duration
+        start = smooth.start(guess.position, guess.duration, stretched)
+    else:
+        if former is not None:
+            program, start = former.inverse_program(system, *grid)
+            # Rows between the nodes that the motion rests on, which it had before.
+            return exchanged(program, start, -NEARLY) or program, start
+        transcription = jumping = InverseTranscription(system, shares, guess.duration)
+        start = jumping.start(guess.position, timed * guess.duration)
+    return NonlinearProgram.of(transcription).at(start), start
+
+
+def guess_shares(options: Options, guess: Guess) -> Array:
+    """Grid for a guess: intervals of their own for the time before it sets out."""
+    if guess.delay > 0.0:
+        return delayed_shares(options.intervals, guess.delay / guess.duration)
+    return interval_shares(options.grid, options.intervals)

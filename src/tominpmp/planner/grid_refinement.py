@@ -1,0 +1,309 @@
+"""refine="grid": intervals are split where the motion needs it, coarse to fine.
+
+With constant accelerations an interval loses time where its torques change along the
+way, since they come to a limit at one instant of it only, and where a torque would
+rather switch inside. With constant torques it loses time by the switches alone, and
+steps that are too long are wrong: the end of each interval is compared with that of a
+more accurate method. Splitting an interval leaves the motion as it is, so that the next
+solve begins where the last one ended.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.arcs.radau import march
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.constraints.friction import interval_signs
+from tominpmp.linear_programs import LpSolver
+from tominpmp.options import Options, Tolerances
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.monitor import Monitor
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Program
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.exchange import revised
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.system import System
+from tominpmp.verification.verdict import verify
+
+logger = logging.getLogger(__name__)
+
+# Rounds of splitting, and the largest number of intervals.
+ROUNDS = 4
+MOST_INTERVALS = 200
+# Relative gain of a round below which the next is spared if the replay is all right.
+SETTLED = 1e-3
+# Shares of all intervals that are split at least and at most in a round.
+FEWEST, MOST = 0.1, 0.5
+# Intervals are split that lose this share of what the worst one loses.
+WORST_SHARE = 0.15
+# Losses below this share of the duration are none.
+LITTLE = 1e-6
+# Torques that change by more than this, in half ranges, switch: to the other limit, or
+# to what keeps a speed.
+JUMP = 0.5
+# Rounds of adding rows between the nodes, iterations of each solve.
+EXCHANGES = 4
+ITERATIONS = 30
+# Weight of the total variation, as a share of the duration.
+SMOOTHING_SHARE = 1e-4
+
+Gridded = InverseTranscription | CollocationTranscription
+
+
+def refine_grid(
+    system: System,
+    options: Options,
+    program: Program,
+    result: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> tuple[Program, SlpResult]:
+    """Split intervals until the motion is accurate and gains little more.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        program: The program of the motion, "inverse" or "collocation"; others are
+            handed back with a remark.
+        result: Its solution.
+        lp: Solver of linear programs.
+        watch: Time limit and callback.
+
+    Returns:
+        Program and solution on the finest grid that brought anything.
+    """
+    if isinstance(program, NonlinearProgram) and isinstance(
+        program.transcription, InverseTranscription | CollocationTranscription
+    ):
+        return _refine(system, options, program, result, lp, watch)
+    remark = (
+        f"Its grid was not refined: that is not done for method {options.method!r}."
+    )
+    return program, replace(result, remark=remark)
+
+
+def _refine(
+    system: System,
+    options: Options,
+    program: NonlinearProgram,
+    result: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> tuple[NonlinearProgram, SlpResult]:
+    best = program, result
+    for _ in range(ROUNDS):
+        kept, outcome = best
+        if watch.over or outcome.best is None:
+            break
+        z, T = outcome.best.z, outcome.best.duration
+        grid = kept.transcription
+        assert isinstance(grid, Gridded)  # noqa: S101
+        losses = interval_losses(system, grid, z)
+        split = worst_intervals(losses, T)
+        if not np.any(split):
+            break
+        finer, start = split_intervals(grid, z, split)
+        refined, found = _solve(finer, start, options, outcome, lp, watch)
+        replayed = replayed_well(system, refined.trajectory(_last(found)), options)
+        gain = 1.0 - (np.inf if found.best is None else found.best.duration) / T
+        count = losses.size + int(split.sum())
+        logger.info("%d intervals: gain %.1e, replay %s", count, gain, replayed)
+        if found.best is None or (gain < 0.0 and not replayed):
+            break
+        better = gain > 0.0 or not replayed_well(system, kept.trajectory(z), options)
+        if better:
+            best = refined, found
+        if replayed and gain < SETTLED:
+            break
+    return best
+
+
+def _last(result: SlpResult) -> Array:
+    return (result.iterate if result.best is None else result.best).z
+
+
+def replayed_well(system: System, trajectory: Trajectory, options: Options) -> bool:
+    """Whether the replay of a motion ends at the goal and keeps all limits."""
+    tolerances = Tolerances(
+        goal=options.goal_tolerance,
+        speed=options.speed_tolerance,
+        limits=options.limit_tolerance,
+        contact=options.contact_tolerance,
+    )
+    checker = system.problem.checker
+    return verify(system.problem, trajectory, tolerances, checker=checker).ok
+
+
+def interval_losses(system: System, transcription: Gridded, z: Array) -> Array:
+    """Time that each interval may lose by its length, roughly, shape (N,) [s].
+
+    Args:
+        system: The functions of the problem.
+        transcription: The parameterisation.
+        z: An iterate of it.
+    """
+    if isinstance(transcription, InverseTranscription):
+        return _spline_losses(system, transcription, z)
+    x, u, h = transcription.split(z)
+    shares = (u - system.effort_middle) / system.effort_half
+    if system.friction is not None:
+        shares = shares + system.friction * interval_signs(x[:, system.n :])[0]
+    error = step_errors(system, x, u, h)
+    unsharp = np.max(1.0 - np.abs(shares), axis=1) * np.max(_jumps(shares), axis=1)
+    # An error of the state costs the time in which it is made at the typical speed.
+    scale = np.concatenate([system.step_scale, 5.0 / h.sum() * system.step_scale])
+    return np.asarray(h * 0.25 * unsharp + h.sum() * np.max(error / scale, axis=1))
+
+
+def _spline_losses(
+    system: System, transcription: InverseTranscription, z: Array
+) -> Array:
+    spline = transcription.motion(z)
+    h, a = spline.h, spline.a
+    begin = system.torque(spline.q[:-1], spline.v[:-1], a)
+    end = system.torque(spline.q[1:], spline.v[1:], a)
+    # Of a torque that runs to its limit half of the way is missing on the average.
+    at_limit = np.maximum(np.abs(begin), np.abs(end)) > 0.98
+    missing = np.max(np.where(at_limit, 0.5 * np.abs(end - begin), 0.0), axis=1)
+    middle = 0.5 * (begin + end)
+    unsharp = np.maximum(1.0 - np.maximum(np.abs(begin), np.abs(end)), 0.0)
+    unsharp = np.max(unsharp * _jumps(middle), axis=1)
+    return np.asarray(h * (0.5 * missing + 0.25 * unsharp))
+
+
+def _jumps(shares: Array) -> Array:
+    """Where torques jump around an interval, shape (N, n): 1, else 0."""
+    padded = np.vstack([shares[:1], shares, shares[-1:]])
+    return np.asarray(np.abs(padded[2:] - padded[:-2]) > JUMP).astype(np.float64)
+
+
+def step_errors(system: System, x: Array, u: Array, h: Array) -> Array:
+    """Errors of the steps of an integrator of order 3, shape (N, 2n).
+
+    Args:
+        system: Dynamics.
+        x: States at the nodes, shape (N + 1, 2n).
+        u: Torques of the intervals, shape (N, n) [N m or N].
+        h: Lengths of the intervals [s], shape (N,).
+
+    Returns:
+        How far two steps of half the length end from the next node, zero where an
+        explicit method does not do: stiff joints do not ask for short steps.
+    """
+    out = np.zeros_like(x[1:])
+    none = np.zeros((2, system.n), dtype=bool)
+    for k in range(h.size):
+        twice = np.tile(u[k], (2, 1))
+        ends = march(system.dynamics, x[k], twice, none, np.full(2, 0.5 * h[k]))
+        out[k] = np.abs(ends[-1, -1] - x[k + 1])
+    return np.asarray(np.where(np.isfinite(out) & (out < 0.1), out, 0.0))
+
+
+def worst_intervals(losses: Array, duration: float) -> BoolArray:
+    """Which intervals are to be split, shape (N,).
+
+    Args:
+        losses: Time that each may lose [s].
+        duration: T [s].
+    """
+    N = losses.size
+    most = min(int(np.ceil(MOST * N)), MOST_INTERVALS - N)
+    split = np.zeros(N, dtype=bool)
+    if most <= 0 or losses.max() < LITTLE * duration:
+        return split
+    order = np.argsort(-losses)
+    wanted = int(np.sum(losses >= WORST_SHARE * losses.max()))
+    count = min(max(wanted, int(np.ceil(FEWEST * N))), most)
+    chosen = order[:count]
+    split[chosen[losses[chosen] >= LITTLE * duration]] = True
+    return split
+
+
+def split_intervals(
+    transcription: Gridded, z: Array, split: BoolArray
+) -> tuple[Gridded, Array]:
+    """Halve intervals, without a change of the motion.
+
+    Args:
+        transcription: The parameterisation.
+        z: An iterate of it.
+        split: Which intervals to halve, shape (N,).
+
+    Returns:
+        The parameterisation on the new grid, and the iterate.
+    """
+    parts = 1 + split.astype(np.int64)
+    if isinstance(transcription, InverseTranscription):
+        return _split_spline(transcription, z, parts)
+    x, u, h = transcription.split(z)
+    first = np.cumsum(parts) - parts
+    t = np.concatenate([[0.0], np.cumsum(h)])
+    shares = _split_shares(transcription, parts)
+    states = np.empty((shares.shape[0] + 1, x.shape[1]))
+    states[first], states[-1] = x[:-1], x[-1]
+    halved = np.flatnonzero(split)
+    inside = transcription.trajectory(z)(0.5 * (t[halved] + t[halved + 1]))
+    states[first[halved] + 1] = np.hstack([inside.q, inside.v])
+    finer = CollocationTranscription(transcription.system, shares, float(t[-1]))
+    eta = z[-shares.shape[1] :]
+    return finer, finer.pack(states, np.repeat(u, parts, axis=0), eta)
+
+
+def _split_shares(transcription: Gridded, parts: IntArray) -> Array:
+    """Shares of the halved intervals; whatever could stretch by itself still can."""
+    return np.repeat(transcription.shares / parts[:, None], parts, axis=0)
+
+
+def _split_spline(
+    transcription: InverseTranscription, z: Array, parts: IntArray
+) -> tuple[InverseTranscription, Array]:
+    spline = transcription.motion(z)
+    index = np.repeat(np.arange(parts.size), parts)
+    second = np.concatenate([[False], index[1:] == index[:-1]])
+    halved = parts[index] == 2
+    # De Casteljau: the middle points of the halves lie halfway to the ends.
+    ends = np.where(second[:, None], spline.q[1:][index], spline.q[:-1][index])
+    points = spline.points[index]
+    points = np.where(halved[:, None], 0.5 * (points + ends), points)
+    points[0], points[-1] = spline.q_ends  # as the transcription packs them
+    shares = _split_shares(transcription, parts)
+    duration = float(spline.h.sum())
+    finer = InverseTranscription(transcription.system, shares, duration)
+    return finer, finer.pack(points, spline.v_ends[1], z[-shares.shape[1] :])
+
+
+def _solve(
+    transcription: Gridded,
+    z: Array,
+    options: Options,
+    before: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> tuple[NonlinearProgram, SlpResult]:
+    """Solve on a new grid, with rows between the nodes where they are needed."""
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * before.iterate.duration
+    few = replace(options, max_iterations=min(options.max_iterations, ITERATIONS))
+    program = NonlinearProgram.of(transcription).at(z)
+    # The rows are others now: only the history goes on.
+    result = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep).run(z)
+    result = replace(result, history=before.history + result.history)
+    for _ in range(EXCHANGES):
+        if result.status in STOPPED:
+            break
+        changed = revised(program, result.iterate.z)
+        if changed is None:
+            break
+        program, z = changed[0].at(changed[1]), changed[1]
+        solver = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep)
+        result = solver.run(z, after=result)
+    return program, result

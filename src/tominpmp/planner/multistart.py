@@ -1,0 +1,323 @@
+"""One start after the other: how many, in which order, and when there are enough.
+
+The order does not depend on how many are asked for, nor on the number of processes:
+more starts make the same attempts as fewer would, and then others; several processes
+try guesses ahead, and what the turn does not come to is let go.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals import FrameGoal, PlaceGoal
+from tominpmp.initial_guess.guess import KINEMATIC_STARTS, Guess, initial_guesses
+from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.initial_guess.parallel import (
+    asked_to_stop,
+    available_processes,
+    ready,
+    run_parallel,
+)
+from tominpmp.initial_guess.path_velocity import guesses_among_moving
+from tominpmp.initial_guess.warm_start import FormerMotion
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.continuation import solve_from_former
+from tominpmp.planner.direct_solve import solve_and_verify
+from tominpmp.planner.rescue import guarded
+from tominpmp.planner.torque_starts import shots
+from tominpmp.planner.watch import Watch
+from tominpmp.stopping import Stop
+from tominpmp.transcription.system import System
+
+# Guesses for a goal on a frame, whose final configuration is free.
+FRAME_STARTS = 4
+# Guesses where obstacles move, which may be let pass or be passed, and those that are
+# made while none has led to a motion.
+MOVING_STARTS = 3
+MOVING_RESCUE_STARTS = 16
+# A timed guess this much slower than a motion that was found is not worth its time.
+HOPELESS = 1.6
+# Torques are the last guess for arms with so many joints, and how they are improved.
+SWINGERS, SWINGERS_RESCUE_STARTS = 3, 2
+SHOOTING: dict[str, Any] = {
+    "method": "adjoint",
+    "control": "constant",
+    "lp_solver": "highs",
+    "starts": None,
+}
+# More guesses are made, up to this number, while none has led to a motion.
+RESCUE_STARTS = 8
+# Processes that are started at least where several are asked for; beyond the number of
+# cores they would only wait for each other.
+LEAST_PROCESSES = 2
+# Where there is less time than this, none are started, which alone takes about two
+# seconds: one process would have found something by then [s].
+TO_START = 5.0
+# Guesses that are made for each process before any of them is tried: to make one may
+# take a while.
+BATCH = 4
+# Processes end before the time is over by this share of it, and by so much, to hand
+# over what they have found [s].
+HANDOVER_SHARE, HANDOVER = 0.02, 0.05
+
+
+class Count(NamedTuple):
+    """How many guesses are tried.
+
+    Attributes:
+        wanted: So many in any case.
+        rescues: So many while none has led to a motion.
+        swings: Whether torques are tried when that many have led to none.
+    """
+
+    wanted: int
+    rescues: int
+    swings: bool
+
+    @classmethod
+    def of(cls, system: System, options: Options) -> Count:
+        """What the options ask for, or what fits the problem."""
+        moving = bool(system.problem.scene.moving)
+        usual = 1
+        if options.objective == "time":
+            usual = FRAME_STARTS if system.joint_goal is None else 1
+            usual = max(usual, MOVING_STARTS) if moving else usual
+        swings = may_swing(system)
+        rescues = SWINGERS_RESCUE_STARTS if swings else RESCUE_STARTS
+        rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
+        return cls(options.starts or usual, rescues, swings)
+
+    @property
+    def most(self) -> int:
+        """Largest number of guesses."""
+        return max(self.wanted, self.rescues)
+
+
+def make_attempts(
+    system: System, former: FormerMotion | None, options: Options, watch: Watch
+) -> Iterator[Attempt | None]:
+    """Solve from one initial guess after the other, a former motion being the first.
+
+    Yields:
+        Attempts; None for those that lead to nothing, or promise nothing.
+
+    Raises:
+        ProblemError: If no guess can be made: the goal is out of reach.
+    """
+    if former is not None:
+        watch.begin()
+        system.forget()
+        solve = partial(solve_from_former, system, options, former, watch)
+        attempt = guarded(system.problem, options, watch, former.name, solve)
+        yield _noted(watch, attempt)
+        found = attempt is not None and attempt.found
+        if found and (options.starts or 1) == 1:
+            return
+    if options.method in ("adjoint", "penalty"):
+        yield from shots(system, options, watch)
+        return
+    yield from _from_guesses(system, options, watch)
+
+
+def _from_guesses(
+    system: System, options: Options, watch: Watch
+) -> Iterator[Attempt | None]:
+    rng = np.random.default_rng(options.seed)
+    count = Count.of(system, options)
+    make = guesses_among_moving if system.problem.scene.moving else initial_guesses
+    guesses = make(system, count.most, rng, options.initial_duration, watch.deadline)
+    source: _Source = _Source(system, options, watch, guesses)
+    left = watch.left
+    if options.processes > 1 and (left is None or left > TO_START or ready()):
+        source = _SourceOfMany(system, options, watch, guesses)
+    swings = count.swings
+    for number in itertools.count():
+        if number >= count.rescues and swings and watch.best == np.inf:
+            swings = False
+            yield from shots(system, replace(options, **SHOOTING), watch)
+        enough = watch.best < np.inf or number >= count.rescues
+        if number >= count.wanted and enough:
+            break
+        # None is made, which may take a search, before it is known to be wanted.
+        guess = source.next(max(count.wanted - number, 0))
+        if guess is None:
+            if not number:
+                raise unreachable(system, rng)
+            break
+        if guess.timed and guess.duration > HOPELESS * watch.best:
+            yield None
+            continue
+        try:
+            attempt = source.solve(number, guess)
+        except Stop:
+            # The others may have found something by then.
+            yield from (_noted(watch, attempt) for attempt in source.left())
+            raise
+        yield _noted(watch, attempt)
+    if swings and watch.best == np.inf:
+        yield from shots(system, replace(options, **SHOOTING), watch)
+
+
+def _noted(watch: Watch, attempt: Attempt | None) -> Attempt | None:
+    if attempt is not None:
+        watch.best = min(watch.best, attempt.duration)
+    return attempt
+
+
+def may_swing(system: System) -> bool:
+    """Whether torques from nowhere may lead where no path does.
+
+    With nothing in the way it is the torques that are too small for guesses of a path:
+    a small arm may have to swing.
+    """
+    smooth = system.problem.motion_limits is not None
+    return system.alone and system.n <= SWINGERS and not smooth
+
+
+class _Source:
+    """Guesses, and what they lead to, one after the other."""
+
+    def __init__(
+        self, system: System, options: Options, watch: Watch, guesses: Iterator[Guess]
+    ) -> None:
+        self.system, self.options, self.watch = system, options, watch
+        self.guesses = guesses
+
+    def next(self, ahead: int) -> Guess | None:
+        """The next guess; None if there are no more."""
+        self.system.forget()
+        return next(self.guesses, None)
+
+    def solve(self, number: int, guess: Guess) -> Attempt | None:
+        """What a guess leads to."""
+        self.watch.begin()
+        self.system.forget()
+        solve = partial(solve_and_verify, self.system, self.options, guess, self.watch)
+        problem = self.system.problem
+        return guarded(problem, self.options, self.watch, guess.name, solve)
+
+    def left(self) -> list[Attempt]:
+        """Attempts that were made and not asked for, the fastest first."""
+        return []
+
+
+class _SourceOfMany(_Source):
+    """Guesses that several processes try ahead of their turn."""
+
+    def __init__(
+        self, system: System, options: Options, watch: Watch, guesses: Iterator[Guess]
+    ) -> None:
+        super().__init__(system, options, watch, guesses)
+        cores = max(available_processes(), LEAST_PROCESSES)
+        self.processes = min(options.processes, cores)
+        self.ready: deque[Guess] = deque()
+        self.first = 0
+        self.made = 0
+        self.run: Iterator[tuple[int, _Result]] = iter(())
+        self.results: dict[int, _Result] = {}
+
+    def next(self, ahead: int) -> Guess | None:
+        """The next guess; so many are wanted ahead, or one for each process."""
+        if not self.ready:
+            batch: list[Guess] = []
+            size = min(ahead or self.processes, BATCH * self.processes)
+            while len(batch) < size:
+                guess = super().next(0)
+                if guess is None:
+                    break
+                batch.append(guess)
+            self._begin(batch)
+        return self.ready.popleft() if self.ready else None
+
+    def _begin(self, batch: list[Guess]) -> None:
+        self.ready.extend(batch)
+        self.first, self.made = self.made, self.made + len(batch)
+        start = self.watch.begin(len(batch))
+        left = self.watch.left
+        alone = replace(self.options, callback=None, processes=1)
+        ends = None
+        if left is not None:
+            ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
+        task = partial(solve_alone, self.system, alone, ends)
+        numbered = [(start + k, guess) for k, guess in enumerate(batch)]
+        self.run = run_parallel(task, numbered, self.processes, left)
+
+    def solve(self, number: int, guess: Guess) -> Attempt | None:
+        """What a guess leads to, when its turn has come."""
+        while number not in self.results:
+            following = next(self.run, None)
+            if following is None:
+                raise Stop(requested=False)  # it was late, and is not waited for
+            self.results[self.first + following[0]] = following[1]
+        attempt, failures = self.results[number]
+        self.watch.failures.extend(failures)
+        if attempt is not None:
+            self.watch.replay(attempt.history)
+            if attempt.verification is not None:
+                self.watch.replayed(attempt.verification.seconds)
+        del self.results[number]
+        return attempt
+
+    def left(self) -> list[Attempt]:
+        """Attempts that were made and not asked for, the fastest first."""
+        for number, result in self.run:
+            self.results[self.first + number] = result
+        made = [attempt for attempt, _ in self.results.values() if attempt is not None]
+        return sorted(made, key=lambda attempt: attempt.duration)
+
+
+_Result = tuple[Attempt | None, list[Exception]]
+
+
+def solve_alone(
+    system: System, options: Options, ends: float | None, numbered: tuple[int, Guess]
+) -> _Result:
+    """Improve a guess in a process of its own.
+
+    Args:
+        system: The problem.
+        options: Options of the plan.
+        ends: When the planning time is used up, on the clock of ``time.time`` [s].
+        numbered: Number of the start, and the guess.
+
+    Returns:
+        The attempt, if it led to anything, and what went wrong.
+    """
+    number, guess = numbered
+    if ends is not None:
+        left = max(ends - time.time(), 1e-3)
+        options = replace(options, max_planning_time=left)
+    watch = Watch(options, first=number, asked=asked_to_stop)
+    watch.begin()
+    system.forget()
+    solve = partial(solve_and_verify, system, options, guess, watch)
+    with watch.stopper.in_force():
+        attempt = guarded(system.problem, options, watch, guess.name, solve)
+    return attempt, watch.failures
+
+
+def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
+    """Error for a goal that no configuration was found to reach."""
+    goal = system.problem.goal
+    assert isinstance(goal, PlaceGoal)  # noqa: S101
+    _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
+    what = (
+        f"brings frame {goal.frame!r} there"
+        if isinstance(goal, FrameGoal)
+        else ("reaches it")
+    )
+    return ProblemError(
+        f"goal: no configuration within the position limits {what}; the nearest one "
+        f"found misses it by {least:.4g} (m, rad)",
+        "goal",
+    )

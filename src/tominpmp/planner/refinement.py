@@ -1,0 +1,73 @@
+"""Refinement: finer grids where a motion needs them, and exact switches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tominpmp.linear_programs import LpSolver
+from tominpmp.options import Options
+from tominpmp.planner.grid_refinement import refine_grid
+from tominpmp.planner.switching_refinement import refine_switching
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.monitor import Monitor
+from tominpmp.status import STOPPED, Status
+from tominpmp.transcription.base import Program
+from tominpmp.transcription.system import System
+
+__all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
+
+# What needs no refinement: planning that was stopped, and a motion that will do.
+DONE = (*STOPPED, Status.FEASIBLE)
+# A motion this short only has a duration since the programs need one [s].
+SHORTEST_MOTION = 1e-5
+
+
+def refine(
+    system: System,
+    options: Options,
+    program: Program,
+    result: SlpResult,
+    lp: LpSolver,
+    watch: Monitor,
+) -> tuple[Program, SlpResult]:
+    """Refine a motion as ``options.refine`` says.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        program: The program of the motion.
+        result: Its solution.
+        lp: Solver of linear programs.
+        watch: Time limit and callback.
+
+    Returns:
+        Program and solution of the refined motion; what was given where nothing better
+        was found. The motion is never slower, unless its replay was not all right.
+    """
+    if result.status in DONE:
+        return program, result
+    if result.best is not None and options.refine is not None:
+        duration = program.trajectory(result.best.z).duration
+        if duration < SHORTEST_MOTION:
+            remark = "The start meets the goal: there is nothing to refine."
+            return program, replace(result, remark=remark)
+    if options.refine == "grid":
+        return refine_grid(system, options, program, result, lp, watch)
+    if options.refine == "switching":
+        return refine_switching(system, options, program, result, lp, watch)
+    return program, result
+
+
+def unrefined(options: Options, result: SlpResult) -> SlpResult:
+    """The outcome of a solver whose motions no refinement knows, with a word on it.
+
+    Args:
+        options: Options of the plan.
+        result: The outcome.
+    """
+    if options.refine is None:
+        return result
+    way = f"method {options.method!r}"
+    if options.method == "inverse":
+        way = f"control {options.control!r}"
+    return replace(result, remark=f"It was not refined: that is not done for {way}.")

@@ -1,0 +1,108 @@
+"""What an attempt has found by the time that it is cut short, or fails."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+
+from tominpmp.exceptions import TominpmpError
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.watch import Watch
+from tominpmp.problem import Problem
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.status import Status
+from tominpmp.stopping import Stop
+
+logger = logging.getLogger(__name__)
+
+# What numerics may end with. A failure after a motion was found does not lose it.
+NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
+
+
+def guarded(
+    problem: Problem,
+    options: Options,
+    watch: Watch,
+    name: str,
+    work: Callable[[], Attempt | None],
+) -> Attempt | None:
+    """Make an attempt; cut short, or failed, it is what it has found by then.
+
+    Args:
+        problem: What the attempt is to solve.
+        options: Options of the plan.
+        watch: Has kept what was found.
+        name: What the attempt begins with.
+        work: Makes the attempt.
+
+    Returns:
+        The attempt; None if it led to nothing at all.
+
+    Raises:
+        TominpmpError: If that is what the attempt ended with, and had found nothing.
+    """
+    try:
+        attempt = work()
+        if attempt is not None and attempt.verification is not None:
+            watch.replayed(attempt.verification.seconds)
+        return attempt
+    except (Stop, KeyboardInterrupt) as stop:
+        return rescued(problem, options, watch, name, watch.stopped(stop))
+    except (*NUMERICAL, TominpmpError) as error:
+        found = any(item.feasible for item in watch.kept)
+        if isinstance(error, TominpmpError) and not found:
+            raise
+        logger.warning("start %d failed: %r", watch.start, error)
+        if not found:
+            watch.failures.append(error)
+            return None
+        failed = Status.NUMERICAL_FAILURE
+        attempt = rescued(problem, options, watch, name, failed)
+        if attempt is None or not attempt.found:
+            return attempt
+        remark = f"A later stage failed ({type(error).__name__}), and this was kept."
+        return replace(attempt, status=Status.FEASIBLE, remark=remark)
+
+
+def rescued(
+    problem: Problem, options: Options, watch: Watch, name: str, status: Status
+) -> Attempt | None:
+    """The best of what an attempt has found, replayed in a little time.
+
+    Args:
+        problem: What the attempt is to solve.
+        options: Options of the plan.
+        watch: Has kept what was found, and knows how much time there is.
+        name: What the attempt began with.
+        status: How it ended.
+
+    Returns:
+        The newest motion that its replay confirms. Without one, the newest that was
+        found; None if there is nothing.
+    """
+    if not watch.kept:
+        return None
+    first, *_ = watch.kept
+    initial = first.program.trajectory(first.iterate.z)
+    feasible = [item for item in reversed(watch.kept) if item.feasible]
+    last: Attempt | None = None
+    with watch.saving():
+        for item in feasible or watch.kept[-1:]:
+            best = item.iterate if item.feasible else None
+            result = SlpResult(status, item.iterate, best, tuple(watch.records))
+            try:
+                attempt = Attempt.of(name, item.program, initial, result)
+                last = last or replace(attempt, unconfirmed=item.feasible)
+                attempt = attempt.verified(problem, options)
+            except (Stop, KeyboardInterrupt) as again:
+                watch.stopped(again)
+                break
+            except (*NUMERICAL, TominpmpError) as error:
+                logger.warning("what was found could not be replayed: %r", error)
+                continue
+            if attempt.found:
+                return attempt
+            last = attempt
+    return last

@@ -1,0 +1,150 @@
+"""Motions improved from torques that need reach nothing, as the paper begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs import make_solver
+from tominpmp.options import Options
+from tominpmp.planner.attempt import REFINEMENTS, Attempt
+from tominpmp.planner.direct_solve import make_slp, with_rows_where_needed
+from tominpmp.planner.refinement import refine, unrefined
+from tominpmp.planner.rescue import guarded
+from tominpmp.planner.watch import Watch
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.paper import PaperSolver
+from tominpmp.solvers.penalty import PenaltySolver
+from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.status import STOPPED
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Program
+from tominpmp.transcription.controls import torque_shares
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.program import NonlinearProgram, Selection
+from tominpmp.transcription.system import System
+
+# Which instants of path constraints the methods that shoot differentiate.
+INSTANTS: dict[str, Selection] = {
+    "paper": "exact",
+    "adjoint": "near",
+    "penalty": "violated",
+}
+# Duration that shooting begins with: the paper's T^0 [s].
+FIRST_DURATION = 1.5
+# Starts that are made while none has led to a motion, and what random torques are: a
+# few pieces of a share of the limits, for up to so many times the first duration.
+RESCUE_SHOTS = 4
+PIECES = 4
+LONGER = 2.0
+
+
+def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt | None]:
+    """Improve the torques to begin with, then random ones where that led to nothing."""
+    rng = np.random.default_rng(options.seed)
+    wanted = most = options.starts or 1
+    if options.method == "adjoint":
+        most = max(wanted, RESCUE_SHOTS)
+    for number in range(most):
+        if number >= wanted and watch.best < np.inf:
+            return
+        watch.begin()
+        system.forget()
+        first = random_torques(system, options, rng) if number else None
+        solve = partial(solve_by_shooting, system, options, watch, first)
+        attempt = guarded(system.problem, options, watch, "shooting", solve)
+        if attempt is not None:
+            watch.best = min(watch.best, attempt.duration)
+        yield attempt
+
+
+def given_torques(system: System, options: Options) -> Array:
+    """Iterate of the torques and the duration that the options begin with."""
+    control = np.zeros(system.n)
+    if options.initial_control is not None:
+        control = options.initial_control
+    shares = torque_shares(
+        system, np.broadcast_to(control, (options.intervals, system.n))
+    )
+    return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
+
+
+def random_torques(system: System, options: Options, rng: np.random.Generator) -> Array:
+    """Iterate of random torques, constant on a few pieces, and a random duration."""
+    pieces = rng.uniform(-1.0, 1.0, (PIECES, system.n))
+    piece = np.arange(options.intervals) * PIECES // options.intervals
+    longer = LONGER ** rng.uniform(-1.0, 1.0)
+    duration = longer * (options.initial_duration or FIRST_DURATION)
+    return np.append(pieces[piece].ravel(), duration)
+
+
+def solve_by_shooting(
+    system: System, options: Options, watch: Watch, first: Array | None = None
+) -> Attempt:
+    """Improve torques, the paper's kind of start unless others are given.
+
+    Where the replay fails, go on with shorter steps of the integration.
+    """
+
+    def solve(tried: System, _: Attempt | None) -> Attempt:
+        return _solve_by_shooting(tried, options, watch, first)
+
+    return with_rows_where_needed(system, watch, solve)
+
+
+def _solve_by_shooting(
+    system: System, options: Options, watch: Watch, first: Array | None
+) -> Attempt:
+    z = given_torques(system, options) if first is None else first
+    attempt, z = shoot(system, options, watch, z, substeps=1)
+    for refinement in range(REFINEMENTS):
+        if attempt.found or not attempt.feasible or attempt.status in STOPPED:
+            break
+        if system.clearance is None and attempt.touches:
+            break  # shorter steps do not part the links
+        finer, z = shoot(system, options, watch, z, substeps=2 ** (refinement + 1))
+        if not finer.feasible:
+            break
+        attempt = finer.after(attempt)
+    return attempt
+
+
+def shoot(
+    system: System, options: Options, watch: Watch, z: Array, substeps: int
+) -> tuple[Attempt, Array]:
+    """Improve torques and duration with so many integration steps an interval."""
+    shares = interval_shares(options.grid, options.intervals)
+    paper = options.step_rule == "paper" and options.method == "adjoint"
+    transcription = AdjointTranscription(
+        system, shares, float(z[-1]), substeps=substeps
+    )
+    selection = INSTANTS["paper" if paper else options.method]
+    program = NonlinearProgram.of(transcription, selection)
+    lp = make_solver(options.lp_solver)
+    first = program.trajectory(z)
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    ) -> SlpResult:
+        if options.method == "penalty":
+            result = PenaltySolver(program, options, watch, watch.keep).run(z)
+        elif paper:
+            result = PaperSolver(program, options, lp, watch, watch.keep).run(z)
+        else:
+            solver = make_slp(program, options, options.smoothing or 0.0, lp, watch)
+            return solver.run(z, after=after)
+        former = () if after is None else after.history
+        return replace(result, history=(*former, *result.history))
+
+    program, result = solve_in_rounds(program, z, options, solve)
+    found = result.iterate if result.best is None else result.best
+    if paper or options.method == "penalty":
+        refined: tuple[Program, SlpResult] = program, unrefined(options, result)
+    else:
+        refined = refine(system, options, program, result, lp, watch)
+    attempt = Attempt.of("shooting", refined[0], first, refined[1])
+    return attempt.verified(system.problem, options), found.z

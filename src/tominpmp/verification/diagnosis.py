@@ -1,0 +1,252 @@
+"""Reasons: why there is no motion, in words.
+
+The least violating motion that was found is looked at: what would have to be allowed
+for it is the smallest relaxation known. Whether the search came to an end
+("infeasible") or was cut short ("gave up") is kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.goals import FrameGoal
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.options import Tolerances
+from tominpmp.problem import Problem
+from tominpmp.status import IterationRecord, Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification.limit_violations import Excess, limit_excesses
+from tominpmp.verification.nearest import closest
+from tominpmp.verification.replay import (
+    TIME_STEP,
+    Replay,
+    planned,
+    torque_pieces,
+)
+from tominpmp.verification.verdict import arrival
+
+# How a search ends that was cut short.
+GAVE_UP = {
+    Status.TIME_LIMIT: "Gave up when the planning time was used up",
+    Status.ITERATION_LIMIT: "Gave up at the iteration limit",
+    Status.INTERRUPTED: "Interrupted",
+    Status.STALLED: "Gave up when the iteration made no more progress",
+    Status.NUMERICAL_FAILURE: "Gave up as the linear programs could not be solved",
+}
+# What is told of at most.
+MOST = 3
+# What a motion is measured by.
+STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
+# Pairs that are this much nearer each other than the margin allows are told of, in
+# every start [m].
+RESIDUE = 1e-5
+# Instants that are looked at in a motion that failed.
+GLIMPSES = 1000
+
+
+class Outcome(Protocol):
+    """What one initial guess led to."""
+
+    @property
+    def status(self) -> Status:
+        """How the iteration ended."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The best motion."""
+
+    @property
+    def violations(self) -> Mapping[str, float]:
+        """Largest violation by kind of row."""
+
+    @property
+    def history(self) -> Sequence[IterationRecord]:
+        """One record an iteration."""
+
+
+def explain(
+    problem: Problem,
+    outcomes: Sequence[Outcome],
+    status: Status,
+) -> str:
+    """Say why no motion was found.
+
+    Args:
+        problem: The problem.
+        outcomes: What the initial guesses led to, none of them feasible.
+        status: How planning ended.
+
+    Returns:
+        One to three sentences: how it ended, what stands in the way, and what would
+        have to be allowed.
+    """
+    if not outcomes:
+        return status.value
+    iterations = sum(len(outcome.history) for outcome in outcomes)
+    effort = f"{_count(len(outcomes), 'start')} and {_count(iterations, 'iteration')}"
+    least = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
+    found = _excesses(problem, least.trajectory)
+    begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
+    if not found:
+        return f"{begin}; the best motion is within 0.1 % of what is allowed."
+    clauses = [_clause(problem, least.trajectory, item) for item in found]
+    everywhere = _everywhere(problem, outcomes, found)
+    clauses = [
+        clause + (" in every start tried" if item.name in everywhere else "")
+        for clause, item in zip(clauses, found, strict=True)
+    ]
+    needed = _joined([_relaxation(item) for item in found])
+    return (
+        f"{begin}: {'; '.join(clauses)}. The nearest motion found would need {needed}."
+    )
+
+
+def _excesses(problem: Problem, trajectory: Trajectory) -> list[Excess]:
+    """What a planned motion violates, the worst first."""
+    motion = _look(trajectory)
+    found = [*arrival(problem, motion, STRICT)]
+    torque = torque_pieces(problem.robot, trajectory)
+    found += limit_excesses(problem, motion, torque, STRICT.limits)
+    near = closest(problem, motion, problem.checker, STRICT.contact)
+    if near is not None:
+        found.append(near.excess)
+    measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
+    found = [item for item in found if item.violated]
+    found.sort(key=lambda item: -item.share / measure.get(item.kind, STRICT.limits))
+    return found[:MOST]
+
+
+def _look(trajectory: Trajectory) -> Replay:
+    """A planned motion, at no more instants than an explanation needs."""
+    return planned(trajectory, max(TIME_STEP, trajectory.duration / GLIMPSES))
+
+
+def _everywhere(
+    problem: Problem,
+    outcomes: Sequence[Outcome],
+    found: Sequence[Excess],
+) -> set[str]:
+    """Names of the pairs that are too close in every start."""
+    names = {item.name for item in found if item.kind == "clearance"}
+    if not names or len(outcomes) < 2:
+        return set()
+    checker = problem.checker
+    for outcome in outcomes:
+        seen = _look(outcome.trajectory)
+        room = checker.distances(seen.q, problem.margins + RESIDUE, seen.t)
+        room -= problem.margins
+        lack = -np.min(room, axis=0)
+        pairs = zip(checker.pairs, lack.tolist(), strict=True)
+        names &= {" and ".join(pair) for pair, much in pairs if much > RESIDUE}
+    return names
+
+
+def _clause(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
+    if item.kind == "goal":
+        return _of_goal(problem, item)
+    if item.kind == "effort":
+        return _of_effort(problem, trajectory, item)
+    if item.kind == "clearance":
+        return _of_clearance(problem, item)
+    return str(item)
+
+
+def _of_goal(problem: Problem, item: Excess) -> str:
+    """A goal out of reach, or one that was not come nearer to."""
+    goal = problem.goal
+    if isinstance(goal, FrameGoal):
+        point = goal.nearest_point()
+        reach = RobotKinematics(problem.robot).reach(goal.frame)
+        if point is not None and np.linalg.norm(point) > reach:
+            beyond = float(np.linalg.norm(point)) - reach
+            return f"goal outside reach by {beyond:.3g} m"
+    return f"{item.name} comes no nearer to its goal than {item.amount:.3g} {item.unit}"
+
+
+def _of_effort(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
+    """A weight that cannot be held at the goal, or a motion that is too strong."""
+    robot = problem.robot
+    i = robot.joint_names.index(item.name)
+    q, rest = trajectory.q[-1:], np.zeros((1, robot.n))
+    holding = float(RobotDynamics(robot).inverse(q, rest, rest)[0, i])
+    low, high = _allowed(problem, i)
+    if problem.goal.fixes_velocity and not np.any(problem.goal.final_velocity(robot.n)):
+        much = max(holding - high, low - holding)
+        if much > STRICT.limits * max(high - low, 1e-12):
+            bound = high if holding > high else low
+            return (
+                f"joint {item.name} cannot hold its weight at the goal: "
+                f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
+            )
+    stuck = _stuck(problem, trajectory, i)
+    if stuck is not None:
+        return (
+            f"joint {item.name} cannot overcome its dry friction of "
+            f"{robot.friction[i]:.3g} {item.unit}: {stuck:.3g} {item.unit} needed to "
+            f"move, [{low:.3g}, {high:.3g}] allowed"
+        )
+    bound = max(abs(low), abs(high))
+    return (
+        f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
+        f"{item.time:.2f} s, {bound:.3g} allowed"
+    )
+
+
+def _stuck(problem: Problem, trajectory: Trajectory, i: int) -> float | None:
+    """Torque that sets a joint moving from the start on, if the motor lacks it."""
+    robot, way = problem.robot, float(trajectory.q[-1, i] - trajectory.q[0, i])
+    rest = np.zeros((1, robot.n))
+    holding = RobotDynamics(robot).inverse(problem.q_start[None], rest, rest)[0, i]
+    needed = float(holding + np.sign(way) * robot.friction[i])
+    low, high = _allowed(problem, i)
+    moves = low < needed < high or robot.friction[i] == 0.0 or way == 0.0
+    return None if moves else needed
+
+
+def _allowed(problem: Problem, i: int) -> tuple[float, float]:
+    limits, extra = problem.robot.limits, problem.motion_limits
+    scale = 1.0 if extra is None else extra.effort_scale
+    low, high = float(limits.effort_lower[i]), float(limits.effort_upper[i])
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
+    return middle - scale * half, middle + scale * half
+
+
+def _of_clearance(problem: Problem, item: Excess) -> str:
+    pairs = [" and ".join(pair) for pair in problem.checker.pairs]
+    margin = float(problem.margins[pairs.index(item.name)])
+    distance = margin - item.amount
+    if distance < 0.0:
+        return f"links {item.name} overlap by {_length(-distance)} at {item.time:.2f} s"
+    return (
+        f"links {item.name} are {_length(distance)} apart at {item.time:.2f} s, less "
+        f"than the margin {_length(margin)}"
+    )
+
+
+def _relaxation(item: Excess) -> str:
+    amount = f"{item.amount:.3g} {item.unit}"
+    if item.kind == "goal":
+        return f"a goal {amount} nearer"
+    if item.kind == "speed":
+        return f"{amount} of speed at the end"
+    if item.kind == "clearance":
+        return f"{_length(item.amount)} more room between {item.name}"
+    return f"{amount} more {item.kind} of joint {item.name}"
+
+
+def _length(value: float) -> str:
+    return f"{100.0 * value:.2g} cm" if abs(value) < 1.0 else f"{value:.3g} m"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def _joined(parts: Sequence[str]) -> str:
+    if len(parts) < 2:
+        return "".join(parts)
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"

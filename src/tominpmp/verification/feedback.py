@@ -1,0 +1,255 @@
+"""Replay of unstable motions: the torques with the least of feedback.
+
+An arm that is raised slowly is a row of inverted pendulums: over seconds it amplifies
+whatever it is off by, rounding included, 10^10-fold and more, and no torque over time
+brings it to the goal, in a computer or in the world. What can be shown of such a motion
+is that its torques need no more than a trace of feedback. The replay then is a motion
+of the arm under torques that are known, those of the plan and those of the feedback,
+and is judged as any other; the feedback may take only a small share of the limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import expm
+
+from tominpmp.arrays import Array
+from tominpmp.kinematics import prismatic_joints
+from tominpmp.options import Tolerances
+from tominpmp.reversals import torque_breaks
+from tominpmp.robot import Robot
+from tominpmp.trajectory import Trajectory
+from tominpmp.verification.limit_violations import Excess
+from tominpmp.verification.plant import Plant, Slope
+from tominpmp.verification.polynomials import Pieces
+from tominpmp.verification.replay import (
+    RTOL,
+    TIME_STEP,
+    Integration,
+    Integrator,
+    Replay,
+    torque_curve,
+)
+
+# The feedback is faster than the instability by this, and at least this fast [1/s].
+FASTER = 4.0
+LEAST_RATE = 20.0
+# Share of what is tolerated of excess over the limits that the feedback may take.
+TRACE = 0.2
+# Errors of the integration that amplified come to less than this share of what is
+# tolerated at the goal are none of the reasons why it is missed.
+NEGLIGIBLE = 0.1
+# Errors at the end of replays, in shares of the growth times the tolerance of the
+# integrator: at most 0.005 and 0.5 on 30 motions of five arms (docs/verification.md).
+ERRORS = {"DOP853": 0.02}
+# How many times tighter the tolerances are that must change nothing.
+TIGHTER = 10.0
+
+
+class TrackingPlant(Plant):
+    """A robot under the torque of a plan and a feedback of its position and velocity.
+
+    The polynomials are those of torques, positions and velocities, 3n in all. The
+    feedback acts on the accelerations: a double pole at ``-rate``.
+    """
+
+    def __init__(self, robot: Robot, rate: float) -> None:
+        super().__init__(robot)
+        self.rate_of_feedback = rate
+        self._plan = np.zeros(2 * robot.n)
+
+    def torque(self, t: float) -> Array:
+        """Torque of the plan, shape (n,)."""
+        rows, n = super().torque(t), self.robot.n
+        self._plan = rows[n:]
+        return rows[:n]
+
+    def demand(self, x: Array, plan: Array) -> Array:
+        """Acceleration that the feedback asks for, shape (..., n)."""
+        n, rate = self.robot.n, self.rate_of_feedback
+        off = plan - x
+        return np.asarray(rate * (rate * off[..., :n] + 2.0 * off[..., n:]))
+
+    def slope(self) -> Slope:
+        """dx/dt as a function of t and x = (q, v)."""
+        free, n = super().slope(), self.robot.n
+
+        def tracked(t: float, x: Array) -> Array:
+            out = free(t, x)
+            out[n:] += self.demand(x, self._plan)
+            return out
+
+        return tracked
+
+    def jacobian(self) -> Slope:
+        """Derivative of dx/dt with respect to x, shape (2n, 2n), likewise."""
+        free, n, rate = super().jacobian(), self.robot.n, self.rate_of_feedback
+        diagonal = np.arange(n)
+
+        def tracked(t: float, x: Array) -> Array:
+            out = free(t, x)
+            out[n + diagonal, diagonal] -= rate * rate
+            out[n + diagonal, n + diagonal] -= 2.0 * rate
+            return out
+
+        return tracked
+
+
+class Tracking(Integration):
+    """Integration of the torques of a trajectory with feedback.
+
+    Args:
+        robot: The robot.
+        trajectory: The plan.
+        rate: How fast the feedback is [1/s].
+        integrator: Which integrator to use.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        rate: float,
+        integrator: Integrator | None = None,
+    ) -> None:
+        smooth = replace(trajectory, inverse_dynamics=None)
+
+        breaks = torque_breaks(trajectory, robot.friction)
+        torque = torque_curve(robot, trajectory, breaks)
+
+        def curve(times: Array) -> Array:
+            found = smooth(times)
+            return np.concatenate([torque(times), found.q, found.v], axis=1)
+
+        pieces = Pieces.of(curve, breaks)
+        self._tracking = TrackingPlant(robot, rate)
+        super().__init__(robot, trajectory, pieces, integrator, plant=self._tracking)
+
+    def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
+        """Integrate from a state of shape (2n,) to the end; u has the feedback too."""
+        found = super().run(start, time_step)
+        return replace(found, u=found.u[:, : found.q.shape[1]] + self.feedback(found))
+
+    def feedback(self, found: Replay) -> Array:
+        """Torque of the feedback at the times of a replay, shape (m, n) [N m or N]."""
+        n = found.q.shape[1]
+        plan = self.pieces(found.t)[:, n:]
+        demand = self._tracking.demand(np.hstack([found.q, found.v]), plan)
+        inverse = self._tracking.dynamics.inverse
+        return inverse(found.q, found.v, demand) - inverse(
+            found.q, found.v, np.zeros_like(demand)
+        )
+
+
+def amplification(robot: Robot, trajectory: Trajectory) -> float:
+    """How much larger a small error gets along a motion, at the most.
+
+    Args:
+        robot: The robot.
+        trajectory: The motion.
+
+    Returns:
+        The largest ratio of the error at a node to one at an earlier node: of norms of
+        positions, and velocities times a tenth of a second. Infinite where numbers
+        overflow.
+    """
+    n = robot.n
+    plant = Plant(robot)
+    t = trajectory.t
+    middle = trajectory(0.5 * (t[1:] + t[:-1]))
+    states = np.concatenate([middle.q, middle.v], axis=1)
+    slopes = plant.dynamics.forward_jacobians(states, middle.u).f_x
+    scale = np.concatenate([np.ones(n), np.full(n, 0.1)])
+    with np.errstate(all="ignore"):
+        moves = expm(slopes * np.diff(t)[:, None, None])
+        moves = moves * scale[:, None] / scale
+    largest = 1.0
+    from_start = np.eye(2 * n)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for move in moves:
+            # The identity is added where the motion forgets errors again.
+            from_start = move @ from_start
+            size = float(np.linalg.norm(from_start, 2)) if _finite(from_start) else 0.0
+            if not size > 0.0:
+                return np.inf
+            largest = max(largest, size)
+            if size < 1.0:
+                from_start = np.eye(2 * n)
+    return largest
+
+
+def _finite(matrix: Array) -> bool:
+    return bool(np.all(np.isfinite(matrix)))
+
+
+def hopeless(growth: float, tolerance: float) -> bool:
+    """Whether rounding alone makes a motion miss its goal without feedback."""
+    return not growth * float(np.finfo(float).eps) < tolerance
+
+
+def doubtful(growth: float, tolerance: float, integrator: str) -> bool:
+    """Whether errors of the integration may matter at the goal.
+
+    Args:
+        growth: See :func:`amplification`.
+        tolerance: What is tolerated at the goal [rad or m].
+        integrator: What integrated the torques.
+    """
+    error = ERRORS.get(integrator, 1.0) * RTOL
+    return not growth * error < NEGLIGIBLE * tolerance
+
+
+def settled(one: Replay, finer: Replay, tolerances: Tolerances) -> bool:
+    """Whether a replay ends where one with tighter tolerances does.
+
+    Args:
+        one: The replay.
+        finer: The other one.
+        tolerances: What is tolerated at the goal.
+    """
+    if not (one.complete and finer.complete):
+        return False
+    apart = float(np.max(np.abs(one.q[-1] - finer.q[-1])))
+    faster = float(np.max(np.abs(one.v[-1] - finer.v[-1])))
+    return apart <= NEGLIGIBLE * tolerances.goal and (
+        faster <= NEGLIGIBLE * tolerances.speed
+    )
+
+
+def feedback_rate(growth: float, duration: float, tolerance: float) -> float | None:
+    """Rate of the feedback that a replay needs [1/s]; None where it needs none.
+
+    Args:
+        growth: See :func:`amplification`.
+        duration: Duration of the motion [s].
+        tolerance: What is tolerated at the goal [rad or m].
+    """
+    if growth * RTOL < NEGLIGIBLE * tolerance:
+        return None
+    speed = np.log(min(growth, 1e300)) / duration
+    return float(max(FASTER * speed, LEAST_RATE))
+
+
+def needed(robot: Robot, t: Array, feedback: Array, tolerance: float) -> Excess:
+    """How much of the torque limits a feedback takes, against what it may take.
+
+    Args:
+        robot: The robot.
+        t: Times [s], shape (m,).
+        feedback: Torques of the feedback there, shape (m, n) [N m or N].
+        tolerance: Excess over the limits that is tolerated, as a share of their range.
+    """
+    lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
+    allowed = TRACE * tolerance * (upper - lower)
+    row, joint = np.unravel_index(
+        int(np.argmax(np.abs(feedback) - allowed)), feedback.shape
+    )
+    beyond = float(abs(feedback[row, joint]) - allowed[joint])
+    share = beyond / max(float(upper[joint] - lower[joint]), 1e-12)
+    unit = "N" if prismatic_joints(robot)[joint] else "N m"
+    name = robot.joint_names[int(joint)]
+    ended = bool(np.all(np.isfinite(feedback)))
+    violated = not (beyond <= 0.0 and ended)
+    return Excess("feedback", name, float(t[row]), beyond, unit, share, violated)

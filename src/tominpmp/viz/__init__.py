@@ -1,0 +1,1 @@
+"""Pictures of motions: plots, playback in the browser, pages."""

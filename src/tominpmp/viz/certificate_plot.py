@@ -1,0 +1,225 @@
+"""Plot of a certificate: torques, switching functions, active limits, Hamiltonian."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.certificate.certificate import ActiveLimit, Certificate
+from tominpmp.exceptions import expect
+from tominpmp.problem import Problem
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.figures import (
+    BEYOND_COLOR,
+    LIMIT_COLOR,
+    add_legend,
+    color,
+    finish,
+    new_figure,
+    styled,
+)
+from tominpmp.viz.plots import curves
+from tominpmp.viz.skeleton import check_motion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SWITCHING_COLOR = "#2b3440"
+HAMILTONIAN_COLOR = "#5b4b8a"
+# Heights in inches: of a joint, of a bar, of the Hamiltonian, of what is around them.
+JOINT, BAR, HAMILTONIAN, REST = 0.95, 0.2, 1.0, 1.3
+# Torques are drawn up to this share beyond their limits.
+BEYOND = 1.12
+# Pairs of links with the largest multipliers are shown, no more of them.
+MOST_PAIRS = 8
+
+
+def plot_certificate(
+    problem: Problem,
+    trajectory: Trajectory,
+    certificate: Certificate,
+    path: str | Path | None = None,
+) -> Figure:
+    """Plot what a certificate says over time.
+
+    For each joint there is the torque in shares of its limits, and its switching
+    function on a reversed axis, so that the torque of an optimal motion is at the
+    limit on whose side the switching function is. Below are the limits that hold the
+    motion, and the Hamiltonian.
+
+    Args:
+        problem: The problem, for the limits of its robot.
+        trajectory: The motion.
+        certificate: Its certificate.
+        path: File to write (PNG, PDF or SVG by its ending), if any.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ProblemError: If the motion is not one of the problem's robot, or the ending of
+            the path is unknown.
+        ScenarioError: If the file cannot be written.
+        MissingDependency: If matplotlib is not installed.
+    """
+    check_motion(problem, trajectory)
+    expect(certificate, Certificate, "certificate", "a Certificate")
+    robot, n = problem.robot, problem.robot.n
+    limits = _shown(certificate.active, robot.joint_names)
+    bars = max(len(limits), 1) * BAR + 0.15
+    heights = [*[JOINT] * n, bars, HAMILTONIAN]
+    with styled():
+        figure = new_figure(9.0, sum(heights) + REST)
+        axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
+        for joint in range(n):
+            _plot_joint(axes[joint], problem, trajectory, certificate, joint)
+        _plot_limits(axes[n], limits, robot.joint_names)
+        _plot_hamiltonian(axes[n + 1], certificate)
+        for panel in axes:
+            panel.set_xlim(0.0, trajectory.duration)
+            panel.tick_params(labelbottom=panel is axes[-1])
+        axes[-1].set_xlabel("time [s]")
+        axes[0].set_title(_headline(certificate), loc="left")
+        add_legend(figure, _handles(), 4)
+        return finish(figure, path)
+
+
+def _headline(certificate: Certificate) -> str:
+    """The figures in a line."""
+    kept = "kept" if certificate.ok else "NOT kept"
+    return (
+        f"first-order conditions {kept}: "
+        f"small changes promise {100 * certificate.stationarity:.2g} % of T, "
+        f"signs obeyed {100 * certificate.sign_share:.1f} % of the time"
+    )
+
+
+def _plot_joint(
+    panel: Axes,
+    problem: Problem,
+    trajectory: Trajectory,
+    certificate: Certificate,
+    joint: int,
+) -> None:
+    """Torque and switching function of a joint."""
+    limits = problem.robot.limits
+    lower, upper = limits.effort_lower[joint], limits.effort_upper[joint]
+    middle, half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+    times, state = curves(trajectory)
+    panel.plot(times, (state.u[:, joint] - middle) / (half or 1.0), color=color(joint))
+    for sign in (-1.0, 1.0):
+        panel.axhspan(sign, 2.0 * sign, color=BEYOND_COLOR, linewidth=0.0, zorder=0.5)
+        panel.axhline(sign, color=LIMIT_COLOR, linewidth=0.8, linestyle="--")
+    panel.set_ylim(-BEYOND, BEYOND)
+    panel.set_yticks([-1.0, 0.0, 1.0])
+    name = problem.robot.joint_names[joint]
+    size = 8.0 if len(name) <= 12 else 6.5
+    panel.set_ylabel(name, color=color(joint), fontweight="bold", fontsize=size)
+    _shade(panel, certificate.t, ~certificate.obeys[:, joint])
+    other = panel.twinx()
+    other.spines["right"].set_visible(True)
+    other.grid(False)
+    other.stairs(
+        certificate.switching[:, joint],
+        certificate.t,
+        baseline=None,
+        color=SWITCHING_COLOR,
+        linewidth=0.9,
+    )
+    largest = max(float(np.max(np.abs(certificate.switching[:, joint]))), 1e-3)
+    # Reversed: a negative switching function asks for the upper limit.
+    other.set_ylim(BEYOND * largest, -BEYOND * largest)
+    other.tick_params(labelsize=7.0, labelbottom=False)
+
+
+def _shade(panel: Axes, t: Array, where: BoolArray) -> None:
+    """Shade the intervals on which something holds."""
+    spans = [(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(where)]
+    if spans:
+        panel.broken_barh(
+            spans, (-2.0, 4.0), color=LIMIT_COLOR, alpha=0.18, linewidth=0.0
+        )
+
+
+def _shown(
+    active: Sequence[ActiveLimit], names: Sequence[str]
+) -> list[tuple[ActiveLimit, int]]:
+    """Limits with their joints (-1 for pairs), the lowest bar first."""
+    joints = [item for item in active if item.name in names]
+    pairs = [item for item in active if item.name not in names]
+    pairs.sort(key=lambda item: -float(item.multiplier.max()))
+    order = {name: i for i, name in enumerate(names)}
+    joints.sort(key=lambda item: (item.kind, order[item.name]))
+    shown = [(item, order[item.name]) for item in joints]
+    shown += [(item, -1) for item in pairs[:MOST_PAIRS]]
+    return shown[::-1]
+
+
+def _plot_limits(
+    panel: Axes, limits: Sequence[tuple[ActiveLimit, int]], names: Sequence[str]
+) -> None:
+    """Bars over the times at which limits hold, stronger where they cost more."""
+    labels = []
+    for row, (item, joint) in enumerate(limits):
+        largest = float(item.multiplier.max())
+        shade = color(joint) if joint >= 0 else LIMIT_COLOR
+        for begin, end, value in zip(
+            item.begin, item.end, item.multiplier, strict=True
+        ):
+            panel.broken_barh(
+                [(begin, end - begin)],
+                (row - 0.36, 0.72),
+                color=shade,
+                alpha=0.25 + 0.75 * float(value) / largest,
+                linewidth=0.0,
+            )
+        labels.append(f"{item.kind}, {_short(item.name)}")
+    panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
+    panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
+    panel.grid(False, axis="y")
+    if not labels:
+        panel.annotate(
+            "no limit holds the motion",
+            (0.5, 0.5),
+            xycoords="axes fraction",
+            ha="center",
+            va="center",
+            fontsize=7.0,
+        )
+
+
+def _short(name: str, most: int = 30) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}\u2026"
+
+
+def _plot_hamiltonian(panel: Axes, certificate: Certificate) -> None:
+    panel.axhline(0.0, color="#9aa5b1", linewidth=0.8)
+    panel.stairs(
+        certificate.hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
+    )
+    largest = max(1.2 * float(np.max(np.abs(certificate.hamiltonian))), 0.05)
+    panel.set_ylim(-largest, largest)
+    panel.set_ylabel("H", rotation=0, labelpad=10.0)
+
+
+def _handles() -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    return [
+        Line2D([], [], color=color(0), label="torque / limit (left)"),
+        Line2D(
+            [],
+            [],
+            color=SWITCHING_COLOR,
+            linewidth=0.9,
+            label="switching function (right, reversed)",
+        ),
+        Patch(facecolor=LIMIT_COLOR, alpha=0.18, label="sign not obeyed"),
+        Line2D([], [], color=HAMILTONIAN_COLOR, label="Hamiltonian H"),
+    ]

@@ -1,0 +1,147 @@
+"""Figures: their style, and writing them.
+
+matplotlib is imported inside the functions. Figures are drawn without pyplot, so that
+no window opens, no global figure is left and no setting of the caller is changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import MissingDependency, ProblemError
+from tominpmp.io.files import write_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLE: Any = {
+    "font.size": 9.0,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": "#4a5867",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#dfe4ea",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.4,
+    "lines.solid_capstyle": "round",
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.color": "#4a5867",
+    "ytick.color": "#4a5867",
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "savefig.dpi": 160,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "tominpmp",
+    "pdf.fonttype": 42,
+}
+
+LIMIT_COLOR = "#b3312a"
+BEYOND_COLOR = "#f6e3e1"
+OBSTACLE_COLOR = "#d6453a"
+GOAL_COLOR = "#1d8a50"
+
+# Okabe and Ito's colours, which the colour-blind tell apart, without their yellow and
+# with a few more for arms of many joints.
+PALETTE = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#56b4e9",
+    "#e69f00",
+    "#5b4b8a",
+    "#8c564b",
+    "#2f6f4f",
+    "#a2142f",
+    "#17becf",
+    "#7f7f7f",
+    "#bcbd22",
+    "#1f2d5c",
+)
+
+LINE_STYLES = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "^", "D", "v")
+
+
+def color(index: int) -> str:
+    """Colour of a joint or method by its number."""
+    return PALETTE[index % len(PALETTE)]
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Apply the style for a while.
+
+    Raises:
+        MissingDependency: If matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise MissingDependency("matplotlib", "plots", "plotting") from error
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Make a figure that no window manager knows of; sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def finish(figure: Figure, path: str | Path | None) -> Figure:
+    """Write a figure, if there is a path, and return it.
+
+    Args:
+        figure: The figure.
+        path: File to write, its ending says in which format; None writes none.
+
+    Raises:
+        ProblemError: If the ending is unknown.
+        ScenarioError: If the file cannot be written.
+    """
+    if path is None:
+        return figure
+    ending = checked_path(path).suffix.lower().removeprefix(".")
+    known = sorted(figure.canvas.get_supported_filetypes())
+    if ending not in known:
+        raise ProblemError(
+            f"{path}: figures are not written as {ending or 'files without ending'}; "
+            f"there are: {', '.join(known)}",
+            "path",
+        )
+    # Without a date the same motion gives the same file.
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(ending)
+    write_file(path, lambda file: figure.savefig(file, format=ending, metadata=undated))
+    return figure
+
+
+def add_legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
+    """Put one legend for all panels above them."""
+    figure.legend(
+        handles=list(handles),
+        loc="outside upper center",
+        ncols=min(columns, len(handles)),
+        handlelength=1.8,
+        columnspacing=1.4,
+    )

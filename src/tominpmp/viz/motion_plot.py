@@ -1,0 +1,271 @@
+"""Stroboscopic pictures of motions in their plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import ProblemError
+from tominpmp.problem import Problem
+from tominpmp.scene import Obstacle, Sphere
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.figures import (
+    GOAL_COLOR,
+    OBSTACLE_COLOR,
+    add_legend,
+    color,
+    finish,
+    new_figure,
+    styled,
+)
+from tominpmp.viz.skeleton import (
+    Skeleton,
+    View,
+    best_view,
+    check_motion,
+    end_frame,
+    skeleton,
+)
+from tominpmp.viz.surfaces import moved, obstacle_placement, obstacle_surface
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INSTANTS = 15
+PATH_POINTS = 300
+PANELS_IN_ROW = 3
+ARM_COLOR = "#12375f"
+LIGHTEST = 0.16  # opacity of the first instant; the last one is solid
+
+
+def plot_motion(
+    problem: Problem,
+    trajectories: Mapping[str, Trajectory],
+    path: str | Path | None = None,
+    *,
+    instants: int = INSTANTS,
+    frame: str | None = None,
+) -> Figure:
+    """Plot the arm at several instants, from light to dark, side by side by label.
+
+    A planar motion is drawn in its plane, any other projected onto the coordinate plane
+    in which it takes most room. Obstacles are outlines, the goal is a cross, and a line
+    follows the end of the arm. What moves is drawn at the same instants as the arm.
+
+    Args:
+        problem: The problem, for robot, obstacles and goal.
+        trajectories: The motions by label.
+        path: File to write (PNG, PDF or SVG by its ending), if any.
+        instants: Number of instants, evenly spaced in time.
+        frame: Frame at the end; None for that of the goal, else the last.
+
+    Returns:
+        The figure: one panel a motion, all to one scale.
+
+    Raises:
+        ProblemError: If there is no motion, one is not of the problem's robot, or the
+            ending of the path is unknown.
+        FrameNotFound: If there is no such frame.
+        ScenarioError: If the file cannot be written.
+        MissingDependency: If matplotlib is not installed.
+    """
+    if not trajectories:
+        raise ProblemError("there is no trajectory to plot", "trajectories")
+    if instants < 2:
+        raise ProblemError(f"instants is {instants}, expected 2 or more", "instants")
+    for trajectory in trajectories.values():
+        check_motion(problem, trajectory)
+    frame = frame or end_frame(problem)
+    poses = [_pose(problem, item, frame, instants) for item in trajectories.values()]
+    # One view for all motions, so that they can be compared.
+    view = best_view(np.concatenate([pose.points for pose in poses]))
+    resting = problem.scene.resting()
+    outlines = [_outline(obstacle, view) for obstacle in resting]
+    passing = [
+        [
+            _outline(obstacle.frozen(time), view)
+            for time in np.linspace(0.0, item.duration, instants).tolist()
+            for obstacle in problem.scene.moving
+        ]
+        for item in trajectories.values()
+    ]
+    with styled():
+        everything = [*outlines, *(item for part in passing for item in part)]
+        low, high = _window(view, poses, everything, _goal_point(problem, frame))
+        figure, axes = _panels(len(trajectories), high - low)
+        for panel, (label, trajectory), pose, part in zip(
+            axes, trajectories.items(), poses, passing, strict=True
+        ):
+            for outline in outlines:
+                _draw_outline(panel, outline)
+            shades = np.linspace(LIGHTEST, 1.0, max(len(part), 1)).tolist()
+            for outline, shade in zip(part, shades, strict=False):
+                _draw_outline(panel, outline, shade)
+            _draw_arm(panel, view, pose)
+            times = np.linspace(0.0, trajectory.duration, PATH_POINTS)
+            end = skeleton(problem.robot, trajectory(times).q, frame).end
+            panel.plot(*view.project(end).T, color=color(1), linewidth=1.1, zorder=2.4)
+            _draw_goal(panel, view, _goal_point(problem, frame))
+            panel.set_title(f"{label}: $T$ = {trajectory.duration:.4g} s", loc="left")
+            panel.set_aspect("equal")
+            panel.set_xlim(low[0], high[0])
+            panel.set_ylim(low[1], high[1])
+        _label_axes(axes, view)
+        add_legend(figure, _handles(problem), 5)
+        return finish(figure, path)
+
+
+def _pose(
+    problem: Problem, trajectory: Trajectory, frame: str, instants: int
+) -> Skeleton:
+    times = np.linspace(0.0, trajectory.duration, instants)
+    return skeleton(problem.robot, trajectory(times).q, frame)
+
+
+def _outline(obstacle: Obstacle, view: View) -> Array | tuple[Array, float]:
+    """Outline of an obstacle: the points of a polygon, or a centre and a radius."""
+    if isinstance(obstacle, Sphere):
+        return view.project(obstacle.position), obstacle.radius
+    from scipy.spatial import ConvexHull
+
+    body = moved(obstacle_surface(obstacle), obstacle_placement(obstacle))
+    points = view.project(body.vertices)
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+def _goal_point(problem: Problem, frame: str) -> Array | None:
+    """Where the end frame is to arrive, shape (3,), if that is known."""
+    goal = problem.goal
+    if goal.configuration is not None:
+        ends = skeleton(problem.robot, goal.configuration[None], frame).end
+        return np.asarray(ends[0])
+    target = goal.target
+    if target is None or isinstance(target, np.ndarray):
+        return target
+    return np.array(target.translation)
+
+
+def _window(
+    view: View,
+    poses: list[Skeleton],
+    outlines: list[Array | tuple[Array, float]],
+    goal: Array | None,
+) -> tuple[Array, Array]:
+    """Lowest and highest coordinates to show, shapes (2,)."""
+    points = [view.project(pose.points).reshape(-1, 2) for pose in poses]
+    for outline in outlines:
+        if isinstance(outline, tuple):
+            center, radius = outline
+            points.append(np.stack([center - radius, center + radius]))
+        else:
+            points.append(outline)
+    if goal is not None:
+        points.append(view.project(goal)[None])
+    everything = np.concatenate(points)
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin = 0.05 * float((high - low).max()) or 0.1
+    # A motion along a line still needs a panel with some height.
+    least = 0.25 * float((high - low).max())
+    spare = np.maximum(0.0, least - (high - low)) / 2
+    return low - margin - spare, high + margin + spare
+
+
+def _label_axes(axes: list[Axes], view: View) -> None:
+    """Label the panels at the left and those with none below."""
+    wide = min(len(axes), PANELS_IN_ROW)
+    for i, panel in enumerate(axes):
+        if i % wide == 0:
+            panel.set_ylabel(f"{view.labels[1]} [m]")
+        if i + wide >= len(axes):
+            panel.tick_params(labelbottom=True)
+            panel.set_xlabel(f"{view.labels[0]} [m]")
+
+
+def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
+    """Panels side by side, in rows of three, each of the shape of what it shows."""
+    wide = min(count, PANELS_IN_ROW)
+    rows = -(-count // wide)
+    width = {1: 5.6, 2: 4.2, 3: 3.4}[wide]
+    inside = width - 0.45  # beside the labels of the axis
+    height = float(np.clip(inside * extent[1] / extent[0], 1.6, 1.6 * width))
+    figure = new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
+    axes = figure.subplots(rows, wide, sharex=True, sharey=True, squeeze=False)
+    flat = list(axes.reshape(-1))
+    for extra in flat[count:]:
+        extra.set_axis_off()
+    return figure, flat[:count]
+
+
+def _draw_outline(
+    panel: Axes, outline: Array | tuple[Array, float], shade: float | None = None
+) -> None:
+    """Draw an outline; a shade is that of what moves, at one instant."""
+    from matplotlib.patches import Circle, Patch, Polygon
+
+    look = _obstacle_look()
+    if shade is not None:
+        look |= {"facecolor": "none", "alpha": shade}
+    shape: Patch
+    if isinstance(outline, tuple):
+        center, radius = outline
+        shape = Circle((float(center[0]), float(center[1])), radius, **look)
+    else:
+        shape = Polygon(outline, closed=True, **look)
+    shape.set_zorder(1.5)
+    panel.add_patch(shape)
+
+
+def _obstacle_look() -> dict[str, Any]:
+    return {"facecolor": OBSTACLE_COLOR + "40", "edgecolor": OBSTACLE_COLOR}
+
+
+def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
+    shades = np.linspace(LIGHTEST, 1.0, len(pose.end))
+    for chain in pose.chains:
+        for i, joints in enumerate(view.project(chain)):
+            last = i == len(pose.end) - 1
+            panel.plot(
+                *joints.T,
+                color=ARM_COLOR,
+                alpha=float(shades[i]),
+                linewidth=2.0 if last else 1.2,
+                marker="o",
+                markersize=3.4 if last else 2.2,
+                markeredgewidth=0.0,
+                zorder=2.0 + 0.01 * i,
+            )
+
+
+def _draw_goal(panel: Axes, view: View, goal: Array | None) -> None:
+    if goal is not None:
+        panel.plot(*view.project(goal), **_goal_look(), zorder=3.0)
+
+
+def _goal_look() -> dict[str, Any]:
+    return {
+        "color": GOAL_COLOR,
+        "marker": "x",
+        "markersize": 8.0,
+        "markeredgewidth": 2.0,
+        "linestyle": "none",
+    }
+
+
+def _handles(problem: Problem) -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = [
+        Line2D([], [], color=ARM_COLOR, alpha=0.35, linewidth=1.2, label="start"),
+        Line2D([], [], color=ARM_COLOR, linewidth=2.0, label="end"),
+        Line2D([], [], color=color(1), linewidth=1.1, label="path of the end"),
+        Line2D([], [], label="goal", **_goal_look()),
+    ]
+    if len(problem.scene):
+        handles.append(Patch(label="obstacle", **_obstacle_look()))
+    return handles

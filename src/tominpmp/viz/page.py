@@ -1,0 +1,82 @@
+"""A playback as one HTML page that works without a network and without a server."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+from tominpmp.exceptions import MissingDependency
+from tominpmp.viz.viewer import Command, import_meshcat
+
+# Meshcat's viewer evaluates no strings and loads nothing; the browser is told to see to
+# that, whatever the page contains.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; media-src blob:; worker-src blob:"
+)
+
+
+def build_page(
+    commands: Sequence[Command], *, title: str, caption: str, rate: float
+) -> str:
+    """Build the page.
+
+    Args:
+        commands: What is shown, the animation included.
+        title: Title of the page, plain text; also shown above the picture.
+        caption: Line below it, plain text.
+        rate: Speed at which it plays first; 1 is real time.
+
+    Returns:
+        The page, in HTML.
+
+    Raises:
+        MissingDependency: If Meshcat is not installed.
+    """
+    viewer, licences = _viewer()
+    template = resources.files(__package__).joinpath("player.html").read_text("utf-8")
+    fields = {
+        "POLICY": POLICY,
+        "TITLE": html.escape(title),
+        "CAPTION": html.escape(caption),
+        "RATE": json.dumps(float(rate)),
+        "COMMANDS": json.dumps([_text(command) for command in commands]),
+        # Inside a comment, which two hyphens would end.
+        "LICENCES": licences.replace("--", "- -"),
+        "VIEWER": viewer,
+    }
+    # Piece by piece, as what is put in may contain what looks like a field.
+    head, *rest = template.split("{{")
+    pieces = [head]
+    for part in rest:
+        name, _, text = part.partition("}}")
+        pieces += [fields[name], text]
+    return "".join(pieces)
+
+
+def _text(command: Command) -> str:
+    import umsgpack
+
+    return base64.b64encode(umsgpack.packb(command)).decode("ascii")
+
+
+@cache
+def _viewer() -> tuple[str, str]:
+    """Script of Meshcat's viewer and the licences of what is in it."""
+    folder = Path(import_meshcat().viewer_assets_path())
+    script = folder / "dist" / "main.min.js"
+    if not script.is_file():
+        raise MissingDependency("meshcat", "viz", "playback")
+    texts = [
+        path.read_text("utf-8")
+        for path in (folder / "LICENSE", script.with_name(f"{script.name}.LICENSE.txt"))
+        if path.is_file()
+    ]
+    # The script must not end the element that it stands in.
+    code = script.read_text("utf-8").replace("</script", "<\\/script")
+    return code, "\n".join(texts)

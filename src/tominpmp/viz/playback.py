@@ -1,0 +1,113 @@
+"""Playback of a motion in Meshcat, the viewer in the browser."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tominpmp.exceptions import OptionsError, TominpmpWarning, brief
+from tominpmp.io.files import write_file
+from tominpmp.problem import Problem
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.browser import show_page
+from tominpmp.viz.page import build_page
+from tominpmp.viz.skeleton import check_motion
+from tominpmp.viz.stage import Appearance, draw
+from tominpmp.viz.viewer import Recorder, import_meshcat
+
+
+def play(
+    problem: Problem,
+    trajectory: Trajectory,
+    *,
+    path: str | Path | None = None,
+    open_browser: bool = True,
+    viewer: Any = None,
+    rate: float = 1.0,
+    fps: float = 60.0,
+    ghosts: int = 0,
+    frame: str | None = None,
+    title: str | None = None,
+) -> Any:
+    """Show a motion in Meshcat: robot, obstacles, goal, and the path of the end.
+
+    The page plays in real time, with pause, slider and speed; it is one file that needs
+    no network. Its address takes an instant to show, as in ``motion.html#t=0.5``.
+
+    Args:
+        problem: The problem, for robot, obstacles and goal.
+        trajectory: The motion.
+        path: Where to write the page. Without it a temporary file is written and opened
+            in the browser.
+        open_browser: Whether to open it, if there is no path.
+        viewer: A ``meshcat.Visualizer`` to show the motion in, instead of a page; for
+            notebooks and distant machines.
+        rate: Speed at which the page plays first; 1 is real time. A viewer always plays
+            in real time.
+        fps: Key frames a second; the viewer interpolates between them.
+        ghosts: Number of translucent copies of the robot along the motion.
+        frame: Frame whose path is drawn; None for that of the goal, else the last.
+        title: Title of the page; None for the robot and T.
+
+    Returns:
+        The path of the page, or the viewer if one was given.
+
+    Raises:
+        ProblemError: If the motion is not one of the problem's robot.
+        FrameNotFound: If there is no such frame.
+        OptionsError: If a number is out of range.
+        ScenarioError: If the page cannot be written.
+        MissingDependency: If Meshcat is not installed.
+    """
+    check_motion(problem, trajectory)
+    _check_positive(rate=rate, fps=fps)
+    if not isinstance(ghosts, (int, np.integer)) or not 0 <= ghosts <= 100:
+        raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
+    appearance = Appearance(fps, int(ghosts), frame)
+    meshcat = import_meshcat()
+    if viewer is not None:
+        viewer["/meshcat"].delete()
+        draw(meshcat.Visualizer(window=viewer.window), problem, trajectory, appearance)
+        return viewer
+    recorder = Recorder()
+    draw(meshcat.Visualizer(window=recorder), problem, trajectory, appearance)
+    name = problem.robot.name
+    page = build_page(
+        recorder.commands,
+        title=title or f"{name}: T = {trajectory.duration:.4g} s",
+        caption=_caption(problem),
+        rate=rate,
+    ).encode("utf-8")
+    if path is not None:
+        return write_file(path, lambda file: file.write(page))
+    handle, temporary = tempfile.mkstemp(prefix="tominpmp-", suffix=".html")
+    with os.fdopen(handle, "wb") as file:
+        file.write(page)
+    if open_browser and not show_page(page):
+        warnings.warn(
+            f"no browser could be opened; the page is {temporary}",
+            TominpmpWarning,
+            stacklevel=2,
+        )
+    return Path(temporary)
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise OptionsError(
+                f"{name} is {brief(value)}, expected a positive number", name
+            )
+
+
+def _caption(problem: Problem) -> str:
+    joints, obstacles = problem.robot.n, len(problem.scene)
+    parts = ["1 joint" if joints == 1 else f"{joints} joints"]
+    if obstacles:
+        parts.append("1 obstacle" if obstacles == 1 else f"{obstacles} obstacles")
+    return ", ".join(parts)

@@ -1,0 +1,287 @@
+"""The scene of a motion for the Meshcat viewer: what is shown, and from where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from tominpmp.arrays import Array
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.scene import Obstacle
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.bodies import Body, robot_bodies
+from tominpmp.viz.skeleton import Skeleton, View, best_view, end_frame, skeleton
+from tominpmp.viz.surfaces import (
+    cylinder,
+    moved,
+    obstacle_placement,
+    obstacle_surface,
+    sphere,
+    tube,
+)
+from tominpmp.viz.viewer import SetCopies, import_meshcat, node_name, put_body
+
+OBSTACLE_COLOR = (0.84, 0.27, 0.22, 0.62)
+GOAL_COLOR = (0.13, 0.62, 0.36, 0.75)
+TRAIL_COLOR = (0.95, 0.64, 0.10, 1.0)
+TRIAD_COLORS = ((0.85, 0.2, 0.2), (0.2, 0.65, 0.25), (0.2, 0.35, 0.85))
+GHOST_OPACITY = 0.16
+
+# Sizes of markers as shares of the size of the scene.
+TRAIL_RADIUS = 0.0022
+GOAL_RADIUS = 0.012
+TRIAD_LENGTH = 0.06
+
+TRAIL_POINTS = 240
+FIELD_OF_VIEW = 40.0  # vertical [deg]
+ASPECT = 1.5  # of the window that the camera is placed for
+MARGIN = 1.3  # share by which the camera stands further off than it must
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """How a motion is shown.
+
+    Attributes:
+        fps: Key frames a second; the viewer interpolates between them.
+        ghosts: Number of translucent copies of the robot along the motion.
+        frame: Frame whose path is drawn; None for that of the goal, else the last.
+    """
+
+    fps: float = 60.0
+    ghosts: int = 0
+    frame: str | None = None
+
+
+def draw(
+    viewer: Any, problem: Problem, trajectory: Trajectory, appearance: Appearance
+) -> None:
+    """Draw a motion.
+
+    Args:
+        viewer: The ``meshcat.Visualizer`` to draw it in; the animation comes last.
+        problem: The problem, for robot, obstacles and goal.
+        trajectory: The motion.
+        appearance: How it is shown.
+    """
+    robot = problem.robot
+    frame = appearance.frame or end_frame(problem)
+    times = frame_times(trajectory.duration, appearance.fps)
+    motion = skeleton(robot, trajectory(times).q, frame)
+    bodies = robot_bodies(robot)
+    robot_points = _robot_points(motion, bodies)
+    points = np.concatenate([robot_points, *_obstacle_points(problem, times[[0, -1]])])
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+    view = _camera_view(best_view(motion.points), np.ptp(robot_points, axis=0))
+    _surroundings(viewer, view, points, size)
+    _robot(viewer, robot.model, bodies, motion)
+    for obstacle in problem.scene:
+        node = viewer[_obstacle_path(obstacle)]
+        put_body(node, obstacle_surface(obstacle), OBSTACLE_COLOR)
+        node.set_transform(obstacle_placement(obstacle))
+    _goal(viewer["/meshcat/goal"], problem, size)
+    _trail(viewer, robot, trajectory, frame, size)
+    if appearance.ghosts:
+        viewer.window.send(
+            _ghosts(problem, trajectory, frame, bodies, appearance.ghosts)
+        )
+    moving = [_moving_obstacle(item, times) for item in problem.scene.moving]
+    joints = [
+        (_joint_path(robot.model, joint), motion.placements[:, joint])
+        for joint in range(1, robot.model.njoints)
+    ]
+    _animate(viewer, times, [*joints, *moving])
+
+
+def frame_times(duration: float, fps: float) -> Array:
+    """Times of the key frames [s]: evenly spaced, with both ends, shape (m,)."""
+    count = max(2, int(np.ceil(duration * fps - 1e-9)) + 1)
+    return np.linspace(0.0, duration, count)
+
+
+def _obstacle_path(obstacle: Obstacle) -> str:
+    return f"/meshcat/obstacles/{node_name(obstacle.name)}"
+
+
+def _moving_obstacle(obstacle: Obstacle, times: Array) -> tuple[str, Array]:
+    """Path of an obstacle that moves, and its placements at times, (m, 4, 4)."""
+    placements = np.tile(np.eye(4), (times.size, 1, 1))
+    placements[:, :3, :3], placements[:, :3, 3] = obstacle.poses(times)
+    return _obstacle_path(obstacle), placements
+
+
+def _joint_path(model: pin.Model, joint: int) -> str:
+    return f"/meshcat/robot/{node_name(str(model.names[joint]))}"
+
+
+def _robot(viewer: Any, model: pin.Model, bodies: list[Body], motion: Skeleton) -> None:
+    for body in bodies:
+        node = viewer[f"{_joint_path(model, body.joint)}/{node_name(body.name)}"]
+        put_body(node, body.surface, body.color)
+        node.set_transform(body.placement)
+    for joint in sorted({body.joint for body in bodies}):
+        place = motion.placements[0, joint]
+        viewer[_joint_path(model, joint)].set_transform(place)
+
+
+def _animate(viewer: Any, times: Array, moving: list[tuple[str, Array]]) -> None:
+    """Animate what is at paths by its placements, shape (m, 4, 4), at times (m,)."""
+    meshcat = import_meshcat().animation
+    clips = {}
+    for path, placements in moving:
+        quaternions = Rotation.from_matrix(placements[:, :3, :3]).as_quat()
+        # q and -q are one rotation; neighbours must be on one side to be interpolated.
+        flips = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1]) < 0.0
+        quaternions[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+        tracks = {
+            name: meshcat.AnimationTrack(name, kind, times.tolist(), values.tolist())
+            for name, kind, values in (
+                ("position", "vector3", placements[:, :3, 3]),
+                ("quaternion", "quaternion", quaternions),
+            )
+        }
+        # With one frame a second the times of the keys are in seconds.
+        clip = meshcat.AnimationClip(tracks, fps=1.0, name="motion")
+        clips[viewer[path].path] = clip
+    viewer.set_animation(meshcat.Animation(clips))
+
+
+def _goal(node: Any, problem: Problem, size: float) -> None:
+    target = problem.goal.target
+    if isinstance(target, np.ndarray):
+        put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR)
+        place = np.eye(4)
+        place[:3, 3] = target
+        node.set_transform(place)
+    elif target is not None:
+        length = TRIAD_LENGTH * size
+        rod = moved(cylinder(0.05 * length, length), _shift(length / 2))
+        for axis, color in enumerate(TRIAD_COLORS):
+            turn = np.eye(4)
+            turn[:3, :3] = np.roll(np.eye(3), axis + 1, axis=0)
+            put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
+        node.set_transform(np.array(target.homogeneous))
+
+
+def _shift(height: float) -> Array:
+    placement = np.eye(4)
+    placement[2, 3] = height
+    return placement
+
+
+def _trail(
+    viewer: Any, robot: Robot, trajectory: Trajectory, frame: str, size: float
+) -> None:
+    times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
+    points = skeleton(robot, trajectory(times).q, frame).end
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
+    points = points[np.concatenate([[True], apart])]
+    if len(points) > 1:
+        node = viewer[f"/meshcat/path of {node_name(frame)}"]
+        put_body(node, tube(points, TRAIL_RADIUS * size), TRAIL_COLOR)
+
+
+def _ghosts(
+    problem: Problem, trajectory: Trajectory, frame: str, bodies: list[Body], count: int
+) -> SetCopies:
+    """Copies of the robot between start and end."""
+    times = np.linspace(0.0, trajectory.duration, count)
+    poses = skeleton(problem.robot, trajectory(times).q, frame).placements
+    moving = [body for body in bodies if body.joint]
+    return SetCopies(
+        "/meshcat/ghosts",
+        [(b.surface, (*b.color[:3], GHOST_OPACITY * b.color[3])) for b in moving],
+        [poses[:, body.joint] @ body.placement for body in moving],
+    )
+
+
+def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
+    """Points that enclose the robot all along its motion, shape (m, 3) [m]."""
+    clouds = [motion.points.reshape(-1, 3), motion.end]
+    instants = np.unique(np.linspace(0, len(motion.placements) - 1, 25).astype(int))
+    corners = np.array(list(np.ndindex(2, 2, 2)))
+    for body in bodies:
+        vertices = body.surface.vertices
+        ends = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+        cuboid = np.take_along_axis(ends, corners, axis=0)
+        local = cuboid @ body.placement[:3, :3].T + body.placement[:3, 3]
+        poses = motion.placements[instants, body.joint]
+        world = local @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+        clouds.append(world.reshape(-1, 3))
+    return np.concatenate(clouds)
+
+
+def _obstacle_points(problem: Problem, times: Array) -> list[Array]:
+    """Points of the obstacles where they are at times."""
+    found = []
+    for obstacle in problem.scene:
+        surface = obstacle_surface(obstacle)
+        for placement in _moving_obstacle(obstacle, times)[1]:
+            found.append(moved(surface, placement).vertices)
+            if obstacle.motion is None:
+                break
+    return found
+
+
+def _camera_view(view: View, extent: Array) -> View:
+    """Look at a flat arm squarely, at any other from the side and above."""
+    flat = float(np.abs(view.normal) @ extent) < 0.2 * float(extent.max())
+    if view.planar and flat:
+        return view
+    normal = np.array([0.62, -1.0, 0.5])
+    normal /= np.linalg.norm(normal)
+    right = np.cross([0.0, 0.0, 1.0], normal)
+    right /= np.linalg.norm(right)
+    return View(right, np.cross(normal, right), ("", ""), False)
+
+
+def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
+    """Background, floor, lights, and a camera that has all points in view."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = (low + high) / 2
+    slope = np.tan(np.radians(FIELD_OF_VIEW / 2))
+    across = np.abs(view.project(points - center)) / (slope * np.array([ASPECT, 1.0]))
+    distance = float(((points - center) @ view.normal + across.max(axis=1)).max())
+    distance = MARGIN * distance or 1.0
+    offset = distance * view.normal
+    camera = import_meshcat().geometry.PerspectiveCamera(
+        fov=FIELD_OF_VIEW,
+        aspect=ASPECT,
+        near=distance / 200.0,
+        far=40.0 * distance + 100.0,
+    )
+    camera.uuid = "camera"
+    # The viewer looks at its origin; so the world is moved, not the camera.
+    world, floor = np.eye(4), np.eye(4)
+    world[:3, 3] = floor[:3, 3] = -center
+    floor[2, 3] = low[2] - center[2] - 1e-3 * size
+    # Its floor has 40 cells of half a metre each way.
+    floor[:3, :3] *= _round_length(size / 12.0) / 0.5
+    # The camera's own axes have y upwards.
+    place = [float(offset[0]), float(offset[2]), float(-offset[1])]
+    viewer["/Background"].set_property("top_color", [0.96, 0.97, 0.98])
+    viewer["/Background"].set_property("bottom_color", [0.78, 0.82, 0.87])
+    viewer["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.25])
+    viewer["/Axes"].set_property("visible", False)
+    viewer["/meshcat"].set_transform(world)
+    viewer["/Grid"].set_transform(floor)
+    viewer["/Cameras/default/rotated"].set_object(camera)
+    viewer["/Cameras/default/rotated/<object>"].set_property("position", place)
+    lights = viewer["/Lights"]
+    for light in ("PointLightNegativeX", "PointLightPositiveX"):
+        # These reach 10 m otherwise, which lights half of a large arm.
+        lights[f"{light}/<object>"].set_property("distance", 0.0)
+        lights[f"{light}/<object>"].set_property("intensity", 0.22)
+    lights["AmbientLight/<object>"].set_property("intensity", 0.5)
+    lights["FillLight/<object>"].set_property("intensity", 0.3)
+
+
+def _round_length(length: float) -> float:
+    """Largest of 1, 2, 5, 10, ... (and tenths of them) that is not above a length."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= length))
