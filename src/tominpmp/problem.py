@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,15 +15,7 @@ from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
-from tominpmp.goals import (
-    AllGoals,
-    AnyGoal,
-    FrameGoal,
-    Goal,
-    JointGoal,
-    PoseGoal,
-    PositionGoal,
-)
+from tominpmp.goals import AnyGoal, Goal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
@@ -206,29 +198,29 @@ class Problem(Record):
 
     def _checked_goal(self, goal: Goal) -> tuple[Goal, list[str]]:
         """Check a goal that belongs to the robot; what to warn of is returned too."""
-        if isinstance(goal, AnyGoal):
-            return self._checked_set(goal)
-        if isinstance(goal, JointGoal):
-            goal, snapped = self._snap_goal(goal)
-            self._check_clear(goal.q, "goal")
-            self._check_hold(goal)
+        if goal.alternatives[0] is not goal:
+            return self._checked_set(goal.alternatives)
+        if goal.configuration is not None:
             v = goal.final_velocity(self.robot.n)
-            self._check_kept(goal.q, v, "goal", "goal")
-            return goal, snapped
-        for item in goal.members if isinstance(goal, AllGoals) else (goal,):
-            if isinstance(item, FrameGoal):
-                self._check_reach(item)
-                self._check_room(item)
+            q, of_q = self._snap("position", goal.configuration, "goal.q")
+            v, of_v = self._snap("velocity", v, "goal.v")
+            self._check_clear(q, "goal")
+            self._check_hold(q, v)
+            self._check_kept(q, v, "goal", "goal")
+            return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
+        for item in goal.members:
+            self._check_reach(item)
+            self._check_room(item)
         return goal, []
 
-    def _checked_set(self, goals: AnyGoal) -> tuple[Goal, list[str]]:
+    def _checked_set(self, goals: tuple[Goal, ...]) -> tuple[Goal, list[str]]:
         """Leave out the goals that cannot be reached, as long as there are others."""
         kept, messages, wrong = [], [], []
-        for number, goal in enumerate(goals.goals, 1):
+        for number, goal in enumerate(goals, 1):
             try:
                 checked, snapped = self._checked_goal(goal)
             except ProblemError as error:
-                wrong.append(f"goal {number} of {len(goals.goals)}: {error}")
+                wrong.append(f"goal {number} of {len(goals)}: {error}")
             else:
                 kept.append(checked)
                 messages += snapped
@@ -236,16 +228,6 @@ class Problem(Record):
             raise ProblemError("; ".join(wrong), "goal")
         messages += [f"{text}; it is left out" for text in wrong]
         return AnyGoal(tuple(kept)), messages
-
-    def _snap_goal(self, goal: JointGoal) -> tuple[JointGoal, list[str]]:
-        q, of_q = self._snap("position", goal.q, "goal.q")
-        v = goal.final_velocity(self.robot.n)
-        v, of_v = self._snap("velocity", v, "goal.v")
-        if of_q:
-            goal = replace(goal, q=q)
-        if of_v:
-            goal = replace(goal, v=v)
-        return goal, of_q + of_v
 
     def _unit(self, quantity: str, joint: int) -> str:
         return UNITS[quantity][int(prismatic_joints(self.robot)[joint])]
@@ -348,12 +330,11 @@ class Problem(Record):
             if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
                 raise ProblemError(f"{which}: {lack}", name)
 
-    def _check_hold(self, goal: JointGoal) -> None:
+    def _check_hold(self, q: Array, v: Array) -> None:
         """Check that the motors can hold an arm that is to come to rest."""
-        v = goal.final_velocity(self.robot.n)
         if np.any(v):
             return
-        tau = RobotDynamics(self.robot).inverse(goal.q[None], v[None], v[None])[0]
+        tau = RobotDynamics(self.robot).inverse(q[None], v[None], v[None])[0]
         limits = self.robot.limits
         for i, joint in enumerate(self.robot.joint_names):
             low, high = limits.effort_lower[i], limits.effort_upper[i]
@@ -368,31 +349,31 @@ class Problem(Record):
                     "goal",
                 )
 
-    def _check_room(self, goal: FrameGoal) -> None:
+    def _check_room(self, goal: Goal) -> None:
         """Check that the frame is not to end within an obstacle, link and all."""
-        if not isinstance(goal, PositionGoal | PoseGoal) or not len(self.scene):
+        ball, frame = goal.ball, goal.frame_name
+        if ball is None or frame is None or not len(self.scene):
             return
-        place = goal.pose.translation if isinstance(goal, PoseGoal) else goal.position
-        point = np.array(place)
-        found = enclosure(self.robot, self.scene, goal.frame, point, goal.tolerance)
+        point = ball.centre
+        found = enclosure(self.robot, self.scene, frame, point, ball.radius)
         if found is not None:
             raise ProblemError(
                 f"goal: {np.round(point, 4).tolist()} is {found.depth:.4g} m deep in "
                 f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
-                f"{goal.frame!r} there overlaps it in every orientation",
+                f"{frame!r} there overlaps it in every orientation",
                 "goal",
             )
 
-    def _check_reach(self, goal: FrameGoal) -> None:
-        target = goal.nearest_point()
-        if target is None:
+    def _check_reach(self, goal: Goal) -> None:
+        target, frame = goal.nearest_point(), goal.frame_name
+        if target is None or frame is None:
             return
-        reach = RobotKinematics(self.robot).reach(goal.frame)
+        reach = RobotKinematics(self.robot).reach(frame)
         distance = math.hypot(*target)  # does not overflow
         if distance > reach * (1.0 + 1e-9):
             raise ProblemError(
                 f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the "
-                f"base, and frame {goal.frame!r} reaches {reach:.4g} m at most: "
+                f"base, and frame {frame!r} reaches {reach:.4g} m at most: "
                 f"outside reach by {distance - reach:.4g} m",
                 "goal",
             )

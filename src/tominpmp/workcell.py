@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -24,11 +24,8 @@ from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
-    FrameGoal,
     Goal,
     JointGoal,
-    JointRegionGoal,
-    PlaceGoal,
 )
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
@@ -217,46 +214,33 @@ class Workcell(Record):
 
     def _joined(self, goals: Mapping[str, Goal | None]) -> Goal:
         """One goal of those of the robots, none of which is a set to choose from."""
-        joints = {k: goal for k, goal in goals.items() if isinstance(goal, JointGoal)}
-        moving = any(goal.v is not None and np.any(goal.v) for goal in joints.values())
-        if len(joints) == len(goals):
-            for name, goal in joints.items():
+        for name, goal in goals.items():
+            if goal is not None:
                 self._check_goal(name, goal)
-            v = {k: goal.final_velocity(goal.q.size) for k, goal in joints.items()}
-            q = self.stack({k: goal.q for k, goal in joints.items()})
-            return JointGoal(q, self.stack(v) if moving else None)
+        given = {k: goal for k, goal in goals.items() if goal is not None}
+        q = {
+            k: g.configuration for k, g in given.items() if g.configuration is not None
+        }
+        moving = any(given[k].ends_moving for k in q)
+        if len(q) == len(goals):
+            v = {k: given[k].final_velocity(value.size) for k, value in q.items()}
+            return JointGoal(self.stack(q), self.stack(v) if moving else None)
         if moving:
             raise ProblemError(
                 "goal: a JointGoal with a velocity goes together with JointGoals for "
                 "the other robots only",
                 "goal",
             )
-        members = [
-            self._renamed(name, goal)
-            for name, goal in goals.items()
-            if goal is not None
-        ]
-        if not members:
+        if not given:
             raise ProblemError("goal: no robot has one", "goal")
-        return AllGoals(members)
+        return AllGoals([self._renamed(name, goal) for name, goal in given.items()])
 
-    def _renamed(self, name: str, goal: Goal) -> PlaceGoal:
+    def _renamed(self, name: str, goal: Goal) -> Goal:
         """A goal of one robot in the names of the robots combined."""
-        robot = self.robots[name][0]
-        self._check_goal(name, goal)
-        if isinstance(goal, JointGoal | JointRegionGoal):
-            named = getattr(goal, "joints", None) or robot.joint_names
-            room = getattr(goal, "tolerance", 0.0)
-            return JointRegionGoal(goal.q, room, [f"{name}/{j}" for j in named])
-        if isinstance(goal, FrameGoal):
-            return replace(goal, frame=f"{name}/{goal.frame}")  # type: ignore[type-var]
-        if isinstance(goal, AllGoals):
-            return AllGoals([self._renamed(name, item) for item in goal.goals])
-        raise ProblemError(
-            f"goal: that of {brief(name)} is a {type(goal).__name__}, expected a goal "
-            "on joints or frames",
-            "goal",
-        )
+        try:
+            return goal.prefixed(f"{name}/", self.robots[name][0])
+        except ProblemError as error:
+            raise ProblemError(f"{name}: {error}", error.field) from error
 
     def _check_goal(self, name: str, goal: Goal) -> None:
         """Check a goal against its robot, which messages have to name."""

@@ -23,7 +23,6 @@ from tominpmp.goals import (
     Goal,
     JointGoal,
     JointRegionGoal,
-    PlaceGoal,
     PoseGoal,
     PositionGoal,
     RegionGoal,
@@ -56,7 +55,7 @@ def pose(kinematics: RobotKinematics) -> pin.SE3:
     return kinematics.placement(Q, TIP)
 
 
-def every_goal(pose: pin.SE3) -> dict[str, PlaceGoal]:
+def every_goal(pose: pin.SE3) -> dict[str, Goal]:
     """Goals that Q reaches, in the middle of what they allow."""
     p, towards = np.array(pose.translation), pose.rotation @ AXIS
     return {
@@ -83,7 +82,7 @@ def every_goal(pose: pin.SE3) -> dict[str, PlaceGoal]:
     }
 
 
-def goal_of(kind: str, pose: pin.SE3) -> PlaceGoal:
+def goal_of(kind: str, pose: pin.SE3) -> Goal:
     return every_goal(pose)[kind]
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arcs.switching_times import Settled, solve_lengths
 from tominpmp.arrays import Array
-from tominpmp.goals import FrameGoal
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
@@ -133,7 +132,7 @@ def _goal_ends(
 ) -> list[Array]:
     """Configurations that paths end at."""
     goal = system.problem.goal
-    if not isinstance(goal, FrameGoal):
+    if goal.configuration is not None:
         return [plan.q[-1]]
     free = goal_configurations(system, goal, ENDS, rng)[0]
     return [plan.q[-1], *free]

@@ -280,7 +280,7 @@ class ArcProgram:
                 step, index = np.nonzero(room < distance)
                 # A joint that is given at the end has no room to keep there.
                 last = step == room.shape[0] - 1
-                if kind == POSITION and self.system.joint_goal is not None:
+                if kind == POSITION and self.system.final_configuration is not None:
                     step, index = step[~last], index[~last]
                 if kind == VELOCITY and self.system.final_velocity is not None:
                     step, index = step[~last], index[~last]

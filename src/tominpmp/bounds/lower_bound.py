@@ -18,23 +18,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.bounds.bang_bang import Push, double_integrator_time, least_time
 from tominpmp.bounds.inertia import EnergyBounds, energy_bounds, single_joint
 from tominpmp.exceptions import expect
-from tominpmp.goals import (
-    AllGoals,
-    AxisGoal,
-    FrameGoal,
-    Goal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-    RegionGoal,
-)
+from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
@@ -81,15 +70,14 @@ def lower_bound(problem: Problem) -> LowerBound:
 
 
 def _of_goal(problem: Problem, goal: Goal) -> LowerBound:
-    bounds: list[LowerBound] = []
-    if isinstance(goal, JointGoal):
-        bounds = _joint_bounds(problem, goal)
-    elif isinstance(goal, JointRegionGoal):
+    bounds: list[LowerBound]
+    if goal.configuration is not None:
+        bounds = _joint_bounds(problem, goal, goal.configuration)
+    else:
         bounds = _range_bounds(problem, goal)
-    elif isinstance(goal, FrameGoal):
-        bounds = _frame_bounds(problem, goal)
-    elif isinstance(goal, AllGoals):
-        bounds = [_of_goal(problem, member) for member in goal.members]
+        for member in goal.members:
+            if member.frame_name is not None:
+                bounds += _frame_bounds(problem, member, member.frame_name)
     nothing = LowerBound(0.0, "no bound is known for a goal of this kind")
     return max(bounds, key=lambda bound: bound.T, default=nothing)
 
@@ -97,12 +85,12 @@ def _of_goal(problem: Problem, goal: Goal) -> LowerBound:
 # -- joints ----------------------------------------------------------------------------
 
 
-def _joint_bounds(problem: Problem, goal: JointGoal) -> list[LowerBound]:
+def _joint_bounds(problem: Problem, goal: Goal, q: Array) -> list[LowerBound]:
     robot = problem.robot
     joints, top = robot.joint_names, robot.limits.velocity
     start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
     ends = np.stack([start, goal.final_velocity(robot.n)])
-    way = goal.q - problem.q_start
+    way = q - problem.q_start
     found = _speed_bounds(problem, np.abs(way))
     units = np.where(prismatic_joints(robot), "m", "rad")
     if problem.motion_limits is not None:
@@ -125,10 +113,12 @@ def _joint_bounds(problem: Problem, goal: JointGoal) -> list[LowerBound]:
     return found
 
 
-def _range_bounds(problem: Problem, goal: JointRegionGoal) -> list[LowerBound]:
-    kinematics, q = RobotKinematics(problem.robot), problem.q_start
-    excess, by_q = goal.place_residual(kinematics, q)
-    return _speed_bounds(problem, np.abs(excess) @ np.abs(by_q))
+def _range_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
+    lower, upper = goal.joint_ranges(problem.robot)
+    q = problem.q_start
+    if not np.any(np.isfinite([lower, upper])):
+        return []
+    return _speed_bounds(problem, np.maximum(np.maximum(lower - q, q - upper), 0.0))
 
 
 def _speed_bounds(problem: Problem, way: Array) -> list[LowerBound]:
@@ -200,52 +190,22 @@ def _energy_bounds(
 # -- frames ----------------------------------------------------------------------------
 
 
-def _frame_bounds(problem: Problem, goal: FrameGoal) -> list[LowerBound]:
+def _frame_bounds(problem: Problem, goal: Goal, frame: str) -> list[LowerBound]:
     found = []
-    angle = _angle_to_go(problem, goal)
-    speed = _turning_speed(problem, goal)
+    place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
+    angle = goal.angle_to_go(np.asarray(place.rotation))
+    speed = _turning_speed(problem, frame)
     if angle > 0.0 and speed > 0.0:
-        reason = f"frame {goal.frame} has {angle:.4g} rad to turn"
+        reason = f"frame {frame} has {angle:.4g} rad to turn"
         found.append(LowerBound(angle / speed, reason))
-    if _apart(goal, np.zeros((1, 3))) is not None:
-        T = _Vicinity(problem, goal).time()
-        reason = f"no sooner do the speeds of the joints carry frame {goal.frame} there"
+    if goal.distances(np.zeros((1, 3))) is not None:
+        T = _Vicinity(problem, goal, frame).time()
+        reason = f"no sooner do the speeds of the joints carry frame {frame} there"
         found.append(LowerBound(T, reason))
     return found
 
 
-def _apart(goal: FrameGoal, points: Array) -> Array | None:
-    """Distances of points from where a frame may end, shape (m, 3) to (m,).
-
-    None where it may end anywhere, or nothing is known.
-    """
-    if isinstance(goal, RegionGoal):
-        pose = pin.SE3.Identity() if goal.pose is None else goal.pose
-        local = (points - pose.translation) @ pose.rotation
-        out = local - np.clip(local, goal.lower, goal.upper)
-        return np.asarray(np.linalg.norm(out, axis=1))
-    if isinstance(goal, PoseGoal):
-        place = np.asarray(goal.pose.translation)
-    elif isinstance(goal, PositionGoal | AxisGoal) and goal.position is not None:
-        place = goal.position
-    else:
-        return None
-    return np.asarray(np.linalg.norm(points - place, axis=1) - goal.tolerance)
-
-
-def _angle_to_go(problem: Problem, goal: FrameGoal) -> float:
-    """Least angle by which a frame has to turn from the start on [rad]."""
-    place = RobotKinematics(problem.robot).placement(problem.q_start, goal.frame)
-    if isinstance(goal, PoseGoal):
-        turn = pin.log3(place.rotation.T @ goal.pose.rotation)
-        return float(np.linalg.norm(turn)) - goal.angle_tolerance
-    if isinstance(goal, AxisGoal):
-        cosine = float(goal.direction @ place.rotation @ goal.axis)
-        return math.acos(min(max(cosine, -1.0), 1.0)) - goal.angle_tolerance
-    return 0.0
-
-
-def _turning_speed(problem: Problem, goal: FrameGoal) -> float:
+def _turning_speed(problem: Problem, frame: str) -> float:
     """Bound on the speed at which a frame turns [rad/s]."""
     robot, model = problem.robot, problem.robot.model
     top, S = robot.limits.velocity, robot.expansion_matrix
@@ -255,7 +215,7 @@ def _turning_speed(problem: Problem, goal: FrameGoal) -> float:
             [np.sum(np.abs(s[m]) * top[m]) for s, m in zip(S, moved, strict=True)]
         )
     speed = 0.0
-    for joint in model.supports[model.frames[robot.frame_id(goal.frame)].parentJoint]:
+    for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint]:
         item = model.joints[joint]
         if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
             speed += float(top[item.idx_v])
@@ -265,12 +225,12 @@ def _turning_speed(problem: Problem, goal: FrameGoal) -> float:
 class _Vicinity:
     """Where a frame can be when joints have moved for some time."""
 
-    def __init__(self, problem: Problem, goal: FrameGoal) -> None:
+    def __init__(self, problem: Problem, goal: Goal, frame: str) -> None:
         robot = problem.robot
         self.problem, self.goal = problem, goal
-        item = robot.model.frames[robot.frame_id(goal.frame)]
+        item = robot.model.frames[robot.frame_id(frame)]
         origin = np.asarray(item.placement.translation)
-        ball = Ball(goal.frame, int(item.parentJoint), origin, 0.0)
+        ball = Ball(frame, int(item.parentJoint), origin, 0.0)
         self.reach = LinkReach(robot, [ball])
 
     def time(self) -> float:
@@ -313,7 +273,7 @@ class _Vicinity:
         return False
 
     def _distance(self, q: Array) -> Array:
-        apart = _apart(self.goal, self.reach.centres(q)[:, 0])
+        apart = self.goal.distances(self.reach.centres(q)[:, 0])
         assert apart is not None  # noqa: S101
         return apart
 

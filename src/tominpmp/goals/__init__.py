@@ -5,9 +5,10 @@ and have to end within bounds, which are zero unless the goal has a tolerance. A
 ends at rest unless a final velocity is given.
 """
 
-from tominpmp.goals.base import Goal, GoalResidual, Label, Miss, Place, PlaceGoal
+from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, FrameGoal, PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place
 from tominpmp.goals.region import RegionGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
 
@@ -15,6 +16,7 @@ __all__ = [
     "AllGoals",
     "AnyGoal",
     "AxisGoal",
+    "Ball",
     "FrameGoal",
     "Goal",
     "GoalResidual",
@@ -23,7 +25,6 @@ __all__ = [
     "Label",
     "Miss",
     "Place",
-    "PlaceGoal",
     "PoseGoal",
     "PositionGoal",
     "RegionGoal",

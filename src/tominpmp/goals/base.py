@@ -3,128 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, BoolArray, real_array, real_number
+from tominpmp.arrays import Array, real_array, real_number
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
 
-class GoalResidual(NamedTuple):
-    """Goal residual at a final state; within its bounds where the goal is reached.
-
-    Attributes:
-        value: Shape (k,): positions in m, angles in rad, velocities in m/s or rad/s,
-            the velocities last.
-        by_q: Derivative with respect to q, shape (k, n).
-        by_v: Derivative with respect to v, shape (k, n).
-    """
-
-    value: Array
-    by_q: Array
-    by_v: Array
-
-
-class Label(NamedTuple):
-    """What a number of a residual is about.
-
-    Attributes:
-        name: "joint elbow", "frame tip".
-        unit: Its unit.
-    """
-
-    name: str
-    unit: str
-
-
-class Miss(NamedTuple):
-    """By how much a number of a residual is outside its bounds.
-
-    Attributes:
-        name: What misses: "joint elbow", "frame tip".
-        amount: By how much, zero within the bounds.
-        unit: Its unit.
-        moving: Whether it is about the velocity, else about the place.
-    """
-
-    name: str
-    amount: float
-    unit: str
-    moving: bool
-
-
-class Place(NamedTuple):
-    """What a goal asks of a final configuration.
-
-    Attributes:
-        value: Positions in m, angles in rad, shape (k,).
-        by_q: Derivative with respect to q, shape (k, n).
-        lower: Lower bounds of the values, shape (k,); they do not depend on q.
-        upper: Upper bounds, shape (k,); equal to the lower ones for equations.
-        labels: What the values are, k of them.
-    """
-
-    value: Array
-    by_q: Array
-    lower: Array
-    upper: Array
-    labels: tuple[Label, ...]
-
-    @classmethod
-    def within(cls, value: Array, by_q: Array, radius: float, label: Label) -> Place:
-        """A vector that is to be no longer than a radius.
-
-        Beside its length, which cuts off the corners, the components have bounds too:
-        from afar a linear program needs all of them to see which way to go. The length
-        is rounded off about zero, where it has no derivative, so that near the radius
-        one unit more of it counts as one.
-
-        Args:
-            value: The vector, shape (k,).
-            by_q: Derivative, shape (k, n).
-            radius: Its largest length; zero for an equation.
-            label: What the vector is.
-        """
-        box = np.full(value.size, radius)
-        labels = (label,) * value.size
-        if radius == 0.0:
-            return cls(value, by_q, box, box, labels)
-        length = float(np.sqrt(2.0 * (value @ value + radius**2)))
-        return cls(
-            np.append(value, length),
-            np.vstack([by_q, 2.0 * value @ by_q / length]),
-            np.append(-box, -np.inf),
-            np.append(box, 2.0 * radius),
-            (*labels, label),
-        )
-
-    def kept(self, which: BoolArray) -> Place:
-        """Some of the values."""
-        return Place(
-            self.value[which],
-            self.by_q[which],
-            self.lower[which],
-            self.upper[which],
-            tuple(self.labels[i] for i in np.flatnonzero(which)),
-        )
-
-    def joined(self, other: Place) -> Place:
-        """These values and others."""
-        return Place(
-            np.concatenate([self.value, other.value]),
-            np.vstack([self.by_q, other.by_q]),
-            np.concatenate([self.lower, other.lower]),
-            np.concatenate([self.upper, other.upper]),
-            self.labels + other.labels,
-        )
-
-
 class Goal(ABC):
-    """What must hold at the end of a motion."""
+    """What must hold at the end of a motion: a place to end at, and how to end there.
+
+    The arm ends at rest unless a subclass says otherwise.
+    """
 
     @abstractmethod
     def validate(self, robot: Robot) -> None:
@@ -137,17 +31,54 @@ class Goal(ABC):
         """
 
     @abstractmethod
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """What is asked of a configuration of shape (n,), with bounds."""
+
+    # -- what a final state lacks ------------------------------------------------------
+
+    def place_residual(
+        self, kinematics: RobotKinematics, q: Array
+    ) -> tuple[Array, Array]:
+        """How far a configuration is from the goal, and the Jacobian of that.
+
+        Args:
+            kinematics: Of the robot.
+            q: Configuration, shape (n,) [rad or m].
+
+        Returns:
+            Excess beyond the bounds, zero where the goal is reached, and its Jacobian,
+            shapes (k,) and (k, n).
+        """
+        place = self.place(kinematics, q)
+        excess = place.value - np.clip(place.value, place.lower, place.upper)
+        outside = (excess != 0.0) | (place.lower == place.upper)
+        return excess, np.where(outside[:, None], place.by_q, 0.0)
+
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Evaluate the residual at a final state of shape (n,) each."""
+        place = self.place(kinematics, q)
+        speed, speed_q, speed_v = self.motion_residual(kinematics, q, v)
+        return GoalResidual(
+            np.concatenate([place.value, speed]),
+            np.vstack([place.by_q, speed_q]),
+            np.vstack([np.zeros((place.value.size, q.size)), speed_v]),
+        )
+
+    def motion_residual(
+        self, kinematics: RobotKinematics, q: Array, v: Array
+    ) -> tuple[Array, Array, Array]:
+        """Residual of the velocity and its derivatives with respect to q and v."""
+        n = v.size
+        return v - self.final_velocity(n), np.zeros((n, n)), np.eye(n)
 
     @property
-    @abstractmethod
     def fixes_velocity(self) -> bool:
         """Whether the final joint velocity is known beforehand."""
+        return True
 
-    @abstractmethod
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity if it is known beforehand, else zero, shape (n,)."""
+        return np.zeros(n)
 
     def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
         """Bounds within which the residual is where the goal is reached.
@@ -159,9 +90,13 @@ class Goal(ABC):
             Lower and upper bounds, shape (k,) each; zero but for goals with a
             tolerance.
         """
-        zero = np.zeros(kinematics.robot.n)
-        value = self.residual(kinematics, zero, zero).value
-        return np.zeros(value.size), np.zeros(value.size)
+        n = kinematics.robot.n
+        place = self.place(kinematics, np.zeros(n))
+        speed = np.zeros(n if self.fixes_velocity else 3)
+        return (
+            np.concatenate([place.lower, speed]),
+            np.concatenate([place.upper, speed]),
+        )
 
     def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
         """How far the residual is outside its bounds, zero within, shape (k,)."""
@@ -186,18 +121,67 @@ class Goal(ABC):
         ]
 
     def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """What the numbers of the residual are, k of them."""
-        return (Label("the arm", "rad or m"),) * self.bounds(kinematics)[0].size
+        """What the numbers of the residual are: the place, then the velocities."""
+        place = self.place(kinematics, np.zeros(kinematics.robot.n))
+        return place.labels + self.motion_labels(kinematics)
+
+    def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
+        """What the velocities are."""
+        return joint_labels(kinematics.robot, "/s")
+
+    # -- what is known of the end beforehand -------------------------------------------
 
     @property
     def configuration(self) -> Array | None:
         """Final configuration, if it is given, shape (n,); None else."""
         return None
 
+    def with_state(self, q: Array, v: Array) -> Goal:
+        """The goal with another configuration and velocity, where it gives them."""
+        return self
+
+    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
+        """Ranges that joints end within, shape (n,) each; infinite where none is said.
+
+        Args:
+            robot: The robot.
+        """
+        return np.full(robot.n, -np.inf), np.full(robot.n, np.inf)
+
     @property
     def frame_name(self) -> str | None:
         """Name of the frame that it is about; None if it is about none."""
         return None
+
+    @property
+    def ball(self) -> Ball | None:
+        """Ball that the frame's origin ends in; None where none is all that is said."""
+        return None
+
+    def nearest_point(self) -> Array | None:
+        """Of all points where the frame may end the nearest to the world's origin.
+
+        None if it may end anywhere.
+        """
+        return None if self.ball is None else self.ball.nearest_point()
+
+    def distances(self, points: Array) -> Array | None:
+        """Distances of points, shape (m, 3), from where the frame may end, shape (m,).
+
+        None if it may end anywhere; negative inside at times.
+        """
+        if self.ball is None:
+            return None
+        apart = np.linalg.norm(points - self.ball.centre, axis=1)
+        return np.asarray(apart - self.ball.radius)
+
+    def angle_to_go(self, rotation: Array) -> float:
+        """Least angle by which the frame has to turn from an orientation [rad].
+
+        Args:
+            rotation: Of the frame in the world, shape (3, 3).
+        """
+        return 0.0
 
     @property
     def target(self) -> pin.SE3 | Array | None:
@@ -210,6 +194,8 @@ class Goal(ABC):
         velocity = getattr(self, "v", None)
         return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
 
+    # -- goals of goals ----------------------------------------------------------------
+
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The one of several goals that a final state misses by least; this one."""
         return self
@@ -219,87 +205,25 @@ class Goal(ABC):
         """Goals of which any will do; only this one unless it is a set of them."""
         return (self,)
 
+    @property
+    def members(self) -> tuple[Goal, ...]:
+        """Goals that are all to be met; only this one unless it is a set of them."""
+        return (self,)
 
-class PlaceGoal(Goal):
-    """Goal on where the arm ends; inverse kinematics finds a final configuration.
-
-    The arm ends at rest unless a subclass says otherwise.
-    """
-
-    @abstractmethod
-    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """What is asked of a configuration of shape (n,), with bounds."""
-
-    def place_residual(
-        self, kinematics: RobotKinematics, q: Array
-    ) -> tuple[Array, Array]:
-        """How far a configuration is from the goal, and the Jacobian of that.
+    def prefixed(self, prefix: str, robot: Robot) -> Goal:
+        """The goal in the names that joints and frames have beside other robots.
 
         Args:
-            kinematics: Of the robot.
-            q: Configuration, shape (n,) [rad or m].
+            prefix: What stands before their own names: "left/".
+            robot: The robot that the goal is for.
 
-        Returns:
-            Excess beyond the bounds, zero where the goal is reached, and its Jacobian,
-            shapes (k,) and (k, n).
+        Raises:
+            ProblemError: If it cannot be met beside the goals of other robots.
         """
-        place = self.place(kinematics, q)
-        excess = place.value - np.clip(place.value, place.lower, place.upper)
-        outside = (excess != 0.0) | (place.lower == place.upper)
-        return excess, np.where(outside[:, None], place.by_q, 0.0)
-
-    def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
-        """Residual of place and velocity."""
-        place = self.place(kinematics, q)
-        speed, speed_q, speed_v = self.motion_residual(kinematics, q, v)
-        return GoalResidual(
-            np.concatenate([place.value, speed]),
-            np.vstack([place.by_q, speed_q]),
-            np.vstack([np.zeros((place.value.size, q.size)), speed_v]),
+        raise ProblemError(
+            f"goal is a {type(self).__name__}, expected a goal on joints or frames",
+            "goal",
         )
-
-    def motion_residual(
-        self, kinematics: RobotKinematics, q: Array, v: Array
-    ) -> tuple[Array, Array, Array]:
-        """Residual of the velocity and its derivatives with respect to q and v."""
-        return v, np.zeros((v.size, v.size)), np.eye(v.size)
-
-    @property
-    def fixes_velocity(self) -> bool:
-        """The arm ends at rest."""
-        return True
-
-    def final_velocity(self, n: int) -> Array:
-        """Zero, shape (n,)."""
-        return np.zeros(n)
-
-    def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
-        """Bounds of place and velocity; the latter are zero."""
-        n = kinematics.robot.n
-        place = self.place(kinematics, np.zeros(n))
-        speed = np.zeros(n if self.fixes_velocity else 3)
-        return (
-            np.concatenate([place.lower, speed]),
-            np.concatenate([place.upper, speed]),
-        )
-
-    def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """What the values of the place and the velocities are."""
-        place = self.place(kinematics, np.zeros(kinematics.robot.n))
-        return place.labels + self.motion_labels(kinematics)
-
-    def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """What the velocities are."""
-        return joint_labels(kinematics.robot, "/s")
-
-
-def joint_labels(robot: Robot, per: str = "") -> tuple[Label, ...]:
-    """Labels of values of all joints, which may be rates: per "/s"."""
-    slides = prismatic_joints(robot)
-    return tuple(
-        Label(f"joint {name}", ("m" if slide else "rad") + per)
-        for name, slide in zip(robot.joint_names, slides.tolist(), strict=True)
-    )
 
 
 def goal_vector(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,9 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals.base import Label, Place, PlaceGoal, goal_tolerance, goal_vector
+from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
 from tominpmp.goals.direction import deviation
+from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation
@@ -23,7 +23,7 @@ COORDINATES = "three coordinates [m]"
 ROUNDING = 1e-15
 
 
-class FrameGoal(PlaceGoal):
+class FrameGoal(Goal):
     """Goal on a frame; what its placement has to be is left to the subclasses.
 
     Attributes:
@@ -66,9 +66,9 @@ class FrameGoal(PlaceGoal):
         """The frame."""
         return self.frame
 
-    @abstractmethod
-    def nearest_point(self) -> Array | None:
-        """The nearest to the origin of all points allowed; None if all points are."""
+    def prefixed(self, prefix: str, robot: Robot) -> Goal:
+        """The goal with the frame's name beside other robots."""
+        return replace(self, frame=prefix + self.frame)  # type: ignore[type-var]
 
     def motion_residual(
         self, kinematics: RobotKinematics, q: Array, v: Array
@@ -124,9 +124,10 @@ class PositionGoal(Record, FrameGoal):
         """The point."""
         return self.position
 
-    def nearest_point(self) -> Array:
-        """The point, or a nearer one within the tolerance."""
-        return shortened(self.position, self.tolerance)
+    @property
+    def ball(self) -> Ball:
+        """The point and what is near it."""
+        return Ball(self.position, self.tolerance)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference of the positions [m]."""
@@ -168,9 +169,15 @@ class PoseGoal(Record, FrameGoal):
         """The pose."""
         return self.pose
 
-    def nearest_point(self) -> Array:
-        """Where the pose is, or a nearer point within the tolerance."""
-        return shortened(np.array(self.pose.translation), self.tolerance)
+    @property
+    def ball(self) -> Ball:
+        """Where the pose is, and what is near it."""
+        return Ball(np.array(self.pose.translation), self.tolerance)
+
+    def angle_to_go(self, rotation: Array) -> float:
+        """Angle to the pose, less its tolerance [rad]."""
+        turn = np.linalg.norm(pin.log3(rotation.T @ self.pose.rotation))
+        return float(turn) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Twist from the goal to the frame, in the frame; parted if it has a range."""
@@ -241,11 +248,15 @@ class AxisGoal(Record, FrameGoal):
         self._check_velocity()
         self._check_tolerances()
 
-    def nearest_point(self) -> Array | None:
-        """The position, or a nearer point within the tolerance."""
-        if self.position is None:
-            return None
-        return shortened(self.position, self.tolerance)
+    @property
+    def ball(self) -> Ball | None:
+        """The position and what is near it."""
+        return None if self.position is None else Ball(self.position, self.tolerance)
+
+    def angle_to_go(self, rotation: Array) -> float:
+        """Angle between axis and direction, less its tolerance [rad]."""
+        cosine = float(self.direction @ rotation @ self.axis)
+        return math.acos(min(max(cosine, -1.0), 1.0)) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Deviation of the axis [rad], two numbers, then that of the origin [m]."""
@@ -262,14 +273,6 @@ class AxisGoal(Record, FrameGoal):
         return found.joined(
             Place.within(offset, jacobian[:3], self.tolerance, self.label("m"))
         )
-
-
-def shortened(point: Array, length: float) -> Array:
-    """A point moved towards the origin by a length, at most to it."""
-    distance = math.hypot(*point)  # does not overflow
-    if distance <= length:
-        return np.zeros(3)
-    return np.asarray(point * (1.0 - length / distance))
 
 
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, is_single
+from tominpmp.arrays import Array, IntArray, Record, is_single
 from tominpmp.exceptions import JointNotFound, ProblemError, brief
-from tominpmp.goals.base import (
-    Goal,
-    GoalResidual,
-    Label,
-    Place,
-    PlaceGoal,
-    goal_tolerance,
-    goal_vector,
-    joint_labels,
-)
+from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
+from tominpmp.goals.place import Place, joint_labels
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -54,25 +46,24 @@ class JointGoal(Record, Goal):
             if value is not None:
                 _check_length(name, value, robot.joint_names)
 
-    def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
-        """Difference of positions and velocities to the goal, shape (2n,)."""
-        n = q.size
-        eye, zero = np.eye(n), np.zeros((n, n))
-        return GoalResidual(
-            np.concatenate([q - self.q, v - self.final_velocity(n)]),
-            np.vstack([eye, zero]),
-            np.vstack([zero, eye]),
-        )
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Difference of the positions [rad or m]."""
+        zero = np.zeros(q.size)
+        labels = joint_labels(kinematics.robot)
+        return Place(q - self.q, np.eye(q.size), zero, zero, labels)
 
-    def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """Positions, then velocities, of the joints."""
-        robot = kinematics.robot
-        return joint_labels(robot) + joint_labels(robot, "/s")
+    def with_state(self, q: Array, v: Array) -> JointGoal:
+        """A goal at another configuration and velocity."""
+        same = np.array_equal(v, self.final_velocity(v.size))
+        return replace(self, q=q, v=self.v if same else v)
 
-    @property
-    def fixes_velocity(self) -> bool:
-        """The final joint velocity is given."""
-        return True
+    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
+        """The configuration itself."""
+        return self.q, self.q
+
+    def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
+        """The configuration as positions of some joints, those of one robot."""
+        return JointRegionGoal(self.q).prefixed(prefix, robot)
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity, shape (n,)."""
@@ -80,7 +71,7 @@ class JointGoal(Record, Goal):
 
 
 @dataclass(frozen=True, eq=False)
-class JointRegionGoal(Record, PlaceGoal):
+class JointRegionGoal(Record, Goal):
     """Bring some joints, or all, into ranges; the others end wherever is fastest.
 
     MoveIt's joint constraints say this: a position and a tolerance for each of some
@@ -156,8 +147,17 @@ class JointRegionGoal(Record, PlaceGoal):
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference to the positions asked for [rad or m]."""
-        robot = kinematics.robot
-        rows = np.arange(q.size)
+        rows, target, room = self._asked(kinematics.robot)
+        every = joint_labels(kinematics.robot)
+        labels = tuple(every[i] for i in rows)
+        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
+
+    def _asked(self, robot: Robot) -> tuple[IntArray, Array, Array]:
+        """Indices of the joints, their positions, and the largest distance from these.
+
+        What is asked for beyond a limit is asked for at the limit.
+        """
+        rows = np.arange(robot.n)
         if self.joints is not None:
             rows = np.array([robot.joint_names.index(name) for name in self.joints])
         limits = robot.limits
@@ -165,11 +165,19 @@ class JointRegionGoal(Record, PlaceGoal):
             self.q, limits.position_lower[rows], limits.position_upper[rows]
         )
         room = np.broadcast_to(self.tolerance, rows.shape)
-        # What is asked for beyond a limit is asked for at the limit.
-        room = np.maximum(room - np.abs(target - self.q), 0.0)
-        every = joint_labels(robot)
-        labels = tuple(every[i] for i in rows)
-        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
+        return rows, target, np.maximum(room - np.abs(target - self.q), 0.0)
+
+    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
+        """The ranges of the joints that are named."""
+        rows, target, room = self._asked(robot)
+        lower, upper = super().joint_ranges(robot)
+        lower[rows], upper[rows] = target - room, target + room
+        return lower, upper
+
+    def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
+        """The ranges for joints as they are named beside other robots."""
+        named = robot.joint_names if self.joints is None else self.joints
+        return replace(self, joints=[prefix + joint for joint in named])
 
 
 def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:

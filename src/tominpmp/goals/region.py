@@ -10,13 +10,14 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, frozen_array, is_single
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals.base import Place, goal_vector
+from tominpmp.goals.base import goal_vector
 from tominpmp.goals.frames import (
     FrameGoal,
     checked_pose,
     pose_values,
     rotation_vector,
 )
+from tominpmp.goals.place import Place
 from tominpmp.kinematics import RobotKinematics
 
 EDGES = "three coordinates [m]"
@@ -106,6 +107,13 @@ class RegionGoal(Record, FrameGoal):
         pose = pin.SE3.Identity() if self.pose is None else self.pose
         origin = np.asarray(pose.actInv(np.zeros(3)))
         return np.asarray(pose.act(np.clip(origin, self.lower, self.upper)))
+
+    def distances(self, points: Array) -> Array:
+        """Distances of points from the box, shape (m, 3) to (m,) [m]."""
+        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        local = (points - pose.translation) @ pose.rotation
+        out = local - np.clip(local, self.lower, self.upper)
+        return np.asarray(np.linalg.norm(out, axis=1))
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Position in the axes of the box [m], and rotation vector [rad]."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import Goal, GoalResidual, Miss, Place, PlaceGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.place import GoalResidual, Miss, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -78,6 +79,14 @@ class AnyGoal(Record, Goal):
         ]
         return self.goals[int(np.argmin(missed))]
 
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """What the goal that a configuration misses by least asks of it."""
+        missed = [
+            float(np.max(np.abs(goal.place_residual(kinematics, q)[0]), initial=0.0))
+            for goal in self.goals
+        ]
+        return self.goals[int(np.argmin(missed))].place(kinematics, q)
+
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Excess over the bounds of the nearest goal; its length depends on which."""
         goal = self.nearest(kinematics, q, v)
@@ -108,7 +117,7 @@ class AnyGoal(Record, Goal):
 
 
 @dataclass(frozen=True, eq=False)
-class AllGoals(Record, PlaceGoal):
+class AllGoals(Record, Goal):
     """Goals that are all to be met, at rest: one for each of several arms, say.
 
     Attributes:
@@ -124,7 +133,7 @@ class AllGoals(Record, PlaceGoal):
         for item in _members(self.goals):
             found += item.goals if isinstance(item, AllGoals) else [item]
         for item in found:
-            if not isinstance(item, PlaceGoal):
+            if item.configuration is not None or isinstance(item, AnyGoal):
                 raise ProblemError(
                     f"goal.goals holds a {type(item).__name__}, expected goals on "
                     "frames or on some joints (JointRegionGoal)",
@@ -138,9 +147,9 @@ class AllGoals(Record, PlaceGoal):
         object.__setattr__(self, "goals", tuple(found))
 
     @property
-    def members(self) -> tuple[PlaceGoal, ...]:
+    def members(self) -> tuple[Goal, ...]:
         """The goals."""
-        return tuple(item for item in self.goals if isinstance(item, PlaceGoal))
+        return tuple(self.goals)
 
     def validate(self, robot: Robot) -> None:
         """Check each goal."""
@@ -153,3 +162,13 @@ class AllGoals(Record, PlaceGoal):
         for other in others:
             first = first.joined(other)
         return first
+
+    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
+        """What the ranges of all goals have in common."""
+        ranges = [goal.joint_ranges(robot) for goal in self.members]
+        lower, upper = (np.stack(part) for part in zip(*ranges, strict=True))
+        return np.max(lower, axis=0), np.min(upper, axis=0)
+
+    def prefixed(self, prefix: str, robot: Robot) -> AllGoals:
+        """The goals in the names that their parts have beside other robots."""
+        return AllGoals([goal.prefixed(prefix, robot) for goal in self.members])

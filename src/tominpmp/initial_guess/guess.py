@@ -10,7 +10,6 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.dynamics import directions
-from tominpmp.goals import PlaceGoal
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.initial_guess.pace import stretch
 from tominpmp.initial_guess.path import RoundedPath
@@ -218,12 +217,10 @@ def _guesses(
 ) -> Iterator[Guess]:
     problem = system.problem
     final = problem.goal.configuration
-    if final is not None:
-        ends = [final]
-    elif isinstance(problem.goal, PlaceGoal):
+    if final is None:
         ends, _ = goal_configurations(system, problem.goal, KINEMATIC_STARTS, rng)
     else:
-        ends = []
+        ends = [final]
     if not ends:
         return
     ends = ends[:STRAIGHT_LINES]
@@ -232,13 +229,12 @@ def _guesses(
     straight = [straight[i] for i in order]
     ends = [ends[i] for i in order]
     rest = resting_guess(system, duration or straight[0].duration)
-    on_frame = isinstance(problem.goal, PlaceGoal)
     if system.alone:
         # The paper's kind of start, which satisfies nothing: the linear programs choose
         # the final configuration themselves. It is mostly the best one to begin with.
-        yield from [rest, *straight] if on_frame else straight
+        yield from [rest, *straight] if final is None else straight
     else:
-        yield from [straight[0], rest] if on_frame else straight
+        yield from [straight[0], rest] if final is None else straight
     if system.clearance is not None:
         line = np.stack([problem.q_start, ends[0]])
         clear = is_free_line(system, *line)

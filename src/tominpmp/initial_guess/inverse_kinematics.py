@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.goals import PlaceGoal
+from tominpmp.goals import Goal
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.stopping import check
@@ -41,7 +41,7 @@ class GoalSearch(NamedTuple):
 
 
 def solve_inverse_kinematics(
-    system: System, goal: PlaceGoal, q: Array
+    system: System, goal: Goal, q: Array
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
 
@@ -93,7 +93,7 @@ def solve_inverse_kinematics(
 
 
 def find_configurations(
-    system: System, goal: PlaceGoal, count: int, rng: np.random.Generator
+    system: System, goal: Goal, count: int, rng: np.random.Generator
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from many starts.
 
@@ -132,7 +132,7 @@ def find_configurations(
 
 
 def goal_configurations(
-    system: System, goal: PlaceGoal, count: int, rng: np.random.Generator
+    system: System, goal: Goal, count: int, rng: np.random.Generator
 ) -> tuple[list[Array], float]:
     """As :func:`find_configurations`, those in collision only if there are no others.
 

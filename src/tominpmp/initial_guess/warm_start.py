@@ -266,8 +266,8 @@ def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
     entry = _entry(plain, problem.q_start, system.v_start, system.step_scale)
     T = trajectory.duration - entry
     first, last = plain(entry), plain(trajectory.duration)
-    goal, v_goal = system.joint_goal, system.final_velocity
-    q_end = last.q if goal is None else goal.q
+    goal, v_goal = system.final_configuration, system.final_velocity
+    q_end = last.q if goal is None else goal
     v_end = last.v if v_goal is None else v_goal
     p0, p1 = problem.q_start - first.q, q_end - last.q
     s0, s1 = T * (system.v_start - first.v), T * (v_end - last.v)

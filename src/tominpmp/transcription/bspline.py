@@ -153,7 +153,7 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
     @property
     def goal_scale(self) -> Array | None:
         """None for a configuration that is built in."""
-        built_in = self.system.joint_goal is not None and self._fixed_end
+        built_in = self.system.final_configuration is not None and self._fixed_end
         return None if built_in else super().goal_scale
 
     def motion(self, z: Array) -> BSplineMotion:

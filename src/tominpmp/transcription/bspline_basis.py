@@ -85,7 +85,7 @@ class Elimination:
     def of(cls, system: System, basis: Basis) -> Elimination:
         """Elimination for the end states of a problem."""
         n, M, t, p = system.n, basis.count, basis.knots, basis.degree
-        limits, goal = system.problem.motion_limits, system.joint_goal
+        limits, goal = system.problem.motion_limits, system.final_configuration
         known = 3 if limits is not None and limits.continuous else 2
         v_end = system.final_velocity
         last = known if v_end is not None else int(goal is not None)
@@ -102,7 +102,7 @@ class Elimination:
         if last:
             column[M - last :] = -1 if goal is not None else free - 1
             if goal is not None:
-                base[M - last :] = goal.q
+                base[M - last :] = goal
             if v_end is not None:
                 back = _reach((t[-1] - t)[::-1], p, last)
                 slope[M - last :] = -np.outer(back, v_end)[::-1]

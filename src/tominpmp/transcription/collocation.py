@@ -105,8 +105,8 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         low = np.concatenate([limits.position_lower, -limits.velocity])
         x = np.clip(x, low, high)
         x[0] = np.concatenate([system.problem.q_start, system.v_start])
-        if system.joint_goal is not None:
-            x[-1, :n] = system.joint_goal.q
+        if system.final_configuration is not None:
+            x[-1, :n] = system.final_configuration
         if system.final_velocity is not None:
             x[-1, n:] = system.final_velocity
         return np.concatenate([x.ravel(), torque_shares(system, u).ravel(), eta])
@@ -128,8 +128,8 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         problem, h = system.problem, lengths[:, None]
         q = q.copy()
         q[0] = problem.q_start
-        if system.joint_goal is not None:
-            q[-1] = system.joint_goal.q
+        if system.final_configuration is not None:
+            q[-1] = system.final_configuration
         slope = np.diff(q, axis=0) / h
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
         end = system.final_velocity
@@ -162,7 +162,7 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         lower = np.maximum(-box, np.minimum(low - x, 0.0))
         upper = np.minimum(box, np.maximum(high - x, 0.0))
         lower[0] = upper[0] = 0.0
-        if system.joint_goal is not None:
+        if system.final_configuration is not None:
             lower[-1, :n] = upper[-1, :n] = 0.0
         if system.final_velocity is not None:
             lower[-1, n:] = upper[-1, n:] = 0.0
@@ -205,7 +205,9 @@ class CollocationTranscription(Transcription[LiftedMotion]):
     @property
     def goal_scale(self) -> Array | None:
         """None for a configuration, which is a bound."""
-        return None if self.system.joint_goal is not None else super().goal_scale
+        return (
+            None if self.system.final_configuration is not None else super().goal_scale
+        )
 
     def motion(self, z: Array) -> LiftedMotion:
         """States and torques of an iterate."""

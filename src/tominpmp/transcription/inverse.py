@@ -168,7 +168,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
         upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
         lower[0] = upper[0] = 0.0
-        if system.joint_goal is not None:
+        if system.final_configuration is not None:
             lower[-1] = upper[-1] = 0.0
         v_box = np.zeros(n)
         v_end = z[N * n : N * n + n]
@@ -188,7 +188,9 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
     @property
     def goal_scale(self) -> Array | None:
         """None for a configuration, which is a bound."""
-        return None if self.system.joint_goal is not None else super().goal_scale
+        return (
+            None if self.system.final_configuration is not None else super().goal_scale
+        )
 
     def instants(self, order: int, field: str) -> Instants:
         """Both ends of every interval for what jumps; else their middles and ends."""

@@ -22,7 +22,6 @@ from tominpmp.constraints import (
     VelocityLimit,
 )
 from tominpmp.dynamics import Dynamics, RobotDynamics
-from tominpmp.goals import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
@@ -216,10 +215,9 @@ class System:
         return self.problem.robot.n
 
     @property
-    def joint_goal(self) -> JointGoal | None:
-        """The goal, if it is a configuration."""
-        goal = self.problem.goal
-        return goal if isinstance(goal, JointGoal) else None
+    def final_configuration(self) -> Array | None:
+        """The goal, if it is a configuration, shape (n,)."""
+        return self.problem.goal.configuration
 
     @cached_property
     def goal_bounds(self) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ from typing import Protocol
 import numpy as np
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import FrameGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
@@ -158,10 +157,10 @@ def _clause(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
 def _of_goal(problem: Problem, item: Excess) -> str:
     """A goal out of reach, or one that was not come nearer to."""
     goal = problem.goal
-    if isinstance(goal, FrameGoal):
-        point = goal.nearest_point()
-        reach = RobotKinematics(problem.robot).reach(goal.frame)
-        if point is not None and np.linalg.norm(point) > reach:
+    point = goal.nearest_point()
+    if point is not None:
+        reach = RobotKinematics(problem.robot).reach(goal.frame_name)
+        if np.linalg.norm(point) > reach:
             beyond = float(np.linalg.norm(point)) - reach
             return f"goal outside reach by {beyond:.3g} m"
     return f"{item.name} comes no nearer to its goal than {item.amount:.3g} {item.unit}"

@@ -1,0 +1,75 @@
+"""A new kind of goal is one class: planning, bounds and verification take it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.arrays import Array, Record
+from tominpmp.goals import Goal, Label, Place
+from tominpmp.kinematics import RobotKinematics
+
+Q_START = np.array([0.3, 0.5, -0.4])
+
+
+@dataclass(frozen=True, eq=False)
+class HeightGoal(Record, Goal):
+    """Bring a frame to a height, wherever it is else.
+
+    Attributes:
+        frame: Name of the frame.
+        height: Along the y axis, in which a planar arm hangs [m].
+    """
+
+    frame: str
+    height: float
+
+    def validate(self, robot: tm.Robot) -> None:
+        """Check that the frame exists."""
+        robot.frame_id(self.frame)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Height above the one asked for [m]."""
+        value = kinematics.placement(q, self.frame).translation[1:2] - self.height
+        by_q = kinematics.jacobian(q, self.frame)[1:2]
+        zero = np.zeros(1)
+        return Place(value, by_q, zero, zero, (Label(f"frame {self.frame}", "m"),))
+
+    @property
+    def frame_name(self) -> str:
+        """The frame."""
+        return self.frame
+
+    def distances(self, points: Array) -> Array:
+        """Distances of points from the plane, shape (m, 3) to (m,)."""
+        return np.abs(points[:, 1] - self.height)
+
+
+@pytest.mark.parametrize("method", ["inverse", "collocation", "adjoint"])
+@pytest.mark.parametrize("control", ["constant", "linear"])
+def test_a_goal_made_elsewhere_is_planned_for(
+    planar3r: tm.Robot, method: str, control: str
+) -> None:
+    if control == "linear" and method != "inverse":
+        pytest.skip("linear accelerations belong to the inverse method")
+    problem = tm.Problem(planar3r, Q_START, HeightGoal("tip", 1.5))
+    solution = tm.plan(problem, method=method, control=control, intervals=20)
+    assert solution.success, solution.message
+    assert solution.trajectory is not None
+    end = RobotKinematics(planar3r).placement(solution.trajectory.q[-1], "tip")
+    assert end.translation[1] == pytest.approx(1.5, abs=1e-5)
+    assert 0.0 < tm.lower_bound(problem).T <= solution.T
+
+
+def test_a_goal_made_elsewhere_is_explained_and_combined(planar3r: tm.Robot) -> None:
+    high = tm.Problem(planar3r, Q_START, HeightGoal("tip", 50.0))
+    with pytest.raises(tm.ProblemError, match="brings frame 'tip' there"):
+        tm.plan(high, intervals=10)
+    cell = tm.Workcell(
+        {"a": (planar3r, (0.0, 0.0, 0.0)), "b": (planar3r, (9.0, 0.0, 0.0))}
+    )
+    with pytest.raises(tm.ProblemError, match="a: goal is a HeightGoal"):
+        cell.goal({"a": HeightGoal("tip", 1.5), "b": None})
