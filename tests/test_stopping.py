@@ -15,7 +15,7 @@ import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs import LinearProgram, make_solver
 from tominpmp.planner import direct_solve as guessed
-from tominpmp.solvers.quiet import QuietSolver
+from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.stopping import Stop, Stopper
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
@@ -112,13 +112,13 @@ def test_interrupted_in_a_later_stage(monkeypatch, stage):
 
 
 def test_interrupted_while_torques_are_made_quiet(monkeypatch):
-    usual = QuietSolver.step
+    usual = TorqueVariationSolver.step
 
     def pressed(self, *arguments):
         press()
         return usual(self, *arguments)
 
-    monkeypatch.setattr(QuietSolver, "step", pressed)
+    monkeypatch.setattr(TorqueVariationSolver, "step", pressed)
     solution = tm.plan(reach(), tm.Options(slack=0.02))
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok

@@ -16,8 +16,8 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution, roughness
-from tominpmp.solvers.quiet import QuietSolver
 from tominpmp.solvers.rounds import ROUNDS
+from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.trajectory import Trajectory
@@ -167,7 +167,7 @@ def _quieter(
     best: Array | None = None
     for _ in range(ROUNDS):
         times = program.transcription.sequence_times(z)
-        solver = QuietSolver(program, options, times, over)
+        solver = TorqueVariationSolver(program, options, times, over)
         best = solver.run(z)
         if best is None or over():
             break

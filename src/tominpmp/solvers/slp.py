@@ -36,7 +36,7 @@ WARM_RADIUS = 0.1
 RESTORABLE = 1e-2
 RESTORATIONS = 8
 # Where any motion will do: how much slower one may be made.
-SLOWER = (1.0, 1.02, 1.05, 1.1, 1.2)
+TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
 # can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
 FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
@@ -55,8 +55,8 @@ EXACT = 1e-10
 CONTRACTION = 0.5
 # Share of the violation that the error of a step may have once the duration has
 # settled, and the radius that is left at least.
-CALM = 0.05
-LEAST_CALM = 0.01
+SETTLED_ERROR = 0.05
+SETTLED_RADIUS = 0.01
 # Shorter motions are settled to a share of this: an arm that is at its goal already
 # would get there sooner and sooner [s].
 SHORTEST = 0.01
@@ -115,13 +115,13 @@ class SlpSolver:
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
             iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
         former = len(history)
-        best = self.slowed(iterate)
+        best = self.time_scaled(iterate)
         status = None if best is None else Status.FEASIBLE
         try:
             while status is None:
                 effort = Effort()
                 iterate, outcome = self.step(iterate, effort)
-                best = self.slowed(iterate) or self.better(best, iterate)
+                best = self.time_scaled(iterate) or self.better(best, iterate)
                 self.keep(self.nlp, best or iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
@@ -131,13 +131,13 @@ class SlpSolver:
                     status = Status.FEASIBLE
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
-                last = self.better(best, self.restored(iterate))
+                last = self.better(best, self.feasibility_restored(iterate))
                 self.keep(self.nlp, last or iterate)
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
             return SlpResult(status, best, best, tuple(history))
-        iterate = self.restored(iterate)
+        iterate = self.feasibility_restored(iterate)
         best = self.better(best, iterate)
         if status is Status.CONVERGED and best is None:
             status = Status.INFEASIBLE
@@ -158,10 +158,10 @@ class SlpSolver:
         radius = self.options.trust_region * iterate.region.radius
         steps = nlp.step_bounds(z, radius)
         variation = nlp.variation(z) if self.smoothing > 0.0 else None
-        pressed = iterate.values
+        selecting = iterate.values
         for attempt in range(1 + ADDITIONS):
             check()
-            linearization = nlp.linearize(z, pressed, steps)
+            linearization = nlp.linearize(z, selecting, steps)
             program = build_subproblem(
                 merit, iterate.values, linearization, steps, variation, z
             )
@@ -178,13 +178,15 @@ class SlpSolver:
             broken[linearization.rows] = False
             if attempt == ADDITIONS or not np.any(broken):
                 break
-            pressed = np.where(broken, reached, pressed)
+            selecting = np.where(broken, reached, selecting)
         outcome = self.search(iterate, program, solution, variation, effort)
         multipliers = program.multipliers(solution)
         promised = self.promised(iterate, program, program.step(solution))
         merit = merit.raised(multipliers, iterate.values, promised)
         region = iterate.region.after(outcome.ratio, outcome.trial.damping)
-        region = self.calmed(region, iterate, outcome.trial, program.step(solution))
+        region = self.shrunk_near_feasible(
+            region, iterate, outcome.trial, program.step(solution)
+        )
         if outcome.accepted:
             iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
         iterate = replace(
@@ -200,7 +202,7 @@ class SlpSolver:
             iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
         return iterate, outcome
 
-    def calmed(
+    def shrunk_near_feasible(
         self, region: TrustRegion, iterate: Iterate, trial: Trial, step: Array
     ) -> TrustRegion:
         """Trust region for removing the last violation once the duration has settled.
@@ -215,8 +217,8 @@ class SlpSolver:
         small = max(change, abs(float(cost @ step))) <= little
         if not small or not self.options.feasibility < left <= RESTORABLE:
             return region
-        enough = math.sqrt(CALM * left) / self.options.trust_region
-        return replace(region, radius=min(region.radius, max(enough, LEAST_CALM)))
+        enough = math.sqrt(SETTLED_ERROR * left) / self.options.trust_region
+        return replace(region, radius=min(region.radius, max(enough, SETTLED_RADIUS)))
 
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""
@@ -235,7 +237,7 @@ class SlpSolver:
             and np.max(equations, initial=0.0) <= self.options.feasibility
         )
 
-    def restored(self, iterate: Iterate) -> Iterate:
+    def feasibility_restored(self, iterate: Iterate) -> Iterate:
         """Slow a motion down until it keeps the limits, where that is enough.
 
         The iteration stops when the duration has settled, which may be before the last
@@ -257,7 +259,7 @@ class SlpSolver:
                 low = factor
         return best
 
-    def slowed(self, iterate: Iterate) -> Iterate | None:
+    def time_scaled(self, iterate: Iterate) -> Iterate | None:
         """The motion as slow as it has to be to keep all constraints.
 
         None if that is no cure, or not wanted, as the fastest motion is looked for.
@@ -269,7 +271,7 @@ class SlpSolver:
         curable = rows.curable[rows.kind]
         if np.any(rows.violation(iterate.values)[~curable] > limit):
             return None
-        for factor in SLOWER:
+        for factor in TIME_SCALINGS:
             z = nlp.stretch(iterate.z, factor)
             trial = replace(iterate, z=z, values=nlp.evaluate(z))
             if trial.violation <= limit:

@@ -1,14 +1,13 @@
-r"""Second stage: the quietest torques for a given duration.
+r"""Least torque variation for a given duration: the second stage of a plan.
 
-With T fixed the torques are made as even as the constraints let them:
+With T fixed the squared differences of neighbouring torques are minimised:
 
 .. math:: \min \sum_k \frac{\bar d}{d_k} |u_{k+1} - u_k|^2
 
 over a sequence of torques u_k, in full ranges, a time d_k apart: the mean torques of
-the intervals, where torques jump between these, or those at nodes and middles. It is
-the sum of squared differences on a uniform grid, and the same for the same torques on
-any other. Torques and rows are
-linearised and the quadratic program is solved; steps are taken as in
+the intervals, where torques jump between these, or those at nodes and middles; dbar is
+the mean of the d_k, so that the sum does not depend on how the grid is spaced. Torques
+and rows are linearised and the quadratic program is solved; steps are taken as in
 :mod:`tominpmp.solvers.slp`, of which this is the counterpart.
 """
 
@@ -46,12 +45,12 @@ WINDOW = 3
 CORRECTIONS = 4
 CONTRACTION = 0.5
 LINE_SEARCH = (0.5, 0.25, 0.1, 0.03)
-# Residuals of motions without any unevenness are measured against this.
+# Residuals of motions whose torques do not vary at all are measured against this.
 LEAST_NORM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class QuietState:
+class TorqueVariationState:
     """State of the iteration.
 
     Attributes:
@@ -73,7 +72,7 @@ class QuietState:
 
 
 @dataclass(frozen=True, eq=False)
-class QuietSolver:
+class TorqueVariationSolver:
     """Sequential quadratic programming on any transcription, with T fixed.
 
     Attributes:
@@ -95,10 +94,13 @@ class QuietSolver:
             z: Where to begin; its duration is kept.
 
         Returns:
-            The quietest iterate that keeps all constraints; None if there is none.
+            The iterate of least torque variation that keeps all constraints; None if
+            there is none.
         """
         state = self.init(z)
-        norm = max(float(np.linalg.norm(self.unevenness(z, state.values))), LEAST_NORM)
+        norm = max(
+            float(np.linalg.norm(self.torque_differences(z, state.values))), LEAST_NORM
+        )
         best: tuple[float, Array] | None = None
         costs: list[float] = []
         for _ in range(self.options.max_iterations):
@@ -115,14 +117,16 @@ class QuietSolver:
                 break
         return None if best is None else best[1]
 
-    def init(self, z: Array) -> QuietState:
+    def init(self, z: Array) -> TorqueVariationState:
         """State at the start."""
         nlp = self.nlp
         weights = np.full(len(nlp.rows.kinds), FIRST_WEIGHT)
         merit = Merit(np.zeros(z.size), nlp.rows, 0.0, weights)
-        return QuietState(z, nlp.evaluate(z), merit, TrustRegion())
+        return TorqueVariationState(z, nlp.evaluate(z), merit, TrustRegion())
 
-    def step(self, state: QuietState, norm: float) -> tuple[QuietState, float]:
+    def step(
+        self, state: TorqueVariationState, norm: float
+    ) -> tuple[TorqueVariationState, float]:
         """One iteration: linearise, solve, correct, search, accept or shrink.
 
         Returns:
@@ -138,14 +142,14 @@ class QuietSolver:
         )
         linearization = nlp.linearize(z, values, bounds)
         frame = build_subproblem(state.merit, values, linearization, bounds, None, z)
-        uneven = self.linearized(z, values, linearization)
-        program, curvature = _with_squares(frame, uneven, z, norm)
+        differences = self.linearized(z, values, linearization)
+        program, curvature = _with_squares(frame, differences, z, norm)
         solution = _solve(program, curvature)
         if solution is None:
             return replace(state, region=state.region.after(0.0, 0.3)), np.inf
         merit, now = state.merit, self.merit(state, z, values, norm)
         step = frame.step(solution)
-        model = self.model(frame, uneven, state, step, norm)
+        model = self.model(frame, differences, state, step, norm)
         promised = max(now - model, 0.0)
 
         def attempt(step: Array, damping: float) -> Trial:
@@ -198,9 +202,9 @@ class QuietSolver:
             state = replace(state, z=trial.z, values=trial.values)
         return state, promised
 
-    # -- unevenness --------------------------------------------------------------------
+    # -- torque variation --------------------------------------------------------------
 
-    def unevenness(self, z: Array, values: Array) -> Array:
+    def torque_differences(self, z: Array, values: Array) -> Array:
         """Weighted differences of neighbouring torques in full ranges."""
         torques = self._of_torques
         if torques is None:
@@ -219,7 +223,7 @@ class QuietSolver:
         # All torque rows are linearised, in order.
         among = np.isin(linearization.rows, self._torque_rows)
         matrix = sp.csr_matrix(torques @ linearization.matrix[among])
-        return Variation(matrix, self.unevenness(z, values) - matrix @ z)
+        return Variation(matrix, self.torque_differences(z, values) - matrix @ z)
 
     @cached_property
     def _torque_rows(self) -> IntArray:
@@ -234,7 +238,7 @@ class QuietSolver:
 
     @cached_property
     def _of_torques(self) -> sp.csr_matrix | None:
-        """Unevenness from the torque rows; None where torques are unknowns."""
+        """Differences from the torque rows; None where torques are unknowns."""
         sequence = self.nlp.transcription.torque_sequence
         if sequence is None:
             return None
@@ -249,7 +253,7 @@ class QuietSolver:
         )
 
     def _of_jumps(self, variation: Variation) -> sp.csr_matrix:
-        """Unevenness from unknown torques."""
+        """Differences from unknown torques."""
         joints = variation.matrix.shape[0] // self._weights.size
         return sp.csr_matrix(
             sp.diags(np.repeat(self._weights, joints)) @ variation.matrix
@@ -257,9 +261,11 @@ class QuietSolver:
 
     def cost(self, z: Array, values: Array, norm: float) -> float:
         """Objective: 1/2 at the start."""
-        return 0.5 * float(np.sum(self.unevenness(z, values) ** 2)) / norm**2
+        return 0.5 * float(np.sum(self.torque_differences(z, values) ** 2)) / norm**2
 
-    def merit(self, state: QuietState, z: Array, values: Array, norm: float) -> float:
+    def merit(
+        self, state: TorqueVariationState, z: Array, values: Array, norm: float
+    ) -> float:
         """Objective and weighted violations."""
         return self.cost(z, values, norm) + state.merit.penalty(values)
 
@@ -271,26 +277,26 @@ class QuietSolver:
     def model(
         self,
         frame: Subproblem,
-        uneven: Variation,
-        state: QuietState,
+        differences: Variation,
+        state: TorqueVariationState,
         step: Array,
         norm: float,
     ) -> float:
         """Merit that the linearisation promises for a step."""
         values = state.values.copy()
         values[frame.rows] += frame.matrix @ step
-        residual = uneven.matrix @ (state.z + step) + uneven.offset
+        residual = differences.matrix @ (state.z + step) + differences.offset
         return 0.5 * float(residual @ residual) / norm**2 + state.merit.penalty(values)
 
 
 def _with_squares(
-    frame: Subproblem, uneven: Variation, z: Array, norm: float
+    frame: Subproblem, differences: Variation, z: Array, norm: float
 ) -> tuple[LinearProgram, sp.csc_matrix]:
     """Program with columns y for the residuals, whose squares are the objective."""
-    program, count = frame.program, uneven.offset.size
+    program, count = frame.program, differences.offset.size
     columns = program.cost.size
-    residual = (uneven.matrix @ z + uneven.offset) / norm
-    by_step = sp.csr_matrix(uneven.matrix[:, frame.free] / norm)
+    residual = (differences.matrix @ z + differences.offset) / norm
+    by_step = sp.csr_matrix(differences.matrix[:, frame.free] / norm)
     spare = sp.csr_matrix((count, columns - frame.free.size))
     matrix = sp.bmat(
         [[program.matrix, None], [sp.hstack([by_step, spare]), -sp.identity(count)]],
