@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pytest
 
-from tominpmp.collision import store
+from tominpmp.collision import decomposition_cache
 
 Arrays = dict[str, np.ndarray]
 
@@ -40,10 +40,10 @@ def bowl() -> Any:
 @pytest.fixture
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The cache file of the mesh."""
-    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path))
-    store._known_pieces.cache_clear()
-    assert store.pieces_of(bowl()) is not None
-    store._known_pieces.cache_clear()
+    monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(tmp_path))
+    decomposition_cache._known_pieces.cache_clear()
+    assert decomposition_cache.pieces_of(bowl()) is not None
+    decomposition_cache._known_pieces.cache_clear()
     (path,) = tmp_path.iterdir()
     return path
 
@@ -93,16 +93,18 @@ def test_wrong_pieces_are_cut_anew(
     spoil(wrong)
     if sealed:
         parts = (wrong["points"], wrong["counts"], wrong["deviation"])
-        wrong["checksum"] = np.frombuffer(store._checksum(*parts), np.uint8)
+        wrong["checksum"] = np.frombuffer(
+            decomposition_cache._checksum(*parts), np.uint8
+        )
     np.savez(kept, **wrong)
-    pieces = store.pieces_of(mesh)
+    pieces = decomposition_cache.pieces_of(mesh)
     assert "make no sense" in caplog.text
     np.testing.assert_array_equal(np.concatenate(pieces.corners), sound["points"])
     assert [pieces.outward, pieces.inward] == sound["deviation"].tolist()
     # The file is mended.
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
     caplog.clear()
-    store.pieces_of(mesh)
+    decomposition_cache.pieces_of(mesh)
     assert not caplog.text
 
 
@@ -113,7 +115,7 @@ def test_shuffled_corners_are_noticed(
         arrays = dict(data)
     arrays["points"] = arrays["points"][::-1]
     np.savez(kept, **arrays)
-    assert store.pieces_of(bowl()) is not None
+    assert decomposition_cache.pieces_of(bowl()) is not None
     assert "make no sense" in caplog.text
 
 
@@ -121,8 +123,8 @@ def test_a_cache_file_that_grows_is_not_read(
     kept: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with zipfile.ZipFile(kept, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("points.npy", bytes(2 * store.MAX_BYTES))
-    assert store.pieces_of(bowl()) is not None
+        archive.writestr("points.npy", bytes(2 * decomposition_cache.MAX_BYTES))
+    assert decomposition_cache.pieces_of(bowl()) is not None
     assert "cannot be read" in caplog.text
 
 
@@ -158,7 +160,7 @@ def test_a_full_disk_leaves_nothing(
 
             return File()
 
-        monkeypatch.setattr(store.os, "fdopen", closing)
-    assert store.pieces_of(bowl()) is not None
+        monkeypatch.setattr(decomposition_cache.os, "fdopen", closing)
+    assert decomposition_cache.pieces_of(bowl()) is not None
     assert "cannot be kept" in caplog.text
     assert not list(kept.parent.iterdir())

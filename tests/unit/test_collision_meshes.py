@@ -13,7 +13,7 @@ from robot_samples import load, one_shape
 from scipy.spatial import ConvexHull
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker, store
+from tominpmp.collision import CollisionChecker, decomposition_cache
 from tominpmp.collision.decomposition import CLOSE_HULL, MOST_PIECES, decompose
 from tominpmp.collision.shapes import triangle_mesh
 from tominpmp.exceptions import SceneError
@@ -32,9 +32,9 @@ CUBE = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of one's own, and nothing in memory."""
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
     folder = tmp_path / "cache"
-    monkeypatch.setenv(store.FOLDER_VARIABLE, str(folder))
+    monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(folder))
     return folder
 
 
@@ -103,7 +103,7 @@ def mesh_of(arm: Robot, name: str) -> coal.BVHModelBase:
 def test_pieces_of_a_real_link(rng: np.random.Generator) -> None:
     """The forearm of a UR5, whose hull is 37 mm off."""
     mesh = mesh_of(load_robot("ur5"), "forearm_link_0")
-    found = store.pieces_of(mesh)
+    found = decomposition_cache.pieces_of(mesh)
     assert found is not None
     assert 2 <= len(found.corners) <= MOST_PIECES
     assert found.outward < 0.012
@@ -179,16 +179,16 @@ def test_bounds_of_triangles(tmp_path: Path, rng: np.random.Generator) -> None:
 
 def test_pieces_are_kept(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = triangle_mesh(*angle_iron())
-    first = store.pieces_of(mesh)
+    first = decomposition_cache.pieces_of(mesh)
     (path,) = own_cache.iterdir()
     assert path.suffix == ".npz"
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
 
     def unexpected(mesh: object) -> None:
         raise AssertionError("cut again")
 
-    monkeypatch.setattr(store.decomposition, "decompose", unexpected)
-    again = store.pieces_of(triangle_mesh(*angle_iron()))
+    monkeypatch.setattr(decomposition_cache.decomposition, "decompose", unexpected)
+    again = decomposition_cache.pieces_of(triangle_mesh(*angle_iron()))
     assert first is not None
     assert again is not None
     assert len(again.corners) == len(first.corners)
@@ -196,7 +196,7 @@ def test_pieces_are_kept(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> No
         np.testing.assert_array_equal(one, other)
     assert (again.outward, again.inward) == (first.outward, first.inward)
     with pytest.raises(AssertionError, match="cut again"):
-        store.pieces_of(triangle_mesh(*angle_iron(0.31)))
+        decomposition_cache.pieces_of(triangle_mesh(*angle_iron(0.31)))
 
 
 @pytest.mark.parametrize("content", [b"", b"not a file", b"PK\x03\x04 broken"])
@@ -204,24 +204,24 @@ def test_a_broken_file_is_replaced(
     content: bytes, own_cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     mesh = triangle_mesh(*angle_iron())
-    path = own_cache / f"{store.Content(mesh).key}.npz"
+    path = own_cache / f"{decomposition_cache.Content(mesh).key}.npz"
     own_cache.mkdir()
     path.write_bytes(content)
     with caplog.at_level(logging.WARNING):
-        assert store.pieces_of(mesh) is not None
+        assert decomposition_cache.pieces_of(mesh) is not None
     assert "cannot be read" in caplog.text
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
     caplog.clear()
-    assert store.pieces_of(mesh) is not None
+    assert decomposition_cache.pieces_of(mesh) is not None
     assert not caplog.text
 
 
 def test_pieces_that_make_no_sense(own_cache: Path) -> None:
     mesh = triangle_mesh(*angle_iron())
     own_cache.mkdir()
-    path = own_cache / f"{store.Content(mesh).key}.npz"
+    path = own_cache / f"{decomposition_cache.Content(mesh).key}.npz"
     np.savez(path, points=np.full((4, 3), np.nan), counts=[4], deviation=[0.0, 0.0])
-    found = store.pieces_of(mesh)
+    found = decomposition_cache.pieces_of(mesh)
     assert found is not None
     assert all(np.all(np.isfinite(corners)) for corners in found.corners)
 
@@ -232,19 +232,19 @@ def test_a_folder_that_cannot_be_written(
     own_cache.write_text("in the way", encoding="utf-8")
     mesh = triangle_mesh(*angle_iron())
     with caplog.at_level(logging.WARNING):
-        first = store.pieces_of(mesh)
+        first = decomposition_cache.pieces_of(mesh)
     assert first is not None
     assert "cannot be kept" in caplog.text
-    assert store.pieces_of(mesh) is first  # at least in memory
+    assert decomposition_cache.pieces_of(mesh) is first  # at least in memory
 
 
 def test_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert store.cache_folder() == tmp_path / "cache"
-    monkeypatch.delenv(store.FOLDER_VARIABLE)
+    assert decomposition_cache.cache_folder() == tmp_path / "cache"
+    monkeypatch.delenv(decomposition_cache.FOLDER_VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert store.cache_folder().name in ("tominpmp", "cache")
+    assert decomposition_cache.cache_folder().name in ("tominpmp", "cache")
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert store.cache_folder().is_absolute()
+    assert decomposition_cache.cache_folder().is_absolute()
 
 
 # Mesh obstacles

@@ -18,7 +18,7 @@ from rich.console import Console
 
 import tominpmp as tm
 from tominpmp.cli.progress import LOGGER, Progress
-from tominpmp.collision import CollisionChecker, decomposition, store
+from tominpmp.collision import CollisionChecker, decomposition, decomposition_cache
 from tominpmp.stopping import Stop
 from tominpmp.verification.nearest import closest
 
@@ -29,8 +29,8 @@ MESHES = 7
 @pytest.fixture
 def cut(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[int]]:
     """Numbers of triangles of the meshes that are cut, with nothing cut before."""
-    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path))
-    store._known_pieces.cache_clear()
+    monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(tmp_path))
+    decomposition_cache._known_pieces.cache_clear()
     found: list[int] = []
     usual = decomposition.decompose
 
@@ -40,7 +40,7 @@ def cut(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[int]]:
 
     monkeypatch.setattr(decomposition, "decompose", decompose)
     yield found
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
 
 
 def straight(robot: tm.Robot | None = None) -> tm.Problem:
@@ -144,7 +144,7 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
 ) -> None:
     solution = tm.plan(straight())
     known = solution.verification.min_clearance
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
     problem = straight()
     found = closest(problem, solution.verification.replay, problem.checker, 1e-6)
     assert found is not None and found.distance == known
@@ -152,9 +152,9 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
     def late(mesh: Any) -> Any:
         raise Stop(requested=False)
 
-    store._known_pieces.cache_clear()
+    decomposition_cache._known_pieces.cache_clear()
     monkeypatch.setattr(decomposition, "decompose", late)
-    monkeypatch.setattr(store, "_read", lambda path, vertices: None)
+    monkeypatch.setattr(decomposition_cache, "_read", lambda path, vertices: None)
     problem = straight()
     bound = closest(problem, solution.verification.replay, problem.checker, 1e-6)
     assert bound is not None and not bound.excess.violated

@@ -115,7 +115,7 @@ def test_the_home_of_nobody(
 
 
 def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tominpmp.collision.store import cache_folder
+    from tominpmp.collision.decomposition_cache import cache_folder
 
     monkeypatch.setenv("TOMINPMP_CACHE", "~nouser-at-all/x")
     assert cache_folder() == Path("~nouser-at-all/x")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # Lines in a log come this seldom [s].
 PERIOD = 3.0
 # What takes seconds where the planning cannot tell how it goes: cutting meshes.
-LOGGER = "tominpmp.collision.store"
+LOGGER = "tominpmp.collision.decomposition_cache"
 
 
 class _Phases(logging.Handler):

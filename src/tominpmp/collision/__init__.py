@@ -9,9 +9,9 @@ a query.
 from __future__ import annotations
 
 from tominpmp.collision.bodies import Approximation, approximations
-from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.contact import Contact, Derivatives
+from tominpmp.collision.distance_cache import DistanceCache
 from tominpmp.collision.enclosure import Enclosure, enclosure
 from tominpmp.collision.shapes import obstacle_shape
 

@@ -9,7 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
 from tominpmp.collision.bounds import BroadPhase
-from tominpmp.collision.movers import Movers
+from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.query import DistanceQuery
@@ -48,7 +48,7 @@ class Assembly:
         cls,
         robot: Robot,
         scene: Scene,
-        movers: Movers,
+        obstacles: MovingObstacles,
         self_collision: bool,
         geometry: Geometry,
         cut: frozenset[str] | None,
@@ -56,7 +56,7 @@ class Assembly:
         """Put it together; see :class:`~tominpmp.collision.CollisionChecker`."""
         watching = self_collision or len(scene)
         links = links_of(robot, geometry, cut) if watching else ()
-        bodies = [*links, *scene_bodies(scene, movers.first)]
+        bodies = [*links, *scene_bodies(scene, obstacles.first)]
         first, second = scene_pairs(bodies, len(links))
         obstacle_pairs = int(first.size)
         if self_collision:
@@ -67,14 +67,14 @@ class Assembly:
             (bodies[i].name, bodies[k].name)
             for i, k in zip(first.tolist(), second.tolist(), strict=True)
         )
-        narrow = NarrowPhase(robot.model, bodies, first, second, movers)
+        narrow = NarrowPhase(robot.model, bodies, first, second, obstacles)
         query = DistanceQuery(
             robot,
             Placements(robot.model),
             BroadPhase(bodies, first, second),
             narrow,
             np.array([is_convex(body.shape) for body in bodies], dtype=bool),
-            movers,
+            obstacles,
         )
         joint = np.array([body.joint for body in bodies], dtype=np.int64)
         return cls(links, pairs, obstacle_pairs, first, second, joint, narrow, query)
@@ -93,7 +93,7 @@ class Assembly:
         Returns:
             Shapes (k, nv) and (k,) [m/s].
         """
-        k, movers = len(pairs), self.query.movers
+        k, obstacles = len(pairs), self.query.obstacles
         normal, points = np.empty((k, 3)), np.empty((2, k, 3))
         order = np.argsort(instants, kind="stable")
         starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
@@ -112,10 +112,10 @@ class Assembly:
             (self.second, points[1], 1.0),
         ):
             joint = self.joint[bodies[pairs]]
-            joint = np.where(joint < movers.first, joint, 0)
+            joint = np.where(joint < obstacles.first, joint, 0)
             out += sign * placements.jacobian_rows(placed, joint, point, normal)
         other = self.joint[self.second[pairs]]
-        return out, movers.approach(other, times[instants], points[1], normal)
+        return out, obstacles.approach(other, times[instants], points[1], normal)
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
         """Bounds on the speed of all points of the other body of each pair.
@@ -127,13 +127,13 @@ class Assembly:
         Returns:
             Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
         """
-        movers = self.query.movers
+        obstacles = self.query.obstacles
         out = np.zeros((begin.size, len(self.pairs)))
-        moving = np.flatnonzero(self.joint[self.second] >= movers.first)
+        moving = np.flatnonzero(self.joint[self.second] >= obstacles.first)
         if moving.size:
-            linear, angular = movers.speeds(begin, end)
+            linear, angular = obstacles.speeds(begin, end)
             body = self.second[moving]
-            number = self.joint[body] - movers.first
+            number = self.joint[body] - obstacles.first
             farthest = self.query.broad.farthest[body]
             out[:, moving] = linear[:, number] + angular[:, number] * farthest
         return out

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.collision.decomposition import Pieces
+from tominpmp.collision.decomposition_cache import pieces_of
 from tominpmp.collision.shapes import (
     Outline,
     convex_hull,
@@ -20,7 +21,6 @@ from tominpmp.collision.shapes import (
     obstacle_shape,
     outline,
 )
-from tominpmp.collision.store import pieces_of
 from tominpmp.robot import Robot
 from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree, Scene
 
@@ -37,7 +37,7 @@ class Body:
     Attributes:
         name: Name of the link or of the obstacle.
         joint: Index in the model of the joint that carries it; 0 for the world, and
-            beyond those of the model for obstacles that move (see ``Movers``).
+            beyond those of the model for obstacles that move (see ``MovingObstacles``).
         placement: Placement body_to_joint.
         shape: Coal's shape.
         part: Which of the geometries of the robot it belongs to; -1 for obstacles.

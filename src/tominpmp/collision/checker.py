@@ -10,9 +10,9 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.assembly import Assembly
 from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
-from tominpmp.collision.cache import DistanceCache
 from tominpmp.collision.contact import Contact, Derivatives
-from tominpmp.collision.movers import Movers
+from tominpmp.collision.distance_cache import DistanceCache
+from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import Guard, NarrowPhase
 from tominpmp.collision.query import Count, DistanceQuery
 from tominpmp.exceptions import SceneError
@@ -73,7 +73,7 @@ class CollisionChecker:
                 f"the robot {robot.name!r} has no collision geometry on its moving "
                 "links, so that its clearance from the scene cannot be told"
             )
-        self._movers = Movers(scene.moving, robot.model.njoints)
+        self._obstacles = MovingObstacles(scene.moving, robot.model.njoints)
         self._guard: tuple[float | Array, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
@@ -84,7 +84,7 @@ class CollisionChecker:
         return Assembly.of(
             self.robot,
             self.scene,
-            self._movers,
+            self._obstacles,
             self.self_collision,
             self.geometry,
             self.cut,
@@ -176,17 +176,19 @@ class CollisionChecker:
     @property
     def moving(self) -> bool:
         """Whether distances depend on time, for an obstacle moves."""
-        return self._movers.any
+        return self._obstacles.any
 
     @property
     def kinks(self) -> Array:
         """Times at which an obstacle changes its velocity at once [s], ascending."""
-        return self._movers.kinks
+        return self._obstacles.kinks
 
     @property
     def moving_pairs(self) -> BoolArray:
         """Which pairs are with an obstacle that moves, shape (pairs,)."""
-        return np.asarray(self._parts.joint[self._parts.second] >= self._movers.first)
+        return np.asarray(
+            self._parts.joint[self._parts.second] >= self._obstacles.first
+        )
 
     def distances(
         self,

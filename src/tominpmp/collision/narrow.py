@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
-from tominpmp.collision.movers import Movers
+from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.stopping import check
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (distances) and
@@ -53,7 +53,7 @@ class NarrowPhase:
         bodies: Sequence[Body],
         first: IntArray,
         second: IntArray,
-        movers: Movers | None = None,
+        obstacles: MovingObstacles | None = None,
     ) -> None:
         balls = [body for body in bodies if isinstance(body.shape, coal.Sphere)]
         round_pairs = any(isinstance(body.shape, coal.Cylinder) for body in bodies)
@@ -73,7 +73,7 @@ class NarrowPhase:
         self._model, self._data = model, model.createData()
         self._geometry = geometry
         self._first, self._second = first, second
-        self._shifter = Shifter(geometry, bodies, model.njoints, movers)
+        self._shifter = Shifter(geometry, bodies, model.njoints, obstacles)
         self._asked = True
         self.forget()
 
@@ -88,19 +88,19 @@ class NarrowPhase:
             request.epa_tolerance = EPA_TOLERANCE
 
     def place(
-        self, q: Array, time: float = 0.0, movers: tuple[Array, Array] | None = None
+        self, q: Array, time: float = 0.0, obstacles: tuple[Array, Array] | None = None
     ) -> None:
         """Bring the bodies where they are at a configuration of the model.
 
         Args:
             q: Configuration of the model, shape (nv,).
             time: Time [s], for obstacles that move.
-            movers: Placements of these obstacles then, shapes (count, 3, 3) and
+            obstacles: Placements of these obstacles then, shapes (count, 3, 3) and
                 (count, 3), where they are known already; asking for many instants at
                 once is faster.
         """
         check()
-        self._shifter.shift(time, movers)
+        self._shifter.shift(time, obstacles)
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._results, q
         )
@@ -200,9 +200,9 @@ class Shifter:
         geometry: pin.GeometryModel,
         bodies: Sequence[Body],
         first: int,
-        movers: Movers | None,
+        obstacles: MovingObstacles | None,
     ) -> None:
-        self._geometry, self._movers = geometry, movers
+        self._geometry, self._obstacles = geometry, obstacles
         self._parts = [
             (index, body.joint - first, body.placement)
             for index, body in enumerate(bodies)
@@ -212,9 +212,9 @@ class Shifter:
 
     def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
         """Go to a time [s], for which the placements may be known."""
-        if self._movers is None or not self._parts or time == self._time:
+        if self._obstacles is None or not self._parts or time == self._time:
             return
-        R, p = self._movers.placements(np.array([time])) if known is None else known
+        R, p = self._obstacles.placements(np.array([time])) if known is None else known
         R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
         placements = [pin.SE3(*place) for place in zip(R, p, strict=True)]
         for index, number, offset in self._parts:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.bounds import BroadPhase
-from tominpmp.collision.movers import Movers
+from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.robot import Robot
@@ -96,7 +96,7 @@ class DistanceQuery:
         broad: Bounds from balls and boxes.
         narrow: Exact distances.
         convex: Which bodies are convex, shape (bodies,).
-        movers: Obstacles that move.
+        obstacles: Obstacles that move.
         count: How many queries there were.
     """
 
@@ -105,7 +105,7 @@ class DistanceQuery:
     broad: BroadPhase
     narrow: NarrowPhase
     convex: BoolArray
-    movers: Movers
+    obstacles: MovingObstacles
     count: Count = field(default_factory=Count)
 
     @property
@@ -116,7 +116,7 @@ class DistanceQuery:
     def place(self, q_model: Array, times: Array | None = None) -> tuple[Array, Array]:
         """Placements body_to_world at configurations of the model, and times [s]."""
         joints = self.placements.joints(q_model)
-        return self.broad.place(self.movers.beside(joints, times))
+        return self.broad.place(self.obstacles.beside(joints, times))
 
     def distances(
         self,
@@ -258,7 +258,7 @@ class DistanceQuery:
         starts = np.flatnonzero(np.diff(instant, prepend=-1))
         groups = instant[starts]
         when = np.zeros(groups.size) if times is None else times[groups]
-        R, p = self.movers.placements(when)
+        R, p = self.obstacles.placements(when)
         for k, chosen in enumerate(np.split(pair, starts[1:])):
             check()
             self.narrow.place(q_model[groups[k]], float(when[k]), (R[k], p[k]))

@@ -10,7 +10,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.scene import Obstacle
 
 
-class Movers:
+class MovingObstacles:
     """Placements and velocities of obstacles that move, beside those of joints.
 
     To everything that places bodies they are further joints, whose placements depend on
