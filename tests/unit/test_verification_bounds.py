@@ -36,7 +36,7 @@ from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay
-from tominpmp.verification.link_displacement import Ball, LinkReach
+from tominpmp.verification.link_displacement import Ball, LinkDisplacement
 
 # All but most of the arms that lift payloads, whose optima take long to compute.
 CASES = {
@@ -232,7 +232,7 @@ def test_points_of_links_move_no_more_than_their_bound(
     arm = make_arm(ROD, slide(1.0), rod(1.0, 0.6), effort=1.0)
     joint = arm.model.njoints - 1
     point, radius = np.array([0.6, 0.1, 0.2]), 0.05
-    reach = LinkReach(arm, [Ball("link3", joint, point, radius)])
+    reach = LinkDisplacement(arm, [Ball("link3", joint, point, radius)])
     middle, half = rng.uniform(-1.0, 1.0, (40, 3)), rng.uniform(0.0, 0.8, (40, 3))
     bound = np.sum(reach.shifts(middle, half), axis=2)[:, 0]
     kinematics, largest = RobotKinematics(arm), np.zeros(40)

@@ -18,9 +18,9 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import LimitRows, Motion
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.costates import integrate_costates
-from tominpmp.certificate.dual_program import first_order
+from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.minimum_principle import certify
-from tominpmp.certificate.perturbations import MOST, Variations, certificate_grid
+from tominpmp.certificate.perturbations import MOST, Perturbations, certificate_grid
 from tominpmp.certificate.state_limits import clearances, constraints
 from tominpmp.certificate.task import Task
 from tominpmp.constraints import KeepUpright, States, ToolSpeed
@@ -314,7 +314,7 @@ def test_multipliers_account_for_the_promise() -> None:
     solution = planned(limited=True)
     assert solution.trajectory is not None
     motion = Motion.of(Task.of(solution.problem), solution.trajectory)
-    found = first_order(motion)
+    found = solve_dual_program(motion)
     assert found is not None
     given = found.multipliers
     assert np.all(given.value >= 0.0)
@@ -341,8 +341,8 @@ def test_promise_without_far_torques_is_an_upper_bound() -> None:
     solution = industrial()
     assert solution.trajectory is not None
     motion = Motion.of(Task.of(solution.problem), solution.trajectory)
-    whole, quick = first_order(motion), first_order(motion, 1.0)
-    exact = first_order(motion, 0.5 * whole.promise if whole else 0.0)
+    whole, quick = solve_dual_program(motion), solve_dual_program(motion, 1.0)
+    exact = solve_dual_program(motion, 0.5 * whole.promise if whole else 0.0)
     assert whole is not None
     assert quick is not None
     assert exact is not None
@@ -356,7 +356,7 @@ def test_adjoint_equation_from_end_to_start() -> None:
     solution = planned("adjoint")
     assert solution.trajectory is not None
     motion = Motion.of(Task.of(solution.problem), solution.trajectory)
-    found = first_order(motion)
+    found = solve_dual_program(motion)
     assert found is not None
     assert solution.verification is not None
     whole = integrate_costates(motion, found, solution.verification.replay, anew=False)
@@ -534,7 +534,7 @@ def test_steps_carry_positions(rng: np.random.Generator) -> None:
         (one - other) / (2.0 * step) for one, other in zip(high, low, strict=True)
     )
     q, v, q_in, v_in = states(a, h, share)
-    changes = Variations(np.append(0.0, np.cumsum(h)), q, v, "steps")
+    changes = Perturbations(np.append(0.0, np.cumsum(h)), q, v, "steps")
     z = np.append(np.concatenate([dq, dv], axis=1)[1:].ravel(), da.ravel())
     assert z.size == changes.size
     for change, expected in (

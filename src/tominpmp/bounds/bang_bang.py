@@ -14,7 +14,7 @@ ROUNDING = 1e-9
 SMALL = 1e-6
 
 
-class Push(NamedTuple):
+class AccelerationBounds(NamedTuple):
     """Bounds on the acceleration of a coordinate.
 
     Attributes:
@@ -31,21 +31,21 @@ class Push(NamedTuple):
 
 
 def double_integrator_time(
-    way: float, ends: Array, push: tuple[float, float], top: float
+    way: float, ends: Array, acceleration: tuple[float, float], top: float
 ) -> float:
     """Minimum time of a double integrator.
 
     Args:
         way: Distance to go, with its sign.
         ends: Velocities at start and end, shape (2,).
-        push: Largest acceleration and largest deceleration.
+        acceleration: Largest acceleration and largest deceleration.
         top: Speed limit, possibly infinite.
 
     Returns:
         The time [s]; infinite if it cannot get there.
     """
     v0, v1 = float(ends[0]), float(ends[1])
-    up, down = push
+    up, down = acceleration
     if up + down <= 0.0:
         return 0.0 if way == 0.0 and v0 == v1 else math.inf
     # Velocity first above both ends, or, mirrored, first below both.

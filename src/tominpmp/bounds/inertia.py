@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.bounds.bang_bang import Push
+from tominpmp.bounds.bang_bang import AccelerationBounds
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
 
@@ -27,13 +27,13 @@ class EnergyBounds:
         robot: The robot.
         inverse: Matrices such that at any configuration one of them is no less than the
             inverse of the mass matrix, shape (k, n, n).
-        push: Bound on the rate of w, the root of twice the kinetic energy.
+        acceleration: Bound on the rate of w, the root of twice the kinetic energy.
         drag: Bound on the rate at which friction lowers w, relative to w [1/s].
     """
 
     robot: Robot
     inverse: Array
-    push: float
+    acceleration: float
     drag: float
 
     def rate(self, direction: Array) -> float:
@@ -87,7 +87,7 @@ def _slides(robot: Robot) -> list[bool]:
     return [str(joint.shortname()).startswith("JointModelP") for joint in model.joints]
 
 
-def single_joint(robot: Robot) -> Push | None:
+def single_joint(robot: Robot) -> AccelerationBounds | None:
     """Accelerations of an arm with one joint; None for others.
 
     Its inertia does not change, and gravity acts on it by a sine of the angle, or by a
@@ -111,7 +111,7 @@ def single_joint(robot: Robot) -> Push | None:
     if up <= 0.0 or down <= 0.0:
         return None
     dry = float(robot.friction[0]) / mass
-    return Push(up, down, float(robot.damping[0]) / mass, dry)
+    return AccelerationBounds(up, down, float(robot.damping[0]) / mass, dry)
 
 
 def energy_bounds(robot: Robot) -> EnergyBounds | None:

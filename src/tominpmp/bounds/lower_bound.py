@@ -20,14 +20,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.bounds.bang_bang import Push, double_integrator_time, least_time
+from tominpmp.bounds.bang_bang import (
+    AccelerationBounds,
+    double_integrator_time,
+    least_time,
+)
 from tominpmp.bounds.inertia import EnergyBounds, energy_bounds, single_joint
 from tominpmp.exceptions import expect
 from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
-from tominpmp.verification.link_displacement import Ball, LinkReach
+from tominpmp.verification.link_displacement import Ball, LinkDisplacement
 
 # Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
 # and steps of the search for the time.
@@ -96,10 +100,10 @@ def _joint_bounds(problem: Problem, goal: Goal, q: Array) -> list[LowerBound]:
     if problem.motion_limits is not None:
         limit = problem.motion_limits.by_joint("acceleration", joints)
         for i in np.flatnonzero(np.isfinite(limit)).tolist():
-            push = float(limit[i])
-            T = double_integrator_time(way[i], ends[:, i], (push, push), top[i])
+            most = float(limit[i])
+            T = double_integrator_time(way[i], ends[:, i], (most, most), top[i])
             reason = (
-                f"joint {joints[i]} accelerates by {push:.4g} {units[i]}/s^2 at most"
+                f"joint {joints[i]} accelerates by {most:.4g} {units[i]}/s^2 at most"
             )
             found.append(LowerBound(T, reason, joints[i]))
     alone = single_joint(robot)
@@ -136,22 +140,26 @@ def _speed_bounds(problem: Problem, way: Array) -> list[LowerBound]:
     return found
 
 
-def _single_time(way: float, ends: Array, push: Push, top: float) -> float:
+def _single_time(
+    way: float, ends: Array, bounds: AccelerationBounds, top: float
+) -> float:
     side = 1.0 if way >= 0.0 else -1.0
     toward = np.maximum(side * ends, 0.0)
-    speeding, braking = (push.up, push.down) if side > 0 else (push.down, push.up)
+    speeding, braking = (
+        (bounds.up, bounds.down) if side > 0 else (bounds.down, bounds.up)
+    )
     if np.all(side * ends >= 0.0) and way != 0.0:
         # Whoever starts and ends forwards gains nothing by going backwards, and who
         # goes forwards has dry friction against him, which helps to brake.
-        speeding, braking = speeding - push.dry, braking + push.dry
+        speeding, braking = speeding - bounds.dry, braking + bounds.dry
         if speeding <= 0.0:
             return 0.0
     else:
-        speeding, braking = speeding + push.dry, braking + push.dry
-    if push.drag == 0.0:
+        speeding, braking = speeding + bounds.dry, braking + bounds.dry
+    if bounds.drag == 0.0:
         both = (speeding, braking) if side > 0 else (braking, speeding)
         return double_integrator_time(way, ends, both, top)
-    drag = push.drag
+    drag = bounds.drag
     return least_time(abs(way), toward, speeding, braking, drag, top, least_drag=drag)
 
 
@@ -177,8 +185,8 @@ def _energy_bounds(
         T = least_time(
             distance,
             rate * swing,
-            rate * energy.push,
-            rate * energy.push,
+            rate * energy.acceleration,
+            rate * energy.acceleration,
             energy.drag,
             top,
         )
@@ -231,7 +239,7 @@ class _Vicinity:
         item = robot.model.frames[robot.frame_id(frame)]
         origin = np.asarray(item.placement.translation)
         ball = Ball(frame, int(item.parentJoint), origin, 0.0)
-        self.reach = LinkReach(robot, [ball])
+        self.reach = LinkDisplacement(robot, [ball])
 
     def time(self) -> float:
         """Largest time found by which no motion has brought the frame to its goal."""

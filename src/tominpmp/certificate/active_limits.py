@@ -11,9 +11,9 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.friction import friction_at_ends
 from tominpmp.certificate.perturbations import (
     HAIR,
-    Change,
+    Linearised,
+    Perturbations,
     Shape,
-    Variations,
     blocks,
     certificate_grid,
 )
@@ -51,7 +51,7 @@ class LimitRows:
     """
 
     kind: str
-    change: Change
+    change: Linearised
     lower: Array
     upper: Array
     interval: IntArray
@@ -66,7 +66,7 @@ class LimitRows:
         """Some of the rows."""
         return replace(
             self,
-            change=Change(self.change.matrix[rows], self.change.by_length[rows]),
+            change=Linearised(self.change.matrix[rows], self.change.by_length[rows]),
             lower=self.lower[rows],
             upper=self.upper[rows],
             interval=self.interval[rows],
@@ -91,7 +91,7 @@ class Motion:
 
     task: Task
     trajectory: Trajectory
-    changes: Variations
+    changes: Perturbations
     a: Array
     u: Array
     parts: InverseJacobians
@@ -118,7 +118,7 @@ class Motion:
             mean = trajectory(times.ravel()).u.reshape(-1, SAMPLES, n).mean(axis=1)
         nodes = trajectory(t)
         shape = _shape(task, trajectory, a, joined)
-        changes = Variations(t, nodes.q, nodes.v, shape)
+        changes = Perturbations(t, nodes.q, nodes.v, shape)
         load = (mean - task.effort_middle) / task.effort_half
         return cls(task, trajectory, changes, a, u, parts, load)
 
@@ -135,7 +135,7 @@ class Motion:
 
     # -- torques -----------------------------------------------------------------------
 
-    def _torque(self, end: int) -> Change:
+    def _torque(self, end: int) -> Linearised:
         """Changes of the torques at one end of the intervals [N m or N]."""
         changes, parts, n = self.changes, self.parts, self.changes.n
         rows = slice(end * n, (changes.N + end) * n)
@@ -146,14 +146,14 @@ class Motion:
         )
         return changes.fixed(matrix)
 
-    def _mean_torque(self) -> Change:
+    def _mean_torque(self) -> Linearised:
         half = 0.5 * sp.identity(self.changes.N * self.changes.n, format="csr")
         return (self._torque(0) + self._torque(1)).after(half)
 
     def _rows(
         self,
         kind: str,
-        change: Change,
+        change: Linearised,
         lower: Array,
         upper: Array,
         share: float = 0.5,
@@ -172,7 +172,7 @@ class Motion:
             mean,
         )
 
-    def _as_loads(self, torque: Change) -> Change:
+    def _as_loads(self, torque: Linearised) -> Linearised:
         scale = np.tile(1.0 / self.task.effort_half, self.changes.N)
         return torque.after(sp.diags(scale).tocsr())
 
@@ -253,7 +253,7 @@ class Motion:
         return out
 
     def _slopes(
-        self, kind: str, change: Change, values: Array, limit: Array
+        self, kind: str, change: Linearised, values: Array, limit: Array
     ) -> LimitRows:
         """Differences between neighbouring intervals, as shares of limits."""
         h, n = self.changes.h, self.changes.n
@@ -278,7 +278,7 @@ class Motion:
             ),
             shape=(N * n, N),
         )
-        change = Change((weight @ rise).tocsr(), by_length)
+        change = Linearised((weight @ rise).tocsr(), by_length)
         return _shares("jerk", change, found, limit, np.arange(N), n)
 
     def _over_speed(self) -> list[LimitRows]:
@@ -324,7 +324,12 @@ def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:
 
 
 def _shares(
-    kind: str, change: Change, found: Array, limit: Array, interval: IntArray, n: int
+    kind: str,
+    change: Linearised,
+    found: Array,
+    limit: Array,
+    interval: IntArray,
+    n: int,
 ) -> LimitRows:
     """Rows of some joints on some intervals, as shares of finite limits."""
     rows = interval.size * n

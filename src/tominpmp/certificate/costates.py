@@ -14,7 +14,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.dual_program import FirstOrder
+from tominpmp.certificate.dual_program import DualSolution
 from tominpmp.certificate.friction import overcoming
 from tominpmp.verification.replay import Replay
 
@@ -24,7 +24,7 @@ STEPS = 4
 
 def integrate_costates(
     motion: Motion,
-    found: FirstOrder,
+    found: DualSolution,
     replay: Replay | None = None,
     *,
     anew: bool = True,
@@ -88,7 +88,7 @@ def _transitions(slope: Array, h: Array) -> Array:
     return np.asarray(np.linalg.solve(eye - 2 / 3 * z + z @ z / 6, eye + z / 3))
 
 
-def disagreement(found: FirstOrder, integrated: Array) -> float:
+def disagreement(found: DualSolution, integrated: Array) -> float:
     """Largest difference between costates, relative to the largest of them.
 
     Args:

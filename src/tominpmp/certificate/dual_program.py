@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.active_limits import LimitRows, Motion
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
-from tominpmp.certificate.perturbations import Change
+from tominpmp.certificate.perturbations import Linearised
 from tominpmp.certificate.state_limits import clearances, constraints
 from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 
@@ -44,8 +44,8 @@ FAR = RADIUS * (1.0 - 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
-class FirstOrder:
-    """First-order conditions of a motion.
+class DualSolution:
+    """Costates and multipliers that the linear program gives for a motion.
 
     Attributes:
         costates: Derivatives of the duration by the states just before the nodes 1 to
@@ -95,8 +95,8 @@ class _Bounds(NamedTuple):
 BOUND_KINDS = ("position", "velocity", "acceleration")
 
 
-def first_order(motion: Motion, enough: float = 0.0) -> FirstOrder | None:
-    """First-order conditions of a motion; None if the program cannot be solved.
+def solve_dual_program(motion: Motion, enough: float = 0.0) -> DualSolution | None:
+    """Costates and multipliers of a motion; None if the program cannot be solved.
 
     Args:
         motion: The motion.
@@ -205,7 +205,7 @@ class _Program:
         after = sp.csr_matrix((value.size, changes.controls * self.n))
         return sp.hstack([before, by_x, after], format="csr"), low, high
 
-    def _all_rows(self, gaps: Change) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    def _all_rows(self, gaps: Linearised) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         """All rows, by the unknowns and by the lengths of the intervals, scaled."""
         goal, low, _ = self.goal
         matrix = sp.vstack(
@@ -233,7 +233,7 @@ class _Program:
 
     # -- solution ----------------------------------------------------------------------
 
-    def solve(self) -> FirstOrder | None:
+    def solve(self) -> DualSolution | None:
         """Solve the program; None if no solver can."""
         changes, (_, low, high) = self.motion.changes, self.goal
         matrix, lengths = self._all_rows(changes.gaps())
@@ -263,7 +263,7 @@ class _Program:
 
     def _read(
         self, duals: Array, slopes: Array, shift: Array, hamiltonian: Array
-    ) -> FirstOrder:
+    ) -> DualSolution:
         """Turn the duals of the rows, and what they leave of the costs, into times."""
         N, n, states = self.N, self.n, 2 * self.N * self.n
         lower, upper = self.bounds.lower[:states], self.bounds.upper[:states]
@@ -281,7 +281,7 @@ class _Program:
                 np.add.at(jumps[:, n:], rows.interval, falls)
         multipliers = self._multipliers(duals, slopes, shift)
         costates = -duals[:states].reshape(N, -1) * self.T / self.state_scale
-        return FirstOrder(
+        return DualSolution(
             costates=costates - self._arriving(duals),
             jumps=jumps,
             pushes=pushes,

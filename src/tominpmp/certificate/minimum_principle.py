@@ -28,9 +28,13 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
-from tominpmp.certificate.conditions import failing, name_of, praise
 from tominpmp.certificate.costates import disagreement, integrate_costates
-from tominpmp.certificate.dual_program import FirstOrder, first_order
+from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.optimality_report import (
+    conditions_kept,
+    failed_conditions,
+    name_of,
+)
 from tominpmp.certificate.task import Task
 from tominpmp.exceptions import expect
 from tominpmp.problem import Problem
@@ -83,7 +87,7 @@ def certify(
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(Task.of(problem), trajectory)
-            found = first_order(motion, ENOUGH * tolerance)
+            found = solve_dual_program(motion, ENOUGH * tolerance)
             if found is None:
                 out = _nothing(trajectory, tolerance)
             else:
@@ -127,7 +131,7 @@ class _Reading:
     def __init__(
         self,
         motion: Motion,
-        found: FirstOrder,
+        found: DualSolution,
         verification: Verification | None,
         tolerance: float,
     ) -> None:
@@ -183,8 +187,8 @@ class _Reading:
             tolerance=self.tolerance,
             seconds=0.0,
         )
-        failures = failing(motion, found, out, self.verification)
-        message = " ".join(failures) if failures else praise(motion, out)
+        failures = failed_conditions(motion, found, out, self.verification)
+        message = " ".join(failures) if failures else conditions_kept(motion, out)
         return replace(out, ok=not failures, message=message)
 
     def _share(self, flags: Array | BoolArray) -> float:

@@ -76,8 +76,8 @@ def _jumps(trajectory: Trajectory) -> BoolArray:
     return found if np.count_nonzero(found) <= MOST // 4 else np.zeros_like(found)
 
 
-class Change(NamedTuple):
-    """How something changes, row by row.
+class Linearised(NamedTuple):
+    """A quantity linearised about the motion: how it changes, row by row.
 
     Attributes:
         matrix: By the unknowns, shape (m, size).
@@ -88,15 +88,15 @@ class Change(NamedTuple):
     matrix: sp.csr_matrix
     by_length: sp.csr_matrix
 
-    def __add__(self, other: object) -> Change:
+    def __add__(self, other: object) -> Linearised:
         """Sum, row by row."""
-        if not isinstance(other, Change):
+        if not isinstance(other, Linearised):
             return NotImplemented
-        return Change(self.matrix + other.matrix, self.by_length + other.by_length)
+        return Linearised(self.matrix + other.matrix, self.by_length + other.by_length)
 
-    def after(self, left: sp.spmatrix) -> Change:
+    def after(self, left: sp.spmatrix) -> Linearised:
         """The rows combined by a matrix from the left."""
-        return Change((left @ self.matrix).tocsr(), (left @ self.by_length).tocsr())
+        return Linearised((left @ self.matrix).tocsr(), (left @ self.by_length).tocsr())
 
 
 def blocks(parts: Array) -> sp.csr_matrix:
@@ -108,8 +108,8 @@ def blocks(parts: Array) -> sp.csr_matrix:
 
 
 @dataclass(frozen=True, eq=False)
-class Variations:
-    """Changes of a motion on a grid.
+class Perturbations:
+    """Small changes of a motion on a grid.
 
     The unknowns are, one after the other, the states (q, v) at all nodes but the first,
     which is given, and the accelerations: one of each interval, or with "ramps" one of
@@ -195,7 +195,7 @@ class Variations:
             (values.ravel(), columns, starts), shape=(values.size, self.N)
         )
 
-    def position_at(self, share: float, q: Array) -> Change:
+    def position_at(self, share: float, q: Array) -> Linearised:
         """Positions inside the intervals, begun from the nodes before them.
 
         Args:
@@ -213,9 +213,9 @@ class Variations:
         # With the accelerations as they are: twice the way, less what is uniform of it.
         way = (q - self.q[:-1]) / h[:, None]
         by_length = self._by_own_length(2.0 * way - s * self.v[:-1])
-        return Change(matrix.tocsr(), by_length)
+        return Linearised(matrix.tocsr(), by_length)
 
-    def velocity_at(self, share: float, v: Array) -> Change:
+    def velocity_at(self, share: float, v: Array) -> Linearised:
         """Velocities inside the intervals, likewise."""
         rows, s, h = self.N * self.n, share, self.h
         matrix = (
@@ -224,14 +224,14 @@ class Variations:
             + self._scaled(s**2 / 2 * h) @ self.accelerations(1)
         )
         by_length = self._by_own_length((v - self.v[:-1]) / h[:, None])
-        return Change(matrix.tocsr(), by_length)
+        return Linearised(matrix.tocsr(), by_length)
 
-    def fixed(self, matrix: sp.spmatrix) -> Change:
+    def fixed(self, matrix: sp.spmatrix) -> Linearised:
         """Something that does not depend on the lengths of the intervals."""
         rows = matrix.shape[0]
-        return Change(matrix.tocsr(), sp.csr_matrix((rows, self.N)))
+        return Linearised(matrix.tocsr(), sp.csr_matrix((rows, self.N)))
 
-    def gaps(self) -> Change:
+    def gaps(self) -> Linearised:
         """Positions and velocities at the nodes less those that the intervals lead to.
 
         Zero for changes that a motion can make: the equations of motion. Rows are
@@ -240,15 +240,15 @@ class Variations:
         N, n = self.N, self.n
         q, v = self.position_at(1.0, self.q[1:]), self.velocity_at(1.0, self.v[1:])
         order = np.arange(2 * N * n).reshape(2, N, n).swapaxes(0, 1).ravel()
-        led = Change(
+        led = Linearised(
             sp.vstack([q.matrix, v.matrix], format="csr")[order],
             sp.vstack([q.by_length, v.by_length], format="csr")[order],
         )
         states = sp.identity(2 * N * n, format="csr")
         states.resize(2 * N * n, self.size)
-        return Change(states - led.matrix, -led.by_length)
+        return Linearised(states - led.matrix, -led.by_length)
 
-    def differences(self, what: Change, values: Array) -> Change:
+    def differences(self, what: Linearised, values: Array) -> Linearised:
         """Slopes over time between the middles of neighbouring intervals.
 
         Args:
@@ -271,4 +271,4 @@ class Variations:
             shape=(rows, self.N),
         )
         out = what.after(step.tocsr())
-        return Change(out.matrix, out.by_length + by_length)
+        return Linearised(out.matrix, out.by_length + by_length)

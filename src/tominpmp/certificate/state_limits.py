@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.certificate.active_limits import LimitRows, Motion
-from tominpmp.certificate.perturbations import HAIR, Change
+from tominpmp.certificate.perturbations import HAIR, Linearised
 
 # Clearances beyond this, in shares of the reach, are no rows.
 ATTENTION = 0.03
@@ -44,7 +44,7 @@ def clearances(motion: Motion) -> list[LimitRows]:
             passed = np.where(k[:, None] > np.arange(changes.N), 1.0, 0.0)
             passed[np.arange(k.size), k] = share
             late = sp.csr_matrix(rates[:, None] * passed)
-            change = Change(change.matrix, change.by_length + late)
+            change = Linearised(change.matrix, change.by_length + late)
         out.append(
             LimitRows(
                 kind="clearance",
@@ -100,7 +100,7 @@ def _constraint(motion: Motion, index: int, share: float) -> LimitRows | None:
             shape = k.size, changes.N * n
             pick = sp.csr_matrix((by.ravel(), columns.ravel(), starts), shape=shape)
             parts.append(source.after(pick))
-    total = Change(
+    total = Linearised(
         sum((part.matrix for part in parts[1:]), parts[0].matrix),
         sum((part.by_length for part in parts[1:]), parts[0].by_length),
     )

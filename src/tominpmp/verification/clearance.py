@@ -18,7 +18,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray, real_array
 from tominpmp.collision import CollisionChecker
 from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.link_displacement import LinkReach, link_balls
+from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
 from tominpmp.verification.polynomials import Pieces
 
 # Stretches looked at before the proof is given up.
@@ -159,7 +159,7 @@ class _Prover:
         self.pieces = Pieces.of(lambda times: path(times).q, path.t)
         self.stray = np.zeros(robot.n) if deviation is None else np.abs(deviation)
         self.stray = self.stray + self._rounding(trajectory)
-        self.reach = LinkReach(robot, link_balls(checker))
+        self.reach = LinkDisplacement(robot, link_balls(checker))
         own = np.arange(len(checker.pairs)) >= checker.obstacle_pairs
         self.motion = self.reach.relative(checker.pairs, own)
 

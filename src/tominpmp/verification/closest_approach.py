@@ -21,7 +21,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.verification.link_displacement import (
-    LinkReach,
+    LinkDisplacement,
     RelativeMotion,
     link_balls,
 )
@@ -384,6 +384,6 @@ def _rows_within(first: Edges, behind: Edges, span: int) -> tuple[Edges, Edges]:
 
 def relative_motion(checker: CollisionChecker) -> RelativeMotion:
     """Bounds on how far the pairs of a checker can come closer."""
-    reach = LinkReach(checker.robot, link_balls(checker))
+    reach = LinkDisplacement(checker.robot, link_balls(checker))
     own = np.arange(len(checker.pairs)) >= checker.obstacle_pairs
     return reach.relative(checker.pairs, own)

@@ -32,7 +32,7 @@ class Ball(NamedTuple):
     radius: float
 
 
-class LinkReach:
+class LinkDisplacement:
     r"""Bounds on how far points within balls move while joints stay within a box.
 
     At a configuration in the middle of the box, a point of a ball is no farther from
@@ -151,7 +151,7 @@ class LinkReach:
 
 @dataclass(frozen=True, eq=False)
 class RelativeMotion:
-    """Bounds on how far pairs can come closer; see :meth:`LinkReach.relative`.
+    """Bounds on how far pairs can come closer; see :meth:`LinkDisplacement.relative`.
 
     Attributes:
         reach: The bounds on single links.
@@ -161,7 +161,7 @@ class RelativeMotion:
             (pairs, 2).
     """
 
-    reach: LinkReach
+    reach: LinkDisplacement
     parts: list[tuple[IntArray, BoolArray]]
     sides: IntArray
 

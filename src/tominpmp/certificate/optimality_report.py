@@ -1,4 +1,4 @@
-"""First-order conditions in words: to what they are kept, or which one fails where."""
+"""Report on the first-order conditions: how well they are kept, or which fails where."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import Certificate
-from tominpmp.certificate.dual_program import FirstOrder
+from tominpmp.certificate.dual_program import DualSolution
 from tominpmp.certificate.multipliers import GOAL, TRUST
 from tominpmp.options import Tolerances
 from tominpmp.verification.verdict import Verification
@@ -42,8 +42,8 @@ def autonomous(motion: Motion) -> bool:
     return room is None or not room.moving
 
 
-def praise(motion: Motion, out: Certificate) -> str:
-    """What to say of a motion that keeps all conditions."""
+def conditions_kept(motion: Motion, out: Certificate) -> str:
+    """Sentences on a motion that keeps all first-order conditions."""
     T = float(out.t[-1])
     constancy = (
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
@@ -66,9 +66,9 @@ def praise(motion: Motion, out: Certificate) -> str:
     return text
 
 
-def failing(
+def failed_conditions(
     motion: Motion,
-    found: FirstOrder,
+    found: DualSolution,
     out: Certificate,
     verification: Verification | None,
 ) -> list[str]:
@@ -86,7 +86,7 @@ def failing(
 class _Failures:
     """What is wrong with a motion."""
 
-    def __init__(self, motion: Motion, found: FirstOrder, out: Certificate) -> None:
+    def __init__(self, motion: Motion, found: DualSolution, out: Certificate) -> None:
         self.motion, self.found, self.out = motion, found, out
         self.names = out.joint_names
         self.t = motion.changes.t
