@@ -237,7 +237,7 @@ def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
     y = program.pack()
     first = program.shoot(y)
     assert first is not None
-    program.watch(program.look(first.flow, 2.0))
+    program.watch(program.look(first.motion, 2.0))
     shot, step = program.shoot(y), 1e-6
     assert shot is not None
     assert shot.room.size > 10
@@ -268,12 +268,12 @@ def test_held_joint_keeps_its_speed() -> None:
     system = System.of(case.problem())
     held = np.array([[0, 1]])
     rough = Arcs(np.array([0.2]), np.array([[0.7, 0.0]]), held == 2, held)
-    flow = ArcProgram(system, rough, np.array([8])).shoot(np.array([1.0]))
-    assert flow is not None
-    v = flow.flow.x[:, 3]
+    shot = ArcProgram(system, rough, np.array([8])).shoot(np.array([1.0]))
+    assert shot is not None
+    v = shot.motion.x[:, 3]
     np.testing.assert_allclose(v, v[0], atol=1e-12)
     # The torque that does it is what the inverse dynamics ask for.
-    x, rates = flow.flow.x[-1], flow.flow.rates
+    x, rates = shot.motion.x[-1], shot.motion.rates
     dynamics = RobotDynamics(case.robot())
     tau = dynamics.inverse(x[None, :2], x[None, 2:], rates.f[-1:, 2:])[0]
     np.testing.assert_allclose(rates.tau[-1], tau, rtol=1e-9)

@@ -2,8 +2,8 @@
 
 Time-optimal motions of the same arm between the same states often come in several
 kinds that differ by the order of the switches, and no small change leads from one to
-another. Wild paths do: torques on a coarse grid find their way from them to a motion
-near to some optimum, roughly but surely; its arcs do the rest. For a single motor the
+another. Randomly perturbed paths do: torques on a coarse grid lead from them to a
+motion near to some optimum, whose arcs are then optimised. For a single motor the
 number of switches is the only difference, and all of them are tried.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arcs.structure import Arcs
-from tominpmp.arcs.switching_times import Settled, solve_lengths
+from tominpmp.arcs.switching_times import OptimisedArcs, solve_lengths
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.linear_programs import LpSolver
@@ -29,18 +29,18 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 
-# Grid of torques on which a wild path becomes a motion, and its iterations.
+# Grid of torques on which a perturbed path becomes a motion, and its iterations.
 INTERVALS = 30
 ITERATIONS = 25
 TOLERANCE = 1e-3
 RADIUS = 0.5
 SMOOTHING = 1e-4
-# Waves that a wild path swings in, how far [rad], and how its duration is spread, as a
-# logarithm.
+# Sine waves added to a path, their amplitude [rad], and the spread of the logarithm of
+# its duration.
 WAVES = 3
-WILDNESS = 1.0
+AMPLITUDE = 1.0
 SPREAD = 0.3
-# Configurations at the goal that wild paths end at, where it leaves several.
+# Configurations at the goal that perturbed paths end at, where it leaves several.
 ENDS = 8
 # Arcs of a motion with a single motor, and how many random lengths are tried of each.
 FEWEST, MOST = 2, 8
@@ -81,7 +81,7 @@ def on_grid(
     return program.trajectory(last.z)
 
 
-def wild_motions(
+def perturbed_motions(
     system: System,
     options: Options,
     lp: LpSolver,
@@ -89,7 +89,7 @@ def wild_motions(
     plan: Trajectory,
     rng: np.random.Generator,
 ) -> Iterator[Trajectory]:
-    """Motions from wild paths, without end.
+    """Motions from randomly perturbed paths, without end.
 
     Args:
         system: The functions of the problem.
@@ -108,18 +108,18 @@ def wild_motions(
     limits = system.problem.robot.limits
     ends = _goal_ends(system, plan, rng)
     s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
-    reach = WILDNESS * np.minimum(
+    reach = AMPLITUDE * np.minimum(
         system.step_scale, limits.position_upper - limits.position_lower
     )
     first = True
     while True:
         # The first path is straight; it often leads to the best motion.
-        wildness = 0.0 if first else reach
+        amplitude = 0.0 if first else reach
         path = system.problem.q_start + s * (
             ends[int(rng.integers(len(ends)))] - system.problem.q_start
         )
         for wave in range(1, WAVES + 1):
-            bend = rng.normal(size=system.n) * wildness
+            bend = rng.normal(size=system.n) * amplitude
             path = path + bend * np.sin(wave * np.pi * s)
         path = np.clip(path, limits.position_lower, limits.position_upper)
         duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
@@ -138,12 +138,12 @@ def _goal_ends(
     return [plan.q[-1], *free]
 
 
-def swings(
+def single_motor_motions(
     system: System,
     duration: float,
     rng: np.random.Generator,
     budget: Budget,
-) -> Iterator[Settled]:
+) -> Iterator[OptimisedArcs]:
     """Rough motions of a single motor, with one switch, two, and so on.
 
     Args:

@@ -41,7 +41,7 @@ HALVINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Flow:
+class IntegratedArcs:
     """A motion integrated over steps, of which the torque is constant on each.
 
     Attributes:
@@ -93,7 +93,7 @@ def integrate(
     held: BoolArray,
     h: Array,
     guess: Array,
-) -> tuple[Flow | None, int]:
+) -> tuple[IntegratedArcs | None, int]:
     """Integrate forward, all steps at once from a guess.
 
     Args:
@@ -149,11 +149,11 @@ def integrate(
             stages = trial
             size_of = float(np.max(np.abs(change) / (1.0 + np.abs(stages))))
             if damping == 1.0 and (size_of < 1e-7 and after < 1e-10):
-                return Flow(x_start, stages, h, rates), cost
+                return IntegratedArcs(x_start, stages, h, rates), cost
     return None, cost
 
 
-def march(
+def explicit_stages(
     dynamics: Dynamics, x_start: Array, u: Array, held: BoolArray, h: Array
 ) -> Array:
     """Stages of a motion by explicit steps, one after the other: a guess.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arcs.radau import NODES, Flow, integrate, march
+from tominpmp.arcs.radau import NODES, IntegratedArcs, explicit_stages, integrate
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.stopping import check
@@ -49,7 +49,7 @@ class Shot:
     """A motion of a program, and how it depends on the unknowns.
 
     Attributes:
-        flow: The motion.
+        motion: The motion.
         equal: Goal and entries of held arcs, zero where they hold, shape (e,).
         by_equal: Shape (e, size).
         room: What is left to the watched limits and bounds of the goal, shape (r,).
@@ -58,7 +58,7 @@ class Shot:
         by_stages: Derivative of the stages, shape (M, 3, 2n, size).
     """
 
-    flow: Flow
+    motion: IntegratedArcs
     equal: Array
     by_equal: Array
     room: Array
@@ -128,29 +128,31 @@ class ArcProgram:
         """The motion of some unknowns; None if it cannot be integrated."""
         check()
         if self._last is None or not np.array_equal(self._last[0], y):
-            flow = self._integrate(y)
-            shot = None if flow is None else self._differentiate(flow)
+            motion = self._integrate(y)
+            shot = None if motion is None else self._differentiate(motion)
             if shot is not None:
                 self._base = y.copy(), shot
             self._last = y.copy(), shot
         return self._last[1]
 
-    def _integrate(self, y: Array) -> Flow | None:
+    def _integrate(self, y: Array) -> IntegratedArcs | None:
         arcs = self.unpack(y)
         guess = self._guess
         if self._base is not None:
             # To first order the motion that was found last tells the new one.
             z, shot = self._base
-            guess = shot.flow.stages + shot.by_stages @ (y - z)
-        flow = self._settle(arcs, guess)
-        return self._settle(arcs, self.march(arcs)) if flow is None else flow
+            guess = shot.motion.stages + shot.by_stages @ (y - z)
+        motion = self._settle(arcs, guess)
+        return (
+            self._settle(arcs, self.explicit_stages(arcs)) if motion is None else motion
+        )
 
-    def _settle(self, arcs: Arcs, guess: Array) -> Flow | None:
+    def _settle(self, arcs: Arcs, guess: Array) -> IntegratedArcs | None:
         u, h = self._drive(arcs)
         dynamics, held = self.system.dynamics, self._held
-        flow, cost = integrate(dynamics, self._start, u, held, h, guess)
+        motion, cost = integrate(dynamics, self._start, u, held, h, guess)
         self.evaluations += cost
-        return flow
+        return motion
 
     def _drive(self, arcs: Arcs) -> tuple[Array, Array]:
         """Torques and lengths of the steps."""
@@ -158,23 +160,23 @@ class ArcProgram:
         h = (arcs.lengths / self.steps)[of]
         return system.effort_middle + system.effort_half * arcs.levels[of], h
 
-    def march(self, arcs: Arcs) -> Array:
+    def explicit_stages(self, arcs: Arcs) -> Array:
         """Stages of an explicit integration, shape (M, 3, 2n): a guess."""
         u, h = self._drive(arcs)
         self.evaluations += h.size
-        return march(self.system.dynamics, self._start, u, self._held, h)
+        return explicit_stages(self.system.dynamics, self._start, u, self._held, h)
 
-    def propagate(self, flow: Flow) -> tuple[Array, Array]:
+    def propagate(self, motion: IntegratedArcs) -> tuple[Array, Array]:
         """Derivatives of the states by the unknowns.
 
         Args:
-            flow: The motion.
+            motion: The motion.
 
         Returns:
             At the ends of the steps, from the start on, and at the stages: shapes
             (M + 1, 2n, size) and (M, 3, 2n, size).
         """
-        by_start, by_u, by_h = flow.sensitivities
+        by_start, by_u, by_h = motion.sensitivities
         count, stages, size, _ = by_start.shape
         of = self.arc_of_step
         drive = np.zeros((count, stages, size, self.size))
@@ -190,10 +192,10 @@ class ArcProgram:
             out[i + 1] = A[i] @ out[i] + own[i]
         return out, by_start @ out[:-1, None] + drive
 
-    def _differentiate(self, flow: Flow) -> Shot:
+    def _differentiate(self, motion: IntegratedArcs) -> Shot:
         system, n = self.system, self._n
-        by, by_stages = self.propagate(flow)
-        x = flow.x
+        by, by_stages = self.propagate(motion)
+        x = motion.x
         value, by_q, by_v = system.problem.goal.residual(
             system.kinematics, x[-1, :n], x[-1, n:]
         )
@@ -212,10 +214,10 @@ class ArcProgram:
         limit = system.problem.robot.limits.velocity[joint]
         entry = x[node, n + joint] / limit - self.arcs.held[arc, joint]
         by_entry = by[node, n + joint] / limit[:, None]
-        room, by_room = self._rooms(flow, by)
+        room, by_room = self._rooms(motion, by)
         above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
         return Shot(
-            flow,
+            motion,
             np.concatenate([((value - low) / scale)[exact], entry]),
             np.vstack([slopes[exact], by_entry]),
             np.concatenate(
@@ -232,10 +234,10 @@ class ArcProgram:
 
     # -- limits ------------------------------------------------------------------------
 
-    def _values(self, flow: Flow, kind: int) -> tuple[Array, Array]:
+    def _values(self, motion: IntegratedArcs, kind: int) -> tuple[Array, Array]:
         """What is left to upper and lower limits at the ends of steps, (M, k) each."""
         system, n = self.system, self._n
-        limits, x = system.problem.robot.limits, flow.x[1:]
+        limits, x = system.problem.robot.limits, motion.x[1:]
         if kind == POSITION:
             q, scale = x[:, :n], system.step_scale
             return (
@@ -246,14 +248,14 @@ class ArcProgram:
             share = x[:, n:] / limits.velocity
             return 1.0 - share, 1.0 + share
         if kind == TORQUE:
-            tau = flow.rates.tau.reshape(-1, 3, n)[:, -1]
+            tau = motion.rates.tau.reshape(-1, 3, n)[:, -1]
             share = (tau - system.effort_middle) / system.effort_half
             return (
                 np.where(self._held, 1.0 - share, np.inf),
                 np.where(self._held, 1.0 + share, np.inf),
             )
         assert system.clearance is not None  # noqa: S101
-        room = -system.clearance.values(x[:, :n], times=np.cumsum(flow.h))
+        room = -system.clearance.values(x[:, :n], times=np.cumsum(motion.h))
         return room, np.full_like(room, np.inf)
 
     def _kinds(self) -> list[int]:
@@ -264,17 +266,17 @@ class ArcProgram:
             kinds.append(CLEARANCE)
         return kinds
 
-    def look(self, flow: Flow, near: float | None = None) -> Watched:
+    def look(self, motion: IntegratedArcs, near: float | None = None) -> Watched:
         """Limits that a motion comes near to, or passes.
 
         Args:
-            flow: The motion.
+            motion: The motion.
             near: How near, in shares; None takes the usual.
         """
         parts = [Watched.none()]
         for kind in self._kinds():
             distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
-            for sign, room in zip((1, -1), self._values(flow, kind), strict=True):
+            for sign, room in zip((1, -1), self._values(motion, kind), strict=True):
                 if kind == VELOCITY:
                     room = np.where(self._kept(), np.inf, room)
                 step, index = np.nonzero(room < distance)
@@ -294,7 +296,7 @@ class ArcProgram:
         kept[:-1] |= self._held[1:]
         return np.asarray(kept)
 
-    def _rooms(self, flow: Flow, by: Array) -> tuple[Array, Array]:
+    def _rooms(self, motion: IntegratedArcs, by: Array) -> tuple[Array, Array]:
         """What is left to the watched limits, with derivatives."""
         system, n, watched = self.system, self._n, self.watched
         count = watched.kind.size
@@ -304,27 +306,27 @@ class ArcProgram:
             rows = np.flatnonzero(watched.kind == kind)
             node, index = watched.node[rows], watched.which[rows]
             sign = watched.sign[rows]
-            high, low = self._values(flow, kind)
+            high, low = self._values(motion, kind)
             room[rows] = np.where(sign > 0, high[node - 1, index], low[node - 1, index])
             if kind == POSITION:
                 slope = by[node, index] / system.step_scale[index, None]
             elif kind == VELOCITY:
                 slope = by[node, n + index] / limits.velocity[index, None]
             elif kind == TORQUE:
-                slope = self._torque_slopes(flow, by, node, index)
+                slope = self._torque_slopes(motion, by, node, index)
             else:
                 assert system.clearance is not None  # noqa: S101
-                slope = self._clearance_slopes(flow, by, node, index)
+                slope = self._clearance_slopes(motion, by, node, index)
             by_room[rows] = -sign[:, None] * slope
         return room, by_room
 
     def _clearance_slopes(
-        self, flow: Flow, by: Array, node: IntArray, index: IntArray
+        self, motion: IntegratedArcs, by: Array, node: IntArray, index: IntArray
     ) -> Array:
         clearance, n = self.system.clearance, self._n
         assert clearance is not None  # noqa: S101
         gradients, rates = clearance.derivatives_at(
-            flow.x[1:, :n], node - 1, index, np.cumsum(flow.h)
+            motion.x[1:, :n], node - 1, index, np.cumsum(motion.h)
         )
         slope: Array = np.einsum("rj,rjz->rz", gradients, by[node, :n])
         if clearance.moving:
@@ -336,9 +338,9 @@ class ArcProgram:
         return slope
 
     def _torque_slopes(
-        self, flow: Flow, by: Array, node: IntArray, index: IntArray
+        self, motion: IntegratedArcs, by: Array, node: IntArray, index: IntArray
     ) -> Array:
-        rates, last = flow.rates, 3 * node - 1
+        rates, last = motion.rates, 3 * node - 1
         slope = np.einsum("rx,rxz->rz", rates.tau_x[last, index], by[node])
         arc = self.arc_of_step[node - 1]
         for row, (k, j, at) in enumerate(zip(arc, index, last, strict=True)):
@@ -347,12 +349,12 @@ class ArcProgram:
             slope[row, self._column[k, free]] += rates.tau_u[at, j, free] * half
         return np.asarray(slope / self.system.effort_half[index, None])
 
-    def excess(self, flow: Flow, slack: float) -> float:
+    def excess(self, motion: IntegratedArcs, slack: float) -> float:
         """What the limits are passed by at the ends of steps, if by more than slack."""
-        passed = self.look(flow, -slack)
+        passed = self.look(motion, -slack)
         worst = 0.0
         for kind in np.unique(passed.kind).tolist():
-            high, low = self._values(flow, kind)
+            high, low = self._values(motion, kind)
             rows = passed.kind == kind
             at = passed.node[rows] - 1, passed.which[rows]
             room = np.where(passed.sign[rows] > 0, high[at], low[at])

@@ -115,7 +115,7 @@ class Arcs:
         driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
         return replace(self, free=(self.held == 0) & driven)
 
-    def settled(self) -> Arcs:
+    def saturated(self) -> Arcs:
         """With torques that have come to a limit no longer to be found."""
         bound = self.free & (np.abs(self.levels) >= 1.0 - 1e-9)
         levels = np.where(bound, np.sign(self.levels), self.levels)

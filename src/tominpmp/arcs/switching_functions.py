@@ -79,7 +79,7 @@ def torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> A
         of: Multipliers of equations and limits.
     """
     equations, limits = of
-    A, B, _ = (part[:, -1] for part in shot.flow.sensitivities)
+    A, B, _ = (part[:, -1] for part in shot.motion.sensitivities)
     n = B.shape[2]
     push = np.zeros((A.shape[0] + 1, 2 * n))
     goals = shot.seeds.shape[0]

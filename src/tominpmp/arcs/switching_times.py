@@ -59,11 +59,11 @@ LONGEST = 3.0
 BROKEN = 1e3
 # Relative progress and misses that count as none, and how often in a row.
 STILL = 1e-10
-CALM = 2
+STILL_STEPS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class OptimisedArcs:
     """Arcs whose lengths are optimal, as far as their kinds go.
 
     Attributes:
@@ -102,9 +102,11 @@ class Settled:
 
     def states(self, times: Array) -> Array:
         """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
-        arcs, flow = self.arcs, self.shot.flow
+        arcs, motion = self.arcs, self.shot.motion
         t = np.concatenate([[0.0], self.program.sample_times(arcs).ravel()])
-        x = np.concatenate([flow.x_start[None], flow.stages.reshape(t.size - 1, -1)])
+        x = np.concatenate(
+            [motion.x_start[None], motion.stages.reshape(t.size - 1, -1)]
+        )
         return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
 
 
@@ -120,7 +122,7 @@ def solve_lengths(
     states: States | None,
     budget: Budget,
     total: int = STEPS,
-) -> Settled | None:
+) -> OptimisedArcs | None:
     """Find optimal lengths and free torques for arcs of given kinds.
 
     Args:
@@ -144,15 +146,15 @@ def solve_lengths(
     for _ in range(LOOKS):
         if shot is None or budget.spent:
             return None
-        program.watch(program.look(shot.flow))
+        program.watch(program.look(shot.motion))
         y = _minimize(program, y, budget)
         shot = program.shoot(y)
-        excess = np.inf if shot is None else program.excess(shot.flow, 0.1 * SLACK)
+        excess = np.inf if shot is None else program.excess(shot.motion, 0.1 * SLACK)
         if excess <= SLACK:
             break
     if shot is None:
         return None
-    return Settled(program, y, shot, _miss(shot), excess)
+    return OptimisedArcs(program, y, shot, _miss(shot), excess)
 
 
 def _miss(shot: Shot) -> float:
@@ -196,19 +198,19 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
         )
     low = np.concatenate([np.zeros(count), -np.ones(size - count)])
     high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
-    last, calm, paid = y, 0, program.evaluations
+    last, still_steps, paid = y, 0, program.evaluations
 
     def follow(z: Array) -> None:
         # SLSQP's own test asks for more digits than there are.
-        nonlocal last, calm, paid
+        nonlocal last, still_steps, paid
         shot = program.shoot(z)
         step = abs(float(cost @ (z - last)))
         still = shot is not None and step < STILL and _miss(shot) < STILL
-        calm = calm + 1 if still else 0
+        still_steps = still_steps + 1 if still else 0
         last = z.copy()
         budget.pay(program.evaluations - paid)
         paid = program.evaluations
-        if calm >= CALM:
+        if still_steps >= STILL_STEPS:
             raise StopIteration
 
     try:
@@ -267,21 +269,21 @@ def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
 
 
 def polish(
-    system: System, settled: Settled, budget: Budget, total: int
-) -> Settled | None:
+    system: System, optimised: OptimisedArcs, budget: Budget, total: int
+) -> OptimisedArcs | None:
     """Solve again without the arcs that have vanished."""
-    arcs = settled.arcs.cleaned().settled()
-    return solve_lengths(system, arcs, settled.states, budget, total)
+    arcs = optimised.arcs.cleaned().saturated()
+    return solve_lengths(system, arcs, optimised.states, budget, total)
 
 
 def improve(
-    system: System, settled: Settled, budget: Budget, total: int = STEPS
-) -> Settled:
+    system: System, optimised: OptimisedArcs, budget: Budget, total: int = STEPS
+) -> OptimisedArcs:
     """Change the structure until nothing is left to gain.
 
     Args:
         system: The functions of the problem.
-        settled: Arcs of optimal lengths that keep goal and limits.
+        optimised: Arcs of optimal lengths that keep goal and limits.
         budget: How much may be spent.
         total: Integration steps over the whole motion.
 
@@ -289,33 +291,35 @@ def improve(
         The improved arcs.
     """
     for _ in range(CHANGES):
-        T = settled.duration
-        changes = find_changes(settled.program, settled.y, settled.shot, PROMISE * T)
+        T = optimised.duration
+        changes = find_changes(
+            optimised.program, optimised.y, optimised.shot, PROMISE * T
+        )
         if not changes:
             break
         best = sorted(changes, key=lambda change: -change.gain)[:SINGLES]
         for some in [changes] if len(changes) == 1 else [changes, *([c] for c in best)]:
-            better = _changed(system, settled, some, budget, total)
+            better = _changed(system, optimised, some, budget, total)
             if better is not None and better.duration < T * (1.0 - PROGRESS):
-                settled = better
+                optimised = better
                 break
         else:
             break
-    return settled
+    return optimised
 
 
 def _changed(
     system: System,
-    settled: Settled,
+    optimised: OptimisedArcs,
     changes: Sequence[Change],
     budget: Budget,
     total: int,
-) -> Settled | None:
+) -> OptimisedArcs | None:
     """Arcs with changes of the structure, solved again; None if that fails."""
-    arcs = settled.arcs
+    arcs = optimised.arcs
     for change in sorted(changes, key=lambda change: -change.arc):
         arcs = change.apply(arcs)
-    found = solve_lengths(system, arcs, settled.states, budget, total)
+    found = solve_lengths(system, arcs, optimised.states, budget, total)
     if found is not None:
         found = polish(system, found, budget, total)
     return found if found is not None and found.feasible else None
@@ -323,7 +327,7 @@ def _changed(
 
 def refine_arcs(
     system: System, arcs: Arcs, states: States, budget: Budget
-) -> Settled | None:
+) -> OptimisedArcs | None:
     """Find the arcs of a locally time-optimal motion, and their lengths.
 
     Args:
@@ -335,34 +339,34 @@ def refine_arcs(
     Returns:
         What was found; None if no motion was that keeps goal and limits.
     """
-    settled = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
-    if settled is None or not settled.feasible:
-        settled = solve_lengths(system, arcs.loosened(), states, budget, FEWER_STEPS)
-    if settled is None or not settled.feasible:
+    optimised = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
+    if optimised is None or not optimised.feasible:
+        optimised = solve_lengths(system, arcs.loosened(), states, budget, FEWER_STEPS)
+    if optimised is None or not optimised.feasible:
         return None
-    polished = polish(system, settled, budget, FEWER_STEPS)
+    polished = polish(system, optimised, budget, FEWER_STEPS)
     if polished is not None and polished.feasible:
-        settled = polished
-    return improve(system, settled, budget, FEWER_STEPS)
+        optimised = polished
+    return improve(system, optimised, budget, FEWER_STEPS)
 
 
-def sharpen(system: System, settled: Settled, budget: Budget) -> Settled:
+def sharpen(system: System, optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:
     """Halve the integration steps until the duration does not notice.
 
     Args:
         system: The functions of the problem.
-        settled: Arcs of optimal lengths.
+        optimised: Arcs of optimal lengths.
         budget: How much may be spent; this takes little, and its end is paid for.
     """
     total = STEPS // 2
     reserve = Budget(max(budget.left, EVALUATIONS // 4))
     while total < MOST_STEPS:
         total *= 2
-        finer = polish(system, settled, reserve, total)
+        finer = polish(system, optimised, reserve, total)
         if finer is None or not finer.feasible:
             break
-        change = abs(finer.duration / settled.duration - 1.0)
-        settled = finer
+        change = abs(finer.duration / optimised.duration - 1.0)
+        optimised = finer
         if change < ACCURACY:
             break
-    return settled
+    return optimised

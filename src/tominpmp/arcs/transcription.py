@@ -117,12 +117,12 @@ class ArcTranscription:
         shot = program.shoot(z)
         if shot is None:
             raise ValueError("the motion cannot be integrated")
-        flow, arcs, n = shot.flow, program.unpack(z), system.n
+        motion, arcs, n = shot.motion, program.unpack(z), system.n
         of = program.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         held = arcs.held[of] != 0
-        steps = np.flatnonzero(flow.h > VANISHED * flow.h.sum())
-        x, h = flow.x, flow.h
+        steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
+        x, h = motion.x, motion.h
         rows_x, rows_u, rows_h = [x[:1]], [], []
         known = np.concatenate([[0.0], NODES])
         for i in steps.tolist():
@@ -132,7 +132,7 @@ class ArcTranscription:
                 rows_h.append(h[i : i + 1])
                 continue
             # Through the start and the stages of the step.
-            points = np.vstack([x[i], flow.stages[i]])
+            points = np.vstack([x[i], motion.stages[i]])
             ticks = np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
             weights = np.linalg.solve(
                 np.vander(known, increasing=True).T, np.vander(ticks, 4, True).T

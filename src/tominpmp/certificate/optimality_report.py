@@ -1,4 +1,4 @@
-"""Report on the first-order conditions: how well they are kept, or which fails where."""
+"""Report on the first-order conditions: how well they are kept, which fails where."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.arcs.radau import march
+from tominpmp.arcs.radau import explicit_stages
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.friction import interval_signs
 from tominpmp.linear_programs import LpSolver
@@ -202,7 +202,9 @@ def step_errors(system: System, x: Array, u: Array, h: Array) -> Array:
     none = np.zeros((2, system.n), dtype=bool)
     for k in range(h.size):
         twice = np.tile(u[k], (2, 1))
-        ends = march(system.dynamics, x[k], twice, none, np.full(2, 0.5 * h[k]))
+        ends = explicit_stages(
+            system.dynamics, x[k], twice, none, np.full(2, 0.5 * h[k])
+        )
         out[k] = np.abs(ends[-1, -1] - x[k + 1])
     return np.asarray(np.where(np.isfinite(out) & (out < 0.1), out, 0.0))
 

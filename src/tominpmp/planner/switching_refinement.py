@@ -9,10 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tominpmp.arcs.detection import arcs_of, one_way, states_of, without_friction
-from tominpmp.arcs.perturbed_starts import on_grid, swings, wild_motions
+from tominpmp.arcs.perturbed_starts import (
+    on_grid,
+    perturbed_motions,
+    single_motor_motions,
+)
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arcs.switching_times import (
-    Settled,
+    OptimisedArcs,
     States,
     refine_arcs,
     sharpen,
@@ -78,7 +82,7 @@ class Search:
     clock: Clock
     limit: float
     plan: Iterate
-    found: list[Settled] = field(default_factory=list)
+    found: list[OptimisedArcs] = field(default_factory=list)
 
     @property
     def duration(self) -> float:
@@ -162,7 +166,7 @@ def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> N
     near = search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
     # More starts look at no less than fewer would, and a single one not elsewhere.
     tries = 0 if options.starts == 1 else max(TRIES, (options.starts or 1) - 1)
-    # Where ways are taken for granted, wild motions would not go them.
+    # Where ways are taken for granted, perturbed motions would not go them.
     if small and search.clock.first and search.system.ways is None:
         _explore(search, options, plan, lp, tries)
     # What was found elsewhere is no reason to give up what lies near.
@@ -180,15 +184,15 @@ def _explore(
     """Look for arcs elsewhere."""
     system, clock = search.system, search.clock
     rng = np.random.default_rng(options.seed)
-    wild = wild_motions(system, options, lp, clock, plan, rng)
-    for _, trajectory in zip(range(tries), wild, strict=False):
+    perturbed = perturbed_motions(system, options, lp, clock, plan, rng)
+    for _, trajectory in zip(range(tries), perturbed, strict=False):
         if clock.over:
             return
         search.read(trajectory, TRY_EVALUATIONS)
     if tries and driven_joints(system).size == 1:
         budget = Budget(stop=lambda: clock.over)
         duration = search.duration if search.found else plan.duration
-        for rough in swings(system, duration, rng, budget):
+        for rough in single_motor_motions(system, duration, rng, budget):
             search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
 
 
@@ -207,7 +211,7 @@ def _finer(
         yield on_grid(system, few, lp, clock, path, plan.duration)
 
 
-def _transcribe(motion: Settled) -> tuple[ArcTranscription, np.ndarray]:
+def _transcribe(motion: OptimisedArcs) -> tuple[ArcTranscription, np.ndarray]:
     return ArcTranscription(motion.program, motion.shot), motion.y
 
 
