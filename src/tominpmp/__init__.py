@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tominpmp.bounds import LowerBound, lower_bound
     from tominpmp.certificate import Certificate, certify
-    from tominpmp.combination import combine_robots
+    from tominpmp.combined_robots import combine_robots
     from tominpmp.constraints import KeepUpright, PathConstraint, ToolSpeed
     from tominpmp.exceptions import (
         FrameNotFound,
@@ -89,7 +89,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "bounds": ("LowerBound", "lower_bound"),
     "certificate": ("Certificate", "certify"),
-    "combination": ("combine_robots",),
+    "combined_robots": ("combine_robots",),
     "constraints": (
         "KeepUpright",
         "PathConstraint",

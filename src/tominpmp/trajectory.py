@@ -138,7 +138,7 @@ class Samples(Record):
             as ROS's joint trajectory controller does, by straight lines where there are
             positions only, by cubics with velocities, by polynomials of degree 5 with
             accelerations; these three may be named too; "auto" looks for the motion
-            that they were taken from, see :mod:`~tominpmp.recorded`.
+            that they were taken from, see :mod:`~tominpmp.sampled_motion`.
     """
 
     joint_names: tuple[str, ...]

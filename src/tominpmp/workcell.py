@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record
-from tominpmp.combination import base_placement, combine_robots
+from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.assembly import stack_parts
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief, expect

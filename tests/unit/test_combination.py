@@ -11,7 +11,7 @@ import pytest
 from robot_samples import chain, load, one_shape, placement
 
 from tominpmp.collision import CollisionChecker
-from tominpmp.combination import combine_robots
+from tominpmp.combined_robots import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AllGoals, JointGoal, JointRegionGoal, PositionGoal

@@ -22,7 +22,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.planning import plan
 from tominpmp.transcription.ticks import Ticks, ticks_of
-from tominpmp.verification.limit_violations import Excess
+from tominpmp.verification.limit_violations import LimitViolation
 
 PERIODS = (0.001, 0.004, 0.008)
 # Instants of every period at which the interpolated motion is looked at.
@@ -478,7 +478,7 @@ def test_links_that_touch_on_the_clock_are_kept_apart(ur5, monkeypatch):
         found = judged(*given, **named)
         if not next(touching, False):
             return found
-        touch = Excess("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
+        touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
         return replace(found, ok=False, violations=(touch,))
 
     monkeypatch.setattr(clock, "verify", verify)

@@ -24,7 +24,7 @@ from tominpmp.status import IterationRecord
 from tominpmp.transcription.bspline_basis import Basis
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import TRACE, Ticks, ticks_of
-from tominpmp.verification.limit_violations import Excess
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.nearest import keeps_clear
 
 # A small problem, solved fast.
@@ -72,7 +72,7 @@ def calls(monkeypatch):
 
 def not_right(verification):
     """A verdict that finds fault with a motion."""
-    fault = Excess("effort", "joint1", 0.1, 1.0, "N m", 0.1, True)
+    fault = LimitViolation("effort", "joint1", 0.1, 1.0, "N m", 0.1, True)
     return replace(verification, ok=False, violations=(fault,))
 
 

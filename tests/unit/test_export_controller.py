@@ -16,8 +16,8 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.io.export import export, load_motion
 from tominpmp.io.ros import accelerations_continue
-from tominpmp.recorded import join, recorded_motion
 from tominpmp.robot import Robot
+from tominpmp.sampled_motion import join, recorded_motion
 from tominpmp.sampling import clock
 from tominpmp.trajectory import Samples, Trajectory
 

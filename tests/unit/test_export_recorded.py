@@ -10,8 +10,8 @@ import pytest
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
 from tominpmp.io.export import export, load_motion
-from tominpmp.recorded import recorded_motion
 from tominpmp.robot import Robot, load_robot
+from tominpmp.sampled_motion import recorded_motion
 from tominpmp.trajectory import Samples, Trajectory
 
 HERE = Path("m.csv")

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.bounds.lower_bound import lower_bound
-from tominpmp.combination import combine_robots
+from tominpmp.combined_robots import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError
 from tominpmp.verification.replay import Integration

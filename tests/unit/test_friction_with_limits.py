@@ -13,8 +13,8 @@ from sample_arms import DOWNWARD, make_arm, rod
 import tominpmp as tm
 from tominpmp.io.export import load_motion
 from tominpmp.io.export_check import check_export
-from tominpmp.recorded import join
-from tominpmp.verification.limit_violations import limit_excesses
+from tominpmp.sampled_motion import join
+from tominpmp.verification.limit_violations import limit_violations
 from tominpmp.verification.replay import torque_pieces
 
 START = (3.05, 0.35, 2.4, 1.2, -2.7, 1.4, 0.6)
@@ -73,7 +73,7 @@ def test_acceleration_at_the_stop_is_that_of_the_motion(sign: float) -> None:
     v = np.array(found.replay.v)
     v[-1] = sign * 1e-8
     robot = solution.problem.robot
-    limits = limit_excesses(
+    limits = limit_violations(
         solution.problem,
         replace(found.replay, v=v),
         torque_pieces(robot, motion),

@@ -157,7 +157,7 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
     monkeypatch.setattr(decomposition_cache, "_read", lambda path, vertices: None)
     problem = straight()
     bound = closest(problem, solution.verification.replay, problem.checker, 1e-6)
-    assert bound is not None and not bound.excess.violated
+    assert bound is not None and not bound.violation.violated
     assert 0.0 < bound.distance <= known
 
 

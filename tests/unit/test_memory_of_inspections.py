@@ -13,7 +13,7 @@ from tominpmp.transcription.exchange import (
     MOST_SAMPLES,
     _Continuous,
     _samples,
-    dipping,
+    between_samples,
     exchanged,
     most_instants,
 )
@@ -87,7 +87,8 @@ def test_only_the_worst_are_looked_at_more_closely(
     system = System.of(problem)
     monkeypatch.setattr("tominpmp.transcription.exchange.MOST_NUMBERS", 300_000)
     monkeypatch.setattr(
-        "tominpmp.transcription.exchange.dipping", lambda m, *_: np.arange(len(m))
+        "tominpmp.transcription.exchange.between_samples",
+        lambda m, *_: np.arange(len(m)),
     )
     program = InverseTranscription(system, interval_shares("cosine", 40), 10.0)
     start = program.start(lambda t: np.tile(problem.q_start, (t.size, 1)), 10.0)
@@ -109,7 +110,7 @@ def test_dips_are_those_of_the_definition() -> None:
     for tolerance, close in ((0.0, 0.3), (0.5, 1.0), (2.5, np.inf)):
         dips = (missing + 0.5 * change > tolerance) & (missing > -close)
         expected = np.flatnonzero(np.any(dips, axis=1))
-        assert np.array_equal(dipping(missing, tolerance, close), expected)
+        assert np.array_equal(between_samples(missing, tolerance, close), expected)
 
 
 def test_curves_are_evaluated_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:

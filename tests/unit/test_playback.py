@@ -47,10 +47,10 @@ from tominpmp.scene import Obstacle
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.bodies import STEEL, robot_bodies
 from tominpmp.viz.browser import show_page
+from tominpmp.viz.meshcat_scene import Appearance, draw, frame_times
 from tominpmp.viz.page import build_page
 from tominpmp.viz.playback import play
 from tominpmp.viz.skeleton import best_view, end_frame, skeleton
-from tominpmp.viz.stage import Appearance, draw, frame_times
 from tominpmp.viz.surfaces import (
     Surface,
     box,

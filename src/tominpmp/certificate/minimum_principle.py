@@ -38,7 +38,7 @@ from tominpmp.certificate.optimality_report import (
 from tominpmp.certificate.task import Task
 from tominpmp.exceptions import expect
 from tominpmp.problem import Problem
-from tominpmp.recorded import checked_motion
+from tominpmp.sampled_motion import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification.verdict import Verification
 

@@ -10,7 +10,7 @@ from tominpmp.cli.problem import load_scene
 from tominpmp.goals import JointGoal
 from tominpmp.io.export import load_motion
 from tominpmp.problem import Problem
-from tominpmp.recorded import recorded_motion
+from tominpmp.sampled_motion import recorded_motion
 from tominpmp.viz.playback import play
 
 

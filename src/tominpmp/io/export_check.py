@@ -35,12 +35,12 @@ from tominpmp.io.ros_rules import (
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.recorded import Joined, join
+from tominpmp.sampled_motion import Joined, join
 from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.solution import Solution
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification import Verification, verify
-from tominpmp.verification.limit_violations import UNITS, Excess
+from tominpmp.verification.limit_violations import UNITS, LimitViolation
 
 # Periods that controllers have [s], the longest first.
 PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)
@@ -86,7 +86,7 @@ class ExportCheck:
     ok: bool
     joined: str
     refusals: tuple[Refusal, ...]
-    violations: tuple[Excess, ...]
+    violations: tuple[LimitViolation, ...]
     verification: Verification | None = field(repr=False)
     holding: tuple[float | None, ...] = ()
     tried: tuple[float | None, ...] = ()
@@ -133,7 +133,7 @@ def _listed(steps: tuple[float | None, ...]) -> str:
 
 
 class _Found(NamedTuple):
-    violations: tuple[Excess, ...]
+    violations: tuple[LimitViolation, ...]
     verification: Verification | None
 
 
@@ -302,7 +302,9 @@ class _Judge:
         tolerances = self.solution.options.tolerances
         if known is not None and known.ok and self._is_planned(motion):
             return _Found((), known)
-        broken = tuple(excesses(problem, motion, CLEARLY * tolerances.limits))
+        broken = tuple(
+            limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
+        )
         if broken:
             return _Found(broken, None)
         found = verify(problem, motion, tolerances)
@@ -336,7 +338,9 @@ def inner_instants(nodes: Array) -> Array:
     )
 
 
-def excesses(problem: Problem, motion: Trajectory, tolerance: float) -> list[Excess]:
+def limit_violations_of(
+    problem: Problem, motion: Trajectory, tolerance: float
+) -> list[LimitViolation]:
     """Limits of positions, velocities and torques that a motion breaks.
 
     Args:
@@ -371,7 +375,7 @@ def excesses(problem: Problem, motion: Trajectory, tolerance: float) -> list[Exc
         k, joint = np.unravel_index(int(np.argmax(share)), share.shape)
         if share[k, joint] > tolerance:
             found.append(
-                Excess(
+                LimitViolation(
                     kind,
                     problem.robot.joint_names[int(joint)],
                     float(times[k]),

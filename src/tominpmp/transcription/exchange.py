@@ -27,7 +27,7 @@ SAMPLES = 4
 # Pairs closer than this beyond what is asked for are looked at more closely [m], at
 # these places around an instant, in shares of the step; of other constraints, values.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
-DIPS = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
+CLOSER_LOOK = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
 # Instants closer than this share of an interval are one; where obstacles move, only if
 # they are closer than this, too [s].
 APART = 0.03
@@ -222,14 +222,14 @@ class _Continuous:
             The instants, and what is missing there.
         """
         missing = self._missing(at, self._close)
-        near = dipping(missing, 0.0, self._close)
-        near = _worst(near, missing, DIPS.size, self._most)
+        near = between_samples(missing, 0.0, self._close)
+        near = _worst(near, missing, CLOSER_LOOK.size, self._most)
         if not near.size:
             return at, missing
         count = np.bincount(at.interval, minlength=self._motion.h.size)
         width = 1.0 / count[at.interval[near]]
-        share = at.share[near, None] + DIPS * width[:, None]
-        more = Instants(np.repeat(at.interval[near], DIPS.size), share.ravel())
+        share = at.share[near, None] + CLOSER_LOOK * width[:, None]
+        more = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
         return at.joined(more), np.concatenate([missing, self._missing(more, 0.0)])
 
     def _finer(self, at: Instants) -> tuple[Instants, Array]:
@@ -272,7 +272,7 @@ class _Continuous:
             width, parts = np.repeat(width[near] / split, split), parts / split
 
 
-def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
+def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
     """Instants around which what is missing may pass a tolerance between the samples.
 
     Args:
@@ -291,9 +291,9 @@ def dipping(missing: Array, tolerance: float, close: float) -> IntArray:
     # Half a step away it has risen by half of that at the most, if evenly.
     change *= 0.5
     change += missing
-    dips = change > tolerance
-    dips &= missing > -close
-    return np.flatnonzero(np.any(dips, axis=1))
+    exceeding = change > tolerance
+    exceeding &= missing > -close
+    return np.flatnonzero(np.any(exceeding, axis=1))
 
 
 def most_instants(values: int) -> int:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from tominpmp.verification.clearance import ClearanceProof, prove_clearance
 from tominpmp.verification.diagnosis import explain
-from tominpmp.verification.limit_violations import Excess
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay, replay
 from tominpmp.verification.verdict import Verification, verify
 
 __all__ = [
     "ClearanceProof",
-    "Excess",
+    "LimitViolation",
     "Replay",
     "Verification",
     "explain",

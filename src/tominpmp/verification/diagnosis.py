@@ -18,7 +18,7 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.limit_violations import Excess, limit_excesses
+from tominpmp.verification.limit_violations import LimitViolation, limit_violations
 from tominpmp.verification.nearest import closest
 from tominpmp.verification.replay import (
     TIME_STEP,
@@ -88,7 +88,7 @@ def explain(
     iterations = sum(len(outcome.history) for outcome in outcomes)
     effort = f"{_count(len(outcomes), 'start')} and {_count(iterations, 'iteration')}"
     least = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
-    found = _excesses(problem, least.trajectory)
+    found = _violations_of(problem, least.trajectory)
     begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
     if not found:
         return f"{begin}; the best motion is within 0.1 % of what is allowed."
@@ -104,15 +104,15 @@ def explain(
     )
 
 
-def _excesses(problem: Problem, trajectory: Trajectory) -> list[Excess]:
+def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolation]:
     """What a planned motion violates, the worst first."""
     motion = _look(trajectory)
     found = [*arrival(problem, motion, STRICT)]
     torque = torque_pieces(problem.robot, trajectory)
-    found += limit_excesses(problem, motion, torque, STRICT.limits)
+    found += limit_violations(problem, motion, torque, STRICT.limits)
     near = closest(problem, motion, problem.checker, STRICT.contact)
     if near is not None:
-        found.append(near.excess)
+        found.append(near.violation)
     measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
     found = [item for item in found if item.violated]
     found.sort(key=lambda item: -item.share / measure.get(item.kind, STRICT.limits))
@@ -127,7 +127,7 @@ def _look(trajectory: Trajectory) -> Replay:
 def _everywhere(
     problem: Problem,
     outcomes: Sequence[Outcome],
-    found: Sequence[Excess],
+    found: Sequence[LimitViolation],
 ) -> set[str]:
     """Names of the pairs that are too close in every start."""
     names = {item.name for item in found if item.kind == "clearance"}
@@ -144,7 +144,7 @@ def _everywhere(
     return names
 
 
-def _clause(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
+def _clause(problem: Problem, trajectory: Trajectory, item: LimitViolation) -> str:
     if item.kind == "goal":
         return _of_goal(problem, item)
     if item.kind == "effort":
@@ -154,7 +154,7 @@ def _clause(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
     return str(item)
 
 
-def _of_goal(problem: Problem, item: Excess) -> str:
+def _of_goal(problem: Problem, item: LimitViolation) -> str:
     """A goal out of reach, or one that was not come nearer to."""
     goal = problem.goal
     point = goal.nearest_point()
@@ -166,7 +166,7 @@ def _of_goal(problem: Problem, item: Excess) -> str:
     return f"{item.name} comes no nearer to its goal than {item.amount:.3g} {item.unit}"
 
 
-def _of_effort(problem: Problem, trajectory: Trajectory, item: Excess) -> str:
+def _of_effort(problem: Problem, trajectory: Trajectory, item: LimitViolation) -> str:
     """A weight that cannot be held at the goal, or a motion that is too strong."""
     robot = problem.robot
     i = robot.joint_names.index(item.name)
@@ -214,7 +214,7 @@ def _allowed(problem: Problem, i: int) -> tuple[float, float]:
     return middle - scale * half, middle + scale * half
 
 
-def _of_clearance(problem: Problem, item: Excess) -> str:
+def _of_clearance(problem: Problem, item: LimitViolation) -> str:
     pairs = [" and ".join(pair) for pair in problem.checker.pairs]
     margin = float(problem.margins[pairs.index(item.name)])
     distance = margin - item.amount
@@ -226,7 +226,7 @@ def _of_clearance(problem: Problem, item: Excess) -> str:
     )
 
 
-def _relaxation(item: Excess) -> str:
+def _relaxation(item: LimitViolation) -> str:
     amount = f"{item.amount:.3g} {item.unit}"
     if item.kind == "goal":
         return f"a goal {amount} nearer"

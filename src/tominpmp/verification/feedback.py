@@ -21,7 +21,7 @@ from tominpmp.options import Tolerances
 from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.limit_violations import Excess
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.plant import Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -232,7 +232,7 @@ def feedback_rate(growth: float, duration: float, tolerance: float) -> float | N
     return float(max(FASTER * speed, LEAST_RATE))
 
 
-def needed(robot: Robot, t: Array, feedback: Array, tolerance: float) -> Excess:
+def needed(robot: Robot, t: Array, feedback: Array, tolerance: float) -> LimitViolation:
     """How much of the torque limits a feedback takes, against what it may take.
 
     Args:
@@ -252,4 +252,6 @@ def needed(robot: Robot, t: Array, feedback: Array, tolerance: float) -> Excess:
     name = robot.joint_names[int(joint)]
     ended = bool(np.all(np.isfinite(feedback)))
     violated = not (beyond <= 0.0 and ended)
-    return Excess("feedback", name, float(t[row]), beyond, unit, share, violated)
+    return LimitViolation(
+        "feedback", name, float(t[row]), beyond, unit, share, violated
+    )

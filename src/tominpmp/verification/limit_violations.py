@@ -1,4 +1,4 @@
-"""By how much a motion passes its limits: joint, time and amount."""
+"""Limit violations of a motion: joint, time and amount."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Excess:
+class LimitViolation:
     """The worst that a motion does to one kind of limit.
 
     Attributes:
@@ -89,9 +89,9 @@ class _Rows(NamedTuple):
     u: Array
 
 
-def limit_excesses(
+def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
-) -> list[Excess]:
+) -> list[LimitViolation]:
     """The worst of each kind of limit on joints.
 
     Args:
@@ -124,7 +124,7 @@ class _Limits:
             np.concatenate([replay.u, self.before]),
         )
 
-    def all(self) -> list[Excess]:
+    def all(self) -> list[LimitViolation]:
         limits, replay = self.problem.robot.limits, self.replay
         width = limits.position_upper - limits.position_lower
         beyond = np.maximum(
@@ -146,10 +146,10 @@ class _Limits:
         found += self._constraints()
         return [item for item in found if item is not None]
 
-    def _constraints(self) -> list[Excess | None]:
+    def _constraints(self) -> list[LimitViolation | None]:
         """What the problem asks for beyond the limits of the robot."""
         rows, n = self.rows, len(self.joints)
-        found: list[Excess | None] = []
+        found: list[LimitViolation | None] = []
         for item in self.problem.ready_constraints:
             a = np.zeros((rows.t.size, 0))
             if item.order >= 2:
@@ -162,7 +162,7 @@ class _Limits:
             amount = float(sizes[k]) - item.largest
             share = amount / item.scale
             found.append(
-                Excess(
+                LimitViolation(
                     item.name,
                     item.subject,
                     float(rows.t[k]),
@@ -174,7 +174,7 @@ class _Limits:
             )
         return found
 
-    def _effort(self) -> Excess | None:
+    def _effort(self) -> LimitViolation | None:
         limits, rows = self.problem.robot.limits, self.rows
         middle = 0.5 * (limits.effort_upper + limits.effort_lower)
         half = 0.5 * (limits.effort_upper - limits.effort_lower)
@@ -190,9 +190,9 @@ class _Limits:
         scale = np.where(half > 0.0, half, np.max(half, initial=1e-12))
         return self._worst("effort", rows.t, beyond, scale)
 
-    def _extra(self, extra: MotionLimits) -> list[Excess | None]:
+    def _extra(self, extra: MotionLimits) -> list[LimitViolation | None]:
         rows, names = self.rows, self.joints
-        found: list[Excess | None] = []
+        found: list[LimitViolation | None] = []
         top = extra.by_joint("effort_rate", names)
         if np.any(np.isfinite(top)):
             found.append(self._rate("effort rate", rows.u - self._dry(), top))
@@ -243,7 +243,7 @@ class _Limits:
             )
         return out
 
-    def _rate(self, kind: str, values: Array, limit: Array) -> Excess | None:
+    def _rate(self, kind: str, values: Array, limit: Array) -> LimitViolation | None:
         """Worst rate of values at the rows; a jump counts as if it took a millisecond.
 
         Args:
@@ -260,7 +260,9 @@ class _Limits:
         beyond = np.concatenate([steps, jumps]) - limit
         return self._worst(kind, np.concatenate([t[:-1], t]), beyond, _finite(limit))
 
-    def _worst(self, kind: str, t: Array, beyond: Array, scale: Array) -> Excess | None:
+    def _worst(
+        self, kind: str, t: Array, beyond: Array, scale: Array
+    ) -> LimitViolation | None:
         """The worst of amounts of shape (m, n) at times of shape (m,)."""
         beyond = np.where(np.isnan(beyond), np.inf, beyond)
         share = beyond / scale
@@ -268,7 +270,7 @@ class _Limits:
         amount = float(beyond[row, joint])
         if amount == -np.inf:
             return None  # nothing is limited
-        return Excess(
+        return LimitViolation(
             kind,
             self.joints[int(joint)],
             float(t[row]),

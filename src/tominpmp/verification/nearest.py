@@ -14,7 +14,7 @@ from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.closest_approach import Approach, Closest, Course
-from tominpmp.verification.limit_violations import Excess
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import TIME_STEP, Replay, planned
 
 # Where a start or a goal touches something, pairs may lack a trace of room as long as
@@ -30,11 +30,11 @@ class Nearest(NamedTuple):
     """The pair that has the least room beyond its margin.
 
     Attributes:
-        excess: What it lacks.
+        violation: What it lacks.
         distance: Its distance [m].
     """
 
-    excess: Excess
+    violation: LimitViolation
     distance: float
 
 
@@ -139,7 +139,7 @@ def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> b
     # Without the torques, which take most of the time.
     motion = planned(replace(trajectory, inverse_dynamics=None), step)
     found = closest(problem, motion, problem.checker, tolerance)
-    return found is None or not found.excess.violated
+    return found is None or not found.violation.violated
 
 
 def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:
@@ -148,8 +148,10 @@ def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Neare
     if not found.violated and found.doubt > 0.0:
         lacking = max(lacking, found.doubt)
     violated = found.violated or found.doubt > 0.0
-    excess = Excess("clearance", name, found.time, lacking, "m", lacking, violated)
-    return Nearest(excess, found.room + float(margins[found.pair]))
+    violation = LimitViolation(
+        "clearance", name, found.time, lacking, "m", lacking, violated
+    )
+    return Nearest(violation, found.room + float(margins[found.pair]))
 
 
 def _at_start(replay: Replay, checker: CollisionChecker, margins: Array) -> Nearest:

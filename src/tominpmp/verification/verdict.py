@@ -19,7 +19,7 @@ from tominpmp.exceptions import BRIEF, ProblemError, brief, expect, shortened
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.recorded import checked_motion
+from tominpmp.sampled_motion import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
 from tominpmp.verification.feedback import (
     TIGHTER,
@@ -31,7 +31,7 @@ from tominpmp.verification.feedback import (
     needed,
     settled,
 )
-from tominpmp.verification.limit_violations import Excess, limit_excesses
+from tominpmp.verification.limit_violations import LimitViolation, limit_violations
 from tominpmp.verification.nearest import Nearest, closest
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -79,8 +79,8 @@ class Verification:
     ok: bool
     goal_error: float
     speed_error: float
-    worst: dict[str, Excess]
-    violations: tuple[Excess, ...]
+    worst: dict[str, LimitViolation]
+    violations: tuple[LimitViolation, ...]
     min_clearance: float
     deviation: Array
     defect: float | None
@@ -215,13 +215,15 @@ def _too_long(
     """Verdict on a motion that takes longer than can be replayed."""
     T = trajectory.duration
     beyond = T - LONGEST
-    excess = Excess("duration", "the motion", T, beyond, "s", beyond / LONGEST, True)
+    violation = LimitViolation(
+        "duration", "the motion", T, beyond, "s", beyond / LONGEST, True
+    )
     return Verification(
         ok=False,
         goal_error=np.inf,
         speed_error=np.inf,
-        worst={excess.kind: excess},
-        violations=(excess,),
+        worst={violation.kind: violation},
+        violations=(violation,),
         min_clearance=-np.inf,
         deviation=frozen_array(np.full(trajectory.n, np.inf)),
         defect=None,
@@ -269,12 +271,12 @@ class Findings(NamedTuple):
     """
 
     replay: Replay
-    end: tuple[Excess, Excess]
-    limits: list[Excess]
+    end: tuple[LimitViolation, LimitViolation]
+    limits: list[LimitViolation]
     nearest: Nearest | None
 
     @property
-    def violations(self) -> tuple[Excess, ...]:
+    def violations(self) -> tuple[LimitViolation, ...]:
         """What is not within the tolerances."""
         return tuple(item for item in (*self.end, *self.limits) if item.violated)
 
@@ -287,10 +289,10 @@ def judge(
     checker: CollisionChecker,
 ) -> Findings:
     """Hold a replay against the goal, the limits and the obstacles."""
-    limits = limit_excesses(problem, replay, torque, tolerances.limits)
+    limits = limit_violations(problem, replay, torque, tolerances.limits)
     nearest = closest(problem, replay, checker, tolerances.contact)
     if nearest is not None:
-        limits.append(nearest.excess)
+        limits.append(nearest.violation)
     return Findings(replay, arrival(problem, replay, tolerances), limits, nearest)
 
 
@@ -305,18 +307,20 @@ def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
 
 def arrival(
     problem: Problem, replay: Replay, tolerances: Tolerances
-) -> tuple[Excess, Excess]:
+) -> tuple[LimitViolation, LimitViolation]:
     """Where the motion ends: place and velocity."""
     q, v = replay.q[-1], replay.v[-1]
     kinematics = RobotKinematics(problem.robot)
     misses = problem.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
 
-    def worst(kind: str, moving: bool, tolerance: float) -> Excess:
+    def worst(kind: str, moving: bool, tolerance: float) -> LimitViolation:
         found = [miss for miss in misses if miss.moving is moving]
         miss = max(found, key=lambda miss: miss.amount)
         amount = miss.amount if replay.complete else np.inf
         time, violated = replay.duration, not amount <= tolerance
-        return Excess(kind, miss.name, time, amount, miss.unit, amount, violated)
+        return LimitViolation(
+            kind, miss.name, time, amount, miss.unit, amount, violated
+        )
 
     return (
         worst("goal", False, tolerances.goal),

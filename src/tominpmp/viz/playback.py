@@ -15,9 +15,9 @@ from tominpmp.io.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.browser import show_page
+from tominpmp.viz.meshcat_scene import Appearance, draw
 from tominpmp.viz.page import build_page
 from tominpmp.viz.skeleton import check_motion
-from tominpmp.viz.stage import Appearance, draw
 from tominpmp.viz.viewer import Recorder, import_meshcat
 
 
