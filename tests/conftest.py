@@ -29,3 +29,9 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 def planar3r() -> Robot:
     """The paper's arm: three joints in a vertical plane."""
     return load_robot("planar3r")
+
+
+@pytest.fixture(scope="session")
+def ur5() -> Robot:
+    """An industrial arm with six joints."""
+    return load_robot("ur5")

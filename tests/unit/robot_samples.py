@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from tominpmp.description.urdf import UrdfDescription, read_urdf
 from tominpmp.robot import Robot, load_robot
 
 LIMIT = '<limit lower="-1" upper="2" effort="10" velocity="3"/>'
@@ -103,3 +104,8 @@ def mass_matrix(arm: Robot, q: np.ndarray) -> np.ndarray:
     upper = np.triu(pin.crba(arm.model, data, arm.expand(q)))
     full = upper + np.triu(upper, 1).T
     return arm.reduce_tangent(arm.reduce_tangent(full).T)
+
+
+def read(folder: Path, text: str) -> UrdfDescription:
+    """Write a description into a folder, and read it as a URDF file."""
+    return read_urdf(write(folder, text))

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from clock_samples import LIMITS, UR5_END, planar_problem, ur5_problem
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 import tominpmp as tm
@@ -27,30 +28,8 @@ from tominpmp.verification.limit_violations import LimitViolation
 PERIODS = (0.001, 0.004, 0.008)
 # Instants of every period at which the interpolated motion is looked at.
 SHARES = np.array([0.0, 0.07, 0.21, 0.4, 0.5, 0.63, 0.79, 0.94, 1.0])
-LIMITS = tm.MotionLimits(acceleration=14.0, jerk=900.0, effort_rate=3000.0)
 
 TIP = "ee_link"
-UR5_END = (-0.5, -1.6, 0.7, 0.4, 0.1, 1.0)
-
-
-@pytest.fixture(scope="module")
-def ur5():
-    return tm.load_robot("ur5")
-
-
-@pytest.fixture(scope="module")
-def planar():
-    return tm.load_robot("planar3r")
-
-
-def ur5_problem(robot, **changes):
-    start = (0.4, -1.1, 1.3, -0.7, 0.6, 0.2)
-    return tm.Problem(robot, start, tm.JointGoal(UR5_END), **changes)
-
-
-def planar_problem(robot, **changes):
-    goal = changes.pop("goal", tm.JointGoal((0.9, -1.2, -0.9)))
-    return tm.Problem(robot, (0.5, 1.7, -1.7), goal, **changes)
 
 
 def torques(robot, q, v, a):
@@ -166,8 +145,8 @@ def test_without_a_period_samples_break_torque_limits(ur5):
     ],
     ids=str,
 )
-def test_all_options_keep_the_clock(planar, options):
-    problem = planar_problem(planar)
+def test_all_options_keep_the_clock(planar3r, options):
+    problem = planar_problem(planar3r)
     free = tm.plan(problem, **options)
     solution = tm.plan(problem, control_period=0.01, **options)
     check(solution, 0.01)
@@ -175,15 +154,15 @@ def test_all_options_keep_the_clock(planar, options):
         assert solution.T <= 1.03 * free.T + 0.01
 
 
-def test_spline_motions_are_joined_by_quintic_polynomials(planar):
-    solution = tm.plan(planar_problem(planar), control="spline", control_period=0.01)
+def test_spline_motions_are_joined_by_quintic_polynomials(planar3r):
+    solution = tm.plan(planar_problem(planar3r), control="spline", control_period=0.01)
     motion = solution.trajectory
     assert motion.a is not None and motion.a.shape == motion.q.shape
     check(solution, 0.01)
 
 
-def test_the_penalty_method_is_brought_to_the_clock(planar):
-    problem = planar_problem(planar)
+def test_the_penalty_method_is_brought_to_the_clock(planar3r):
+    problem = planar_problem(planar3r)
     solution = tm.plan(problem, method="penalty", control_period=0.01)
     if tm.plan(problem, method="penalty").success:
         check(solution, 0.01)
@@ -215,7 +194,7 @@ def test_goals_of_all_kinds_and_moving_starts(ur5, goal, moving):
 
 
 @pytest.mark.parametrize("control", ["constant", "linear"])
-def test_obstacles_that_move_are_met_on_time(planar, control):
+def test_obstacles_that_move_are_met_on_time(planar3r, control):
     """Time matters: the motion is not merely stretched."""
     ball = tm.Sphere(
         "ball",
@@ -223,7 +202,7 @@ def test_obstacles_that_move_are_met_on_time(planar, control):
         position=(3.2, -3.0, 0.0),
         motion=tm.ConstantVelocity(velocity=(0.0, 2.5, 0.0)),
     )
-    problem = planar_problem(planar, scene=tm.Scene([ball]), margin=0.02)
+    problem = planar_problem(planar3r, scene=tm.Scene([ball]), margin=0.02)
     solution = tm.plan(problem, control=control, intervals=20, control_period=0.01)
     check(solution, 0.01)
     # Sampled and joined as the controller does, at the times at which it is there.
@@ -253,28 +232,28 @@ def test_obstacles(ur5):
     ],
     ids=["share", "torque over speed", "torque rate", "jerk", "acceleration"],
 )
-def test_motion_limits_of_all_kinds(planar, limits):
+def test_motion_limits_of_all_kinds(planar3r, limits):
     if limits.effort_curves:
         curve = next(iter(limits.effort_curves.values()))
-        limits = replace(limits, effort_curves={planar.joint_names[1]: curve})
-    problem = planar_problem(planar, motion_limits=limits)
+        limits = replace(limits, effort_curves={planar3r.joint_names[1]: curve})
+    problem = planar_problem(planar3r, motion_limits=limits)
     solution = tm.plan(problem, control_period=0.01)
     check(solution, 0.01)
     assert solution.T <= 1.03 * tm.plan(problem).T + 0.01
 
 
-def test_warm_starts(planar):
-    former = tm.plan(planar_problem(planar), control_period=0.01)
-    near = planar_problem(planar, goal=tm.JointGoal((0.92, -1.18, -0.9)))
-    for start in (former, tm.plan(planar_problem(planar)).trajectory):
+def test_warm_starts(planar3r):
+    former = tm.plan(planar_problem(planar3r), control_period=0.01)
+    near = planar_problem(planar3r, goal=tm.JointGoal((0.92, -1.18, -0.9)))
+    for start in (former, tm.plan(planar_problem(planar3r)).trajectory):
         check(tm.plan(near, start=start, control_period=0.01), 0.01)
     same = tm.plan(former.problem, start=former, control_period=0.01)
     check(same, 0.01)
     assert same.T <= former.T + 1e-9
 
 
-def test_a_motion_on_the_clock_can_be_made_quiet(planar):
-    solution = tm.plan(planar_problem(planar), control_period=0.01)
+def test_a_motion_on_the_clock_can_be_made_quiet(planar3r):
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01)
     quiet = tm.smooth(solution, 0.03)
     check(quiet, 0.01)
     assert quiet.roughness < solution.roughness
@@ -283,9 +262,9 @@ def test_a_motion_on_the_clock_can_be_made_quiet(planar):
     assert quiet.T == pytest.approx(count * 0.01, rel=1e-15)
 
 
-def test_a_coarse_clock_has_a_knot_a_tick(planar):
+def test_a_coarse_clock_has_a_knot_a_tick(planar3r):
     """Half of the motion at most; the fewer ticks, the more of them are knots."""
-    problem = planar_problem(planar)
+    problem = planar_problem(planar3r)
     free = tm.plan(problem)
     for period in (0.05, free.T / 7.5, free.T / 2.1):
         check(tm.plan(problem, control_period=period), period)
@@ -296,29 +275,29 @@ def test_a_coarse_clock_has_a_knot_a_tick(planar):
     [0, 0.0, -0.004, np.nan, np.inf, "0.004", "4ms", [0.004], True, 1j, {}],
     ids=repr,
 )
-def test_wrong_periods(planar, period):
+def test_wrong_periods(planar3r, period):
     with pytest.raises(OptionsError, match=r"^control_period is ") as caught:
-        tm.plan(planar_problem(planar), control_period=period)
+        tm.plan(planar_problem(planar3r), control_period=period)
     assert caught.value.option == "control_period"
 
 
 @pytest.mark.parametrize("share", [0.6, 1.0, 50.0])
-def test_a_period_longer_than_half_of_the_motion(planar, share):
-    problem = planar_problem(planar)
+def test_a_period_longer_than_half_of_the_motion(planar3r, share):
+    problem = planar_problem(planar3r)
     period = share * tm.plan(problem).T
     with pytest.raises(OptionsError, match="expected half of that at most"):
         tm.plan(problem, control_period=period)
 
 
 @pytest.mark.parametrize("period", [1e-9, 1e-300, 5e-324])
-def test_a_period_that_gives_too_many_samples(planar, period):
+def test_a_period_that_gives_too_many_samples(planar3r, period):
     with pytest.raises(OptionsError, match="too short"):
-        tm.plan(planar_problem(planar), control_period=period)
+        tm.plan(planar_problem(planar3r), control_period=period)
 
 
-def test_exact_switches_are_not_on_a_clock(planar):
+def test_exact_switches_are_not_on_a_clock(planar3r):
     with pytest.raises(OptionsError, match="between ticks"):
-        tm.plan(planar_problem(planar), refine="switching", control_period=0.01)
+        tm.plan(planar_problem(planar3r), refine="switching", control_period=0.01)
 
 
 def test_no_controller_interpolates_joints_without_motors():
@@ -328,8 +307,8 @@ def test_no_controller_interpolates_joints_without_motors():
         tm.plan(planar_problem(arm), control_period=0.01)
 
 
-def test_options_by_name(planar):
-    problem = planar_problem(planar)
+def test_options_by_name(planar3r):
+    problem = planar_problem(planar3r)
     given = tm.Options(intervals=12, control_period=0.02, starts=2)
     solution = tm.plan(problem, given, intervals=16, control_period=0.01)
     assert (solution.options.intervals, solution.options.starts) == (16, 2)
@@ -355,9 +334,9 @@ def count_calls(problem):
     return len(calls)
 
 
-def test_no_time_for_the_clock(planar):
+def test_no_time_for_the_clock(planar3r):
     """A motion without the clock is no success, and is not lost either."""
-    problem, calls = planar_problem(planar), []
+    problem, calls = planar_problem(planar3r), []
     before = count_calls(problem)
 
     def stop(record):
@@ -389,27 +368,27 @@ def test_a_motion_that_was_interrupted_is_brought_to_the_clock(ur5, how):
     check(solution, 0.004)
 
 
-def test_an_interrupt_while_the_clock_is_sought(planar, monkeypatch):
+def test_an_interrupt_while_the_clock_is_sought(planar3r, monkeypatch):
     def interrupt(*given):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("tominpmp.planner.control_period._solve", interrupt)
-    solution = tm.plan(planar_problem(planar), control_period=0.01)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01)
     assert not solution.success
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.trajectory is not None
 
 
-def test_part_of_the_time_is_kept_for_the_clock(planar):
+def test_part_of_the_time_is_kept_for_the_clock(planar3r):
     """However short the time, what is called a success is on the clock."""
-    problem = planar_problem(planar)
+    problem = planar_problem(planar3r)
     for seconds in (0.02, 0.1, 0.3):
         solution = tm.plan(problem, max_planning_time=seconds, control_period=0.01)
         if solution.success:
             check(solution, 0.01)
 
 
-def test_where_no_number_of_periods_will_do(planar, monkeypatch):
+def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
     """The message says that the motion is not on the clock; success is not claimed."""
     monkeypatch.setattr("tominpmp.planner.control_period.TRIES", 1)
     monkeypatch.setattr(
@@ -417,15 +396,15 @@ def test_where_no_number_of_periods_will_do(planar, monkeypatch):
         lambda T, period: int(0.8 * T / period),
         lambda T, period: int(0.8 * T / period),
     )
-    solution = tm.plan(planar_problem(planar), control_period=0.01)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01)
     assert not solution.success
     assert solution.status is tm.Status.INFEASIBLE
     assert "No motion on a clock of 0.01 s was found" in solution.message
 
 
-def test_scenario_files_keep_the_period(planar, tmp_path: Path):
+def test_scenario_files_keep_the_period(planar3r, tmp_path: Path):
     path = tmp_path / "problem.toml"
-    tm.save_scenario(path, planar_problem(planar), tm.Options(control_period=0.004))
+    tm.save_scenario(path, planar_problem(planar3r), tm.Options(control_period=0.004))
     assert "control_period = 0.004" in path.read_text()
     scenario = tm.load_scenario(path)
     assert scenario.options.control_period == 0.004

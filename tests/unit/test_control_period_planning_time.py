@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clock_samples import LIMITS, planar_problem, ur5_problem
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import former_motion
@@ -29,27 +30,6 @@ from tominpmp.verification.nearest import keeps_clear
 
 # A small problem, solved fast.
 QUICK: dict[str, Any] = {"control": "constant", "starts": 1, "intervals": 20}
-LIMITS = tm.MotionLimits(acceleration=14.0, jerk=900.0, effort_rate=3000.0)
-
-
-@pytest.fixture(scope="module")
-def ur5():
-    return tm.load_robot("ur5")
-
-
-@pytest.fixture(scope="module")
-def planar():
-    return tm.load_robot("planar3r")
-
-
-def ur5_problem(robot, **changes):
-    start, end = (0.4, -1.1, 1.3, -0.7, 0.6, 0.2), (-0.5, -1.6, 0.7, 0.4, 0.1, 1.0)
-    return tm.Problem(robot, start, tm.JointGoal(end), **changes)
-
-
-def planar_problem(robot, **changes):
-    goal = tm.JointGoal((0.9, -1.2, -0.9))
-    return tm.Problem(robot, (0.5, 1.7, -1.7), goal, **changes)
 
 
 @pytest.fixture
@@ -84,8 +64,8 @@ def clocked_program(problem, trajectory, period):
 
 
 @pytest.mark.parametrize("control", ["constant", "linear", "spline"])
-def test_a_trace_of_time_is_no_period(planar, control):
-    problem = planar_problem(planar)
+def test_a_trace_of_time_is_no_period(planar3r, control):
+    problem = planar_problem(planar3r)
     motion = tm.plan(problem, control=control, starts=1, intervals=20).trajectory
     program, z = clocked_program(problem, motion, 0.01)
     T = program.ticks.duration
@@ -161,63 +141,63 @@ def test_without_a_clock_the_motion_itself_is_replayed(ur5, calls):
     assert (calls.search, calls.clock) == (1, 0)
 
 
-def test_where_time_is_limited_nothing_is_put_off(planar, calls):
+def test_where_time_is_limited_nothing_is_put_off(planar3r, calls):
     """There may be no time for a clock, and what was found has to be known to hold."""
-    problem = planar_problem(planar)
+    problem = planar_problem(planar3r)
     solution = tm.plan(problem, control_period=0.01, max_planning_time=60.0, **QUICK)
     assert solution.success
     assert calls.search >= 1
     assert calls.clock == 1
 
 
-def test_torques_that_are_held_are_replayed_at_once(planar, calls):
+def test_torques_that_are_held_are_replayed_at_once(planar3r, calls):
     """What they bring about is not the motion as planned."""
-    problem = planar_problem(planar)
+    problem = planar_problem(planar3r)
     solution = tm.plan(problem, method="collocation", control_period=0.01)
     assert solution.success
     assert calls.search >= 1
 
 
-def test_what_touches_is_replayed_at_once(planar, calls, monkeypatch):
+def test_what_touches_is_replayed_at_once(planar3r, calls, monkeypatch):
     monkeypatch.setattr(attempts, "keeps_clear", lambda *given: False)
-    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert solution.success
     assert calls.search >= 1
 
 
-def test_clearance_of_planned_motions(planar):
+def test_clearance_of_planned_motions(planar3r):
     """Between the rows too: the motion is there for a moment only."""
-    problem = planar_problem(planar)
+    problem = planar_problem(planar3r)
     motion = tm.plan(problem, **QUICK).trajectory
     assert keeps_clear(problem, motion, 1e-5)
     middle = motion(0.5 * motion.duration).q
-    link = planar.model.names[planar.n]
-    place = RobotKinematics(planar).placement(middle, link).translation
+    link = planar3r.model.names[planar3r.n]
+    place = RobotKinematics(planar3r).placement(middle, link).translation
     for away, clear in ((0.0, False), (20.0, True)):
         ball = tm.Sphere("ball", radius=0.01, position=tuple(place + away))
-        there = planar_problem(planar, scene=tm.Scene([ball]))
+        there = planar_problem(planar3r, scene=tm.Scene([ball]))
         assert keeps_clear(there, motion, 1e-5) is clear
 
 
-def test_a_motion_off_the_clock_is_replayed_in_the_end(planar, calls, monkeypatch):
+def test_a_motion_off_the_clock_is_replayed_in_the_end(planar3r, calls, monkeypatch):
     """Where none on the clock is found, what is kept is known to hold."""
     monkeypatch.setattr(clock, "TRIES", 1)
     less = lambda T, period: int(0.8 * T / period)  # noqa: E731
     monkeypatch.setattr(clock, "ticks_of", less)
-    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.verification is not None and solution.verification.ok
     assert "keeps all else" in solution.message
     assert (calls.search, calls.clock) == (0, 1)
 
 
-def test_no_time_for_that_replay(planar, monkeypatch):
+def test_no_time_for_that_replay(planar3r, monkeypatch):
     def interrupt(*given, **named):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(clock, "_solve", interrupt)
     monkeypatch.setattr(clock, "verify", interrupt)
-    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.verification is None
@@ -225,7 +205,7 @@ def test_no_time_for_that_replay(planar, monkeypatch):
 
 
 def test_a_replay_put_off_that_fails_begins_the_search_again(
-    planar, calls, monkeypatch
+    planar3r, calls, monkeypatch
 ):
     """With replays at once, as if none had been put off."""
     judged, seen = clock.verify, []
@@ -237,7 +217,7 @@ def test_a_replay_put_off_that_fails_begins_the_search_again(
 
     monkeypatch.setattr(clock, "TRIES", 2)
     monkeypatch.setattr(clock, "verify", verify)
-    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert solution.success and solution.verification.ok
     assert calls.search >= 1
     # Two tries on the clock and the motion without, then with replays of the search.
@@ -245,7 +225,9 @@ def test_a_replay_put_off_that_fails_begins_the_search_again(
     assert solution.planning_time >= solution.verification.seconds
 
 
-def test_nothing_on_the_clock_is_right_though_the_motion_is(planar, calls, monkeypatch):
+def test_nothing_on_the_clock_is_right_though_the_motion_is(
+    planar3r, calls, monkeypatch
+):
     """What is kept was replayed, and the search is not made again."""
     judged = clock.verify
 
@@ -257,7 +239,7 @@ def test_nothing_on_the_clock_is_right_though_the_motion_is(planar, calls, monke
 
     monkeypatch.setattr(clock, "TRIES", 2)
     monkeypatch.setattr(clock, "verify", verify)
-    solution = tm.plan(planar_problem(planar), control_period=0.01, **QUICK)
+    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.status is tm.Status.UNVERIFIED
     assert solution.verification.ok

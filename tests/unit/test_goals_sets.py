@@ -31,18 +31,13 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot import Robot
 from tominpmp.scene import Scene, Sphere
 
 TIP = "ee_link"
 Q = np.array([0.4, -1.1, 1.3, -0.7, 0.6, 0.2])
 AXIS = np.array([1.0, 2.0, -0.5])
 REST = np.zeros(6)
-
-
-@pytest.fixture(scope="module")
-def ur5() -> Robot:
-    return load_robot("ur5")
 
 
 @pytest.fixture(scope="module")

@@ -21,14 +21,9 @@ REACH = tm.PositionGoal("tip", (4, 1, 0))
 
 
 @pytest.fixture(scope="module")
-def planar():
-    return tm.load_robot("planar3r")
-
-
-@pytest.fixture(scope="module")
-def around(planar):
+def around(planar3r):
     """The paper's problem with the obstacle, planned with default options."""
-    problem = tm.Problem(planar, START, REACH, scene=OBSTACLE)
+    problem = tm.Problem(planar3r, START, REACH, scene=OBSTACLE)
     return tm.plan(problem, tm.Options(starts=2))
 
 
@@ -44,19 +39,21 @@ def worst(robot, motion, count=3000):
     )
 
 
-def test_default_plan_keeps_all_limits_between_the_nodes(planar, around):
+def test_default_plan_keeps_all_limits_between_the_nodes(planar3r, around):
     assert around.status is tm.Status.CONVERGED and around.success
-    position, velocity, torque = worst(planar, around.trajectory)
+    position, velocity, torque = worst(planar3r, around.trajectory)
     assert position <= 1e-9
     assert velocity <= 1e-6
     assert torque <= 2.5e-3
-    tip = RobotKinematics(planar).placement(around.trajectory.q[-1], "tip").translation
+    tip = (
+        RobotKinematics(planar3r).placement(around.trajectory.q[-1], "tip").translation
+    )
     np.testing.assert_allclose(tip, (4, 1, 0), atol=1e-5)
     np.testing.assert_allclose(around.trajectory.v[-1], 0, atol=1e-9)
 
 
-def test_the_obstacle_is_cleared(planar, around):
-    kinematics = RobotKinematics(planar)
+def test_the_obstacle_is_cleared(planar3r, around):
+    kinematics = RobotKinematics(planar3r)
     motion = around.trajectory
     for q in motion(np.linspace(0, motion.duration, 400)).q:
         joints = [
@@ -68,9 +65,9 @@ def test_the_obstacle_is_cleared(planar, around):
             assert np.linalg.norm(a + s * (b - a) - (4, 0, 0)) > 0.8 - 2e-3
 
 
-def test_replaying_the_torques_ends_at_the_goal(planar, around):
+def test_replaying_the_torques_ends_at_the_goal(planar3r, around):
     """The torques, integrated by SciPy through ABA, do what was planned."""
-    motion, dynamics = around.trajectory, RobotDynamics(planar)
+    motion, dynamics = around.trajectory, RobotDynamics(planar3r)
 
     def rate(t, x):
         return dynamics.forward(x[None], motion(t).u[None])[0]
@@ -83,15 +80,15 @@ def test_replaying_the_torques_ends_at_the_goal(planar, around):
     np.testing.assert_allclose(x[3:], motion.v[-1], atol=1e-4)
 
 
-def test_at_every_time_a_motor_is_saturated(planar):
+def test_at_every_time_a_motor_is_saturated(planar3r):
     """Sontag and Sussmann's result, which the paper quotes."""
-    free = planar.with_changes(position_lower=-20, position_upper=20)
+    free = planar3r.with_changes(position_lower=-20, position_upper=20)
     options = tm.Options(intervals=75, smoothing=0.0, starts=1)
     solution = tm.plan(tm.Problem(free, START, REACH), options)
     motion = solution.trajectory
     middles = 0.5 * (motion.t[1:] + motion.t[:-1])
     ends = np.stack([motion.t[:-1], middles, motion.t[1:] - 1e-12])
-    load = np.abs(motion(ends.ravel()).u) / planar.limits.effort_upper
+    load = np.abs(motion(ends.ravel()).u) / planar3r.limits.effort_upper
     saturated = load.max(axis=1).reshape(3, -1).max(axis=0) > 0.99
     assert saturated.mean() >= 0.95
 
@@ -104,14 +101,14 @@ def test_at_every_time_a_motor_is_saturated(planar):
     ],
     ids=["joint", "tip"],
 )
-def test_moving_start_and_goal(planar, goal):
+def test_moving_start_and_goal(planar3r, goal):
     v_start = (0.3, -0.2, 0.1)
-    problem = tm.Problem(planar, START, goal, v_start=v_start)
+    problem = tm.Problem(planar3r, START, goal, v_start=v_start)
     solution = tm.plan(problem, tm.Options(starts=1))
     assert solution.success, solution.message
     motion = solution.trajectory
     np.testing.assert_allclose(motion.v[0], v_start)
-    residual = goal.residual(RobotKinematics(planar), motion.q[-1], motion.v[-1])
+    residual = goal.residual(RobotKinematics(planar3r), motion.q[-1], motion.v[-1])
     np.testing.assert_allclose(residual.value, 0, atol=2e-5)
 
 
@@ -137,8 +134,8 @@ def test_mimic_joints_follow():
     assert worst(robot, solution.trajectory)[2] <= 2.5e-3
 
 
-def test_smoothing_quiets_the_controls(planar):
-    problem = tm.Problem(planar, START, tm.JointGoal((1.2, 0.3, 0.4)))
+def test_smoothing_quiets_the_controls(planar3r):
+    problem = tm.Problem(planar3r, START, tm.JointGoal((1.2, 0.3, 0.4)))
 
     def variation(smoothing):
         options = tm.Options(control="constant", smoothing=smoothing)
@@ -151,32 +148,32 @@ def test_smoothing_quiets_the_controls(planar):
     assert fastest <= slower * 1.001
 
 
-def test_same_seed_same_motion(planar):
-    problem = tm.Problem(planar, START, REACH)
+def test_same_seed_same_motion(planar3r):
+    problem = tm.Problem(planar3r, START, REACH)
     one, two = (tm.plan(problem, tm.Options(starts=2, seed=3)) for _ in range(2))
     np.testing.assert_array_equal(one.trajectory.q, two.trajectory.q)
 
 
-def test_callback_sees_progress_and_can_stop(planar):
+def test_callback_sees_progress_and_can_stop(planar3r):
     records = []
 
     def stop(record):
         records.append(record)
         return len(records) >= 4
 
-    problem = tm.Problem(planar, START, tm.JointGoal((2.5, -1.0, 1.0)))
+    problem = tm.Problem(planar3r, START, tm.JointGoal((2.5, -1.0, 1.0)))
     solution = tm.plan(problem, tm.Options(callback=stop, tolerance=1e-9))
     assert solution.status is tm.Status.INTERRUPTED
     assert len(records) == 4 == solution.iterations
     assert solution.success  # the start was admissible, and so is what came of it
-    assert worst(planar, solution.trajectory)[1] <= 1e-6
+    assert worst(planar3r, solution.trajectory)[1] <= 1e-6
 
 
-def test_time_limit_returns_the_best_so_far(planar):
+def test_time_limit_returns_the_best_so_far(planar3r):
     def slow(record):
         time.sleep(5.5)
 
-    problem = tm.Problem(planar, START, REACH, scene=OBSTACLE)
+    problem = tm.Problem(planar3r, START, REACH, scene=OBSTACLE)
     options = tm.Options(max_planning_time=5.0, tolerance=1e-9, callback=slow)
     solution = tm.plan(problem, options)
     assert solution.status is tm.Status.TIME_LIMIT
@@ -195,12 +192,12 @@ def test_no_time_at_all_is_told():
     assert not solution.success and solution.iterations <= 1
 
 
-def test_interruption_returns_a_solution(planar):
+def test_interruption_returns_a_solution(planar3r):
     def interrupt(record):
         if record.iteration == 3:
             raise KeyboardInterrupt
 
-    problem = tm.Problem(planar, START, tm.JointGoal((2.5, -1.0, 1.0)))
+    problem = tm.Problem(planar3r, START, tm.JointGoal((2.5, -1.0, 1.0)))
     solution = tm.plan(problem, tm.Options(callback=interrupt, tolerance=1e-9))
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.trajectory is not None
@@ -221,37 +218,37 @@ def test_goal_behind_a_wall_is_infeasible_with_a_reason():
     assert any(word in solution.message for word in ("overlap", "goal", "from"))
 
 
-def test_unreachable_orientation_is_told(planar):
-    kinematics = RobotKinematics(planar)
+def test_unreachable_orientation_is_told(planar3r):
+    kinematics = RobotKinematics(planar3r)
     pose = kinematics.placement(np.array(START), "tip")
     pose.translation = pose.translation + np.array([0, 0, 0.5])  # out of the plane
-    problem = tm.Problem(planar, START, tm.PoseGoal("tip", pose))
+    problem = tm.Problem(planar3r, START, tm.PoseGoal("tip", pose))
     with pytest.raises(tm.ProblemError, match="no configuration within"):
         tm.plan(problem)
 
 
-def test_passive_joints_need_collocation(planar):
-    passive = planar.with_changes(effort={"joint3": 0.0}, gravity=(0, 0, 0))
+def test_passive_joints_need_collocation(planar3r):
+    passive = planar3r.with_changes(effort={"joint3": 0.0}, gravity=(0, 0, 0))
     problem = tm.Problem(passive, START, tm.JointGoal((0.6, 1.7, -1.7)))
     assert resolve_options(problem, tm.Options()).method == "collocation"
     with pytest.raises(tm.OptionsError, match="joint3"):
         resolve_options(problem, tm.Options(method="inverse"))
 
 
-def test_unknown_solver_is_told_before_planning(planar):
-    problem = tm.Problem(planar, START, tm.JointGoal((0.6, 1.7, -1.7)))
+def test_unknown_solver_is_told_before_planning(planar3r):
+    problem = tm.Problem(planar3r, START, tm.JointGoal((0.6, 1.7, -1.7)))
     with pytest.raises(tm.SolverNotFound):
         tm.plan(problem, tm.Options(lp_solver="nonesuch"))
 
 
-def test_wrong_initial_control_is_told(planar):
-    problem = tm.Problem(planar, START, REACH)
+def test_wrong_initial_control_is_told(planar3r):
+    problem = tm.Problem(planar3r, START, REACH)
     options = tm.Options(method="adjoint", initial_control=np.zeros((3, 2)))
     with pytest.raises(tm.OptionsError, match="initial_control"):
         tm.plan(problem, options)
 
 
-def test_no_warnings_from_numerics(planar):
+def test_no_warnings_from_numerics(planar3r):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        tm.plan(tm.Problem(planar, START, tm.JointGoal((1.0, 0.5, 0.0))))
+        tm.plan(tm.Problem(planar3r, START, tm.JointGoal((1.0, 0.5, 0.0))))

@@ -9,19 +9,15 @@ import pytest
 from robot_samples import (
     one_joint,
     one_shape,
+    read,
     write,
     write_tetrahedron,
 )
 
 from tominpmp.description import files
 from tominpmp.description.files import find_robot, resolve_resource, robot_names
-from tominpmp.description.urdf import UrdfDescription, read_urdf
+from tominpmp.description.urdf import read_urdf
 from tominpmp.exceptions import RobotLoadError
-
-
-def read(folder: Path, text: str) -> UrdfDescription:
-    return read_urdf(write(folder, text))
-
 
 # Finding
 

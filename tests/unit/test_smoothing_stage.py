@@ -20,14 +20,9 @@ SLIDER = """<robot name="slider"><link name="base"/>
 
 
 @pytest.fixture(scope="module")
-def planar():
-    return tm.load_robot("planar3r")
-
-
-@pytest.fixture(scope="module")
-def problem(planar):
+def problem(planar3r):
     goal = tm.PositionGoal("tip", (4, 1, 0))
-    return tm.Problem(planar, START, goal, scene=POST)
+    return tm.Problem(planar3r, START, goal, scene=POST)
 
 
 FORMS = [
@@ -85,15 +80,15 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
     assert found == pytest.approx(best.fun, rel=1e-2)
 
 
-def test_more_slack_is_quieter(planar):
-    solution = tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
+def test_more_slack_is_quieter(planar3r):
+    solution = tm.plan(tm.Problem(planar3r, START, tm.JointGoal(END)))
     rough = [tm.smooth(solution, slack).roughness for slack in (0.0, 0.02, 0.2)]
     assert solution.roughness >= rough[0] > rough[1] > rough[2]
 
 
-def test_motion_limits_are_kept(planar):
+def test_motion_limits_are_kept(planar3r):
     limits = tm.MotionLimits(effort_rate=300.0, acceleration=25.0)
-    problem = tm.Problem(planar, START, tm.JointGoal(END), motion_limits=limits)
+    problem = tm.Problem(planar3r, START, tm.JointGoal(END), motion_limits=limits)
     solution = tm.plan(problem, tm.Options(intervals=30))
     quiet = tm.smooth(solution, 0.03)
     assert quiet.success and quiet.roughness < solution.roughness
@@ -103,36 +98,36 @@ def test_motion_limits_are_kept(planar):
     assert np.max(np.abs(rate)) <= 300.0 * 1.02
 
 
-def test_a_moving_start_stays_as_it_is(planar):
+def test_a_moving_start_stays_as_it_is(planar3r):
     v = np.array([0.2, -0.3, 0.1])
-    problem = tm.Problem(planar, START, tm.JointGoal(END), v_start=v)
+    problem = tm.Problem(planar3r, START, tm.JointGoal(END), v_start=v)
     quiet = tm.smooth(tm.plan(problem), 0.05)
     assert quiet.success
     np.testing.assert_allclose(quiet.trajectory.v[0], v, atol=1e-12)
 
 
-def test_as_an_option_of_the_plan(planar):
-    problem = tm.Problem(planar, START, tm.JointGoal(END))
+def test_as_an_option_of_the_plan(planar3r):
+    problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     plain, quiet = tm.plan(problem), tm.plan(problem, tm.Options(slack=0.02))
     assert quiet.T == pytest.approx(1.02 * plain.T, rel=1e-9)
     assert quiet.options.slack == 0.02
     assert "roughness" in quiet.message
 
 
-def test_roughness_by_hand(planar):
+def test_roughness_by_hand(planar3r):
     """A torque that jumps once, by half of its range."""
     t = np.array([0.0, 0.5, 1.0])
     still = np.tile(START, (3, 1))
-    effort = planar.limits.effort_upper
+    effort = planar3r.limits.effort_upper
     u = np.array([0 * effort, effort, effort])
-    motion = tm.Trajectory(planar.joint_names, t, still, 0 * still, u)
-    assert roughness(motion, planar.limits) == pytest.approx(3 * 0.25)
+    motion = tm.Trajectory(planar3r.joint_names, t, still, 0 * still, u)
+    assert roughness(motion, planar3r.limits) == pytest.approx(3 * 0.25)
 
 
-def test_what_cannot_be_smoothed(planar):
+def test_what_cannot_be_smoothed(planar3r):
     from dataclasses import replace
 
-    solution = tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
+    solution = tm.plan(tm.Problem(planar3r, START, tm.JointGoal(END)))
     with pytest.raises(tm.ProblemError, match="no motion to smooth"):
         tm.smooth(replace(solution, trajectory=None))
     for slack in (-0.01, np.nan, "much", True):

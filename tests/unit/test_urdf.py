@@ -14,6 +14,7 @@ from robot_samples import (
     link,
     one_joint,
     one_shape,
+    read,
     robot,
     write,
 )
@@ -22,13 +23,8 @@ from tominpmp.description import xml_reader
 from tominpmp.description.files import find_robot
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.srdf import read_srdf
-from tominpmp.description.urdf import Mimic, UrdfDescription, read_urdf
+from tominpmp.description.urdf import Mimic, read_urdf
 from tominpmp.exceptions import JointNotFound, OptionsError, RobotLoadError
-
-
-def read(folder: Path, text: str) -> UrdfDescription:
-    return read_urdf(write(folder, text))
-
 
 # Files that are none
 

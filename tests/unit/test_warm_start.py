@@ -16,13 +16,8 @@ POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 
 
 @pytest.fixture(scope="module")
-def planar():
-    return tm.load_robot("planar3r")
-
-
-@pytest.fixture(scope="module")
-def free(planar):
-    return tm.plan(tm.Problem(planar, START, tm.JointGoal(END)))
+def free(planar3r):
+    return tm.plan(tm.Problem(planar3r, START, tm.JointGoal(END)))
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +27,9 @@ def stepped(free):
 
 
 @pytest.fixture(scope="module")
-def around(planar):
+def around(planar3r):
     """The paper's problem with the obstacle."""
-    problem = tm.Problem(planar, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
+    problem = tm.Problem(planar3r, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
     return tm.plan(problem, tm.Options(starts=1))
 
 
@@ -73,11 +68,11 @@ def test_splines_are_taken_over(free, control):
     np.testing.assert_allclose(program.trajectory(z)(times).q, expected, atol=1e-7)
 
 
-def test_the_bend_meets_the_new_ends(planar, free):
+def test_the_bend_meets_the_new_ends(planar3r, free):
     rng = np.random.default_rng(1)
     v_start = rng.uniform(-0.2, 0.2, 3)
     problem = tm.Problem(
-        planar,
+        planar3r,
         np.add(START, rng.uniform(-0.1, 0.1, 3)),
         tm.JointGoal(np.add(END, rng.uniform(-0.1, 0.1, 3))),
         v_start=v_start,
@@ -91,12 +86,12 @@ def test_the_bend_meets_the_new_ends(planar, free):
     np.testing.assert_allclose((ends[3] - ends[2]) / h, 0, atol=1e-3)
 
 
-def test_a_bent_guess_stays_within_the_position_limits(planar):
-    lower = planar.limits.position_lower
+def test_a_bent_guess_stays_within_the_position_limits(planar3r):
+    lower = planar3r.limits.position_lower
     start = np.maximum(START, lower + 0.02)
-    first = tm.plan(tm.Problem(planar, start, tm.JointGoal((lower[0], -1.0, 0.3))))
+    first = tm.plan(tm.Problem(planar3r, start, tm.JointGoal((lower[0], -1.0, 0.3))))
     goal = tm.JointGoal((lower[0] + 0.3, -1.0, 0.3))
-    problem = tm.Problem(planar, (lower[0], *start[1:]), goal)
+    problem = tm.Problem(planar3r, (lower[0], *start[1:]), goal)
     guess = former_motion(System.of(problem), first.trajectory)
     assert np.all(guess.q >= lower)
     assert tm.plan(problem, start=first).success
@@ -123,11 +118,11 @@ def test_an_obstacle_in_the_way_is_avoided(around):
         assert warm.verification.min_clearance >= changed.margin - 1e-5
 
 
-def test_going_on_from_a_moving_state(planar, free):
+def test_going_on_from_a_moving_state(planar3r, free):
     """Bellman: the rest of an optimal motion is the optimal motion for the rest."""
     at = 0.4 * free.T
     state = free.trajectory(at)
-    problem = tm.Problem(planar, state.q, tm.JointGoal(END), v_start=state.v)
+    problem = tm.Problem(planar3r, state.q, tm.JointGoal(END), v_start=state.v)
     guess = former_motion(System.of(problem), free.trajectory)
     assert guess.entry == pytest.approx(at, abs=1e-6)
     warm = tm.plan(problem, start=free)
@@ -147,14 +142,14 @@ def test_other_methods(around, method):
     assert warm.iterations < first.iterations
 
 
-def test_wider_limits_never_make_it_slower(planar, free):
-    faster = planar.with_changes(effort=1.05 * planar.limits.effort_upper)
+def test_wider_limits_never_make_it_slower(planar3r, free):
+    faster = planar3r.with_changes(effort=1.05 * planar3r.limits.effort_upper)
     problem = tm.Problem(faster, START, tm.JointGoal(END))
     warm = tm.plan(problem, tm.Options(intervals=8), start=free)
     assert warm.success and warm.T <= free.T + 1e-9
 
 
-def test_a_motion_that_cannot_be_bettered_is_kept(planar, free):
+def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     """A grid that is too coarse for anything as fast."""
     fine = tm.plan(free.problem, tm.Options(intervals=120))
     warm = tm.plan(free.problem, tm.Options(intervals=10), start=fine)
@@ -163,7 +158,7 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar, free):
     assert warm.success and warm.T <= fine.T
 
 
-def test_other_guesses_follow_where_it_leads_to_nothing(planar, around, monkeypatch):
+def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
     import tominpmp.planner.multistart as starts
 
     solve = starts.solve_from_former
@@ -172,7 +167,7 @@ def test_other_guesses_follow_where_it_leads_to_nothing(planar, around, monkeypa
         return replace(solve(system, options, former, watch), feasible=False)
 
     monkeypatch.setattr(starts, "solve_from_former", fails)
-    problem = tm.Problem(planar, START, tm.JointGoal(END))
+    problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)
     assert again.success
     assert {record.start for record in again.history} >= {0, 1}

@@ -19,6 +19,7 @@ from robot_samples import (
     link,
     one_joint,
     one_shape,
+    read,
     robot,
     write,
     write_tetrahedron,
@@ -27,17 +28,12 @@ from robot_samples import (
 from tominpmp.description.model import build_geometry, build_model
 from tominpmp.description.urdf import (
     Mimic,
-    UrdfDescription,
     read_parsed,
     read_urdf,
 )
 from tominpmp.description.xml_reader import MAX_TEXT
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
 from tominpmp.robot import load_robot
-
-
-def read(folder: Path, text: str) -> UrdfDescription:
-    return read_urdf(write(folder, text))
 
 
 def test_limits_that_yourdfpy_drops(tmp_path: Path) -> None:

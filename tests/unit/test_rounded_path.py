@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from seeding_samples import END, START, gantry, maze, wall
+from guess_samples import END, START, gantry, maze, wall
 
 import tominpmp as tm
 from tominpmp.initial_guess.guess import path_guess

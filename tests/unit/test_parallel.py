@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 import pytest
+from guess_samples import START, maze, wall
 from parallel_work import square, wait_and_tell
-from seeding_samples import START, maze, wall
 
 from tominpmp.exceptions import FrameNotFound
 from tominpmp.initial_guess.parallel import available_processes, run_parallel

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from seeding_samples import END, START, fine, maze, wall
+from guess_samples import END, START, fine, maze, wall
 
 import tominpmp as tm
 from tominpmp.exceptions import MissingDependency

@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
+from guess_samples import END, maze, wall
 from scipy.optimize import brentq
-from seeding_samples import END, maze, wall
 
 import tominpmp as tm
 from tominpmp.initial_guess import guess as guess_module

@@ -1,0 +1,112 @@
+"""A solver of linear programs and a format of files of one's own, as CONTRIBUTING says.
+
+Both are written here from nothing but the interfaces: what else they needed would have
+to be in the recipes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import tominpmp as tm
+from tominpmp.io import export
+from tominpmp.linear_programs import LinearProgram, LpSolution, LpSolver, make_solver
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.system import System
+
+
+class ScipySolver(LpSolver):
+    """SciPy's ``linprog``."""
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        self.program = program
+        p, rows = program, program.matrix.tocsr()
+        equal = p.row_lower == p.row_upper
+        high = ~equal & np.isfinite(p.row_upper)
+        low = ~equal & np.isfinite(p.row_lower)
+        upper = np.concatenate([p.row_upper[high], -p.row_lower[low]])
+        matrix = np.vstack([rows[high].toarray(), -rows[low].toarray()])
+        bounds = np.stack([p.lower, p.upper], axis=1)
+        found = linprog(
+            p.cost, matrix, upper, rows[equal].toarray(), p.row_upper[equal], bounds
+        )
+        if found.x is None:
+            none = np.zeros(p.row_lower.size)
+            return LpSolution(False, np.zeros(p.cost.size), none, 0, 0.0)
+        duals = np.zeros(p.row_lower.size)
+        duals[high] = -found.ineqlin.marginals[: np.count_nonzero(high)]
+        duals[low] += found.ineqlin.marginals[np.count_nonzero(high) :]
+        duals[equal] = -found.eqlin.marginals
+        return LpSolution(found.status == 0, found.x, duals, found.nit, 0.0)
+
+    def resolve(self, row_lower: np.ndarray, row_upper: np.ndarray) -> LpSolution:
+        return self.solve(
+            replace(self.program, row_lower=row_lower, row_upper=row_upper)
+        )
+
+
+def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
+    problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
+    transcription = InverseTranscription(
+        System.of(problem), interval_shares("uniform", 12), 2.0
+    )
+    ends = np.array([problem.q_start, problem.goal.q])
+
+    def line(share: np.ndarray) -> np.ndarray:
+        return ends[0] + share[:, None] * (ends[1] - ends[0])
+
+    start = transcription.start(lambda t: line(t / 2.0), 2.0)
+    program = NonlinearProgram.of(transcription).at(start)
+    found = {
+        name: SlpSolver(program, tm.Options(), 0.0, lp).run(start)
+        for name, lp in (("own", ScipySolver()), ("highs", make_solver("highs")))
+    }
+    assert found["own"].status is tm.Status.CONVERGED
+    best = found["own"].best
+    assert best is not None and found["highs"].best is not None
+    assert best.violation <= tm.Options().feasibility
+    assert best.duration == pytest.approx(found["highs"].best.duration, rel=1e-4)
+
+
+def write_words(samples: tm.Samples, file: BinaryIO) -> None:
+    """Names of the joints in a line, then a line an instant: time and positions."""
+    table = np.column_stack([samples.t, samples.q])
+    rows = [" ".join(map(repr, row)) for row in table.tolist()]
+    file.write("\n".join([" ".join(samples.joint_names), *rows]).encode())
+
+
+def read_words(content: bytes, path: Path) -> tm.Samples:
+    names, *rows = content.decode().split("\n")
+    table = np.array([[float(word) for word in row.split()] for row in rows])
+    none = np.full((table.shape[0], table.shape[1] - 1), np.nan)
+    joints = tuple(names.split())
+    return tm.Samples(joints, table[:, 0], table[:, 1:], none, none, none)
+
+
+def test_a_format_of_files_of_ones_own(
+    planar3r: tm.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(export.WRITERS, ".words", write_words)
+    monkeypatch.setitem(export.READERS, ".words", read_words)
+    problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
+    solution = tm.plan(problem, starts=1, intervals=12)
+    path = solution.export(tmp_path / "motion.words", dt=0.004)
+    again = tm.load_motion(path)
+    samples = solution.trajectory.sample(0.004)
+    np.testing.assert_array_equal(again.t, samples.t)
+    np.testing.assert_array_equal(again.q, samples.q)
+    assert again.joint_names == planar3r.joint_names
+    assert np.all(np.isnan(again.u))
+    # Wrong samples are refused as those of any other file.
+    path.write_text(path.read_text().replace("joint1", "joint2"))
+    with pytest.raises(tm.ScenarioError, match="names of joints, each its own"):
+        tm.load_motion(path)
