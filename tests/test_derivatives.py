@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from rollout_derivatives import differentiate_rollout
 
 import tominpmp as tm
 from tominpmp.motion_limits import EffortCurve, MotionLimits
@@ -25,7 +26,7 @@ from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.program import NonlinearProgram, Sampled
-from tominpmp.transcription.rollout import differentiate_rollout, rollout
+from tominpmp.transcription.rollout import rollout
 from tominpmp.transcription.sweep import sweep_adjoint
 from tominpmp.transcription.system import System
 

@@ -95,11 +95,6 @@ class OptimisedArcs:
         """Whether goal and limits are kept."""
         return self.miss <= EXACT and self.excess <= SLACK
 
-    @property
-    def at_limits(self) -> bool:
-        """Whether limits other than those of the torques rule."""
-        return bool(np.any(self.arcs.held)) or bool(np.any(self.shot.room < EXACT))
-
     def states(self, times: Array) -> Array:
         """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
         arcs, motion = self.arcs, self.shot.motion

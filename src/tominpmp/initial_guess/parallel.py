@@ -1,4 +1,10 @@
-"""Work spread over several processes, with results as they come."""
+"""Parallel processes: work spread over them, with results as they come.
+
+The processes are those of loky, on which joblib builds. ``joblib.Parallel`` itself
+would be one more dependency and not shorter: it neither asks processes at work to stop
+nor waits for what they have found by then. Processes of :mod:`concurrent.futures`
+outlive a parent that was killed: seen with "spawn", "fork" and "forkserver".
+"""
 
 from __future__ import annotations
 

@@ -104,23 +104,6 @@ def load_moveit(
         request.get(places.get(blamed, "goal_constraints")).fail(str(error))
 
 
-def resting_joints(request_path: str | Path) -> dict[str, float]:
-    """Find the joints that a request does not move, whatever its group.
-
-    Args:
-        request_path: YAML file with a ``MotionPlanRequest`` message.
-
-    Returns:
-        Joints of the start state of which a goal of joint positions says nothing, with
-        their positions [rad or m]; none for goals of other kinds.
-
-    Raises:
-        ScenarioError: If the file is wrong.
-    """
-    request = read_message(request_path)
-    return unmoved(request, start_positions(request))
-
-
 def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, float]:
     """Find the joints to lock where a robot is loaded for a request.
 

@@ -1,4 +1,8 @@
-"""Rotations as users give them."""
+"""Rotations as users give them: checked, and turned into matrices by SciPy.
+
+Whether a matrix is a rotation is asked here, because SciPy's ``Rotation.from_matrix``
+takes a stretched one without a word for the nearest rotation.
+"""
 
 from __future__ import annotations
 

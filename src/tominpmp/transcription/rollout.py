@@ -13,7 +13,6 @@ from tominpmp.transcription.integrator import (
     WEIGHTS,
     DefectJacobians,
     Newton,
-    differentiate_defects,
     solve_systems,
 )
 
@@ -112,22 +111,6 @@ def _as_rollout(
     x = np.concatenate([x_start[None], stages[:, 1]])
     finite = bool(np.all(np.isfinite(x)))
     return Rollout(x, stages[:, 0], u, h, substeps, finite)
-
-
-def differentiate_rollout(dynamics: Dynamics, motion: Rollout) -> Sensitivities:
-    """Exact derivatives of each interval of an integrated motion.
-
-    Args:
-        dynamics: Equations of motion.
-        motion: The motion.
-
-    Returns:
-        Derivatives, with the steps within an interval composed.
-    """
-    by = differentiate_defects(
-        dynamics, motion.x[:-1], motion.x[1:], motion.u, motion.h, motion.inner
-    )
-    return compose_steps(by, motion.substeps)
 
 
 def compose_steps(by: DefectJacobians, substeps: int) -> Sensitivities:

@@ -1,9 +1,14 @@
-"""Curves as pieces of polynomials, whatever a trajectory is made of.
+"""Piecewise polynomials fitted to any curve, for the replay and for proofs.
 
 The replay asks for torques at instants of its own choosing, thousands of times, and a
 proof needs bounds over stretches of time. Between any two nodes a trajectory is smooth:
 a polynomial through Chebyshev points, which lie inside the piece and so never on a
 jump, follows it to rounding.
+
+SciPy's ``PPoly`` was measured beside it: equal to 6e-16, 1.3 times faster at thousands
+of instants at once, but 8.5 us against 3.2 us for the single instant that an
+integration asks for, where a whole evaluation of the dynamics takes 9.7 us; and it
+neither fits curves nor gives the polynomials of shorter stretches.
 """
 
 from __future__ import annotations
