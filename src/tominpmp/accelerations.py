@@ -32,12 +32,7 @@ class PeakAcceleration:
 
 
 def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAcceleration:
-    """Find the largest acceleration of a motion; of joints without a limit, if any.
-
-    Args:
-        problem: The problem.
-        trajectory: A motion of its robot.
-    """
+    """Find the largest acceleration of a motion; of joints without a limit, if any."""
     nodes = trajectory.t
     steps = np.diff(nodes)
     # Accelerations may jump at the nodes: just after and just before, and in between.
@@ -62,10 +57,6 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
 
 def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
     """What to say of a motion that was planned without limits of accelerations.
-
-    Args:
-        problem: The problem.
-        trajectory: A motion of its robot.
 
     Returns:
         A sentence; empty if all joints have such a limit.

@@ -29,9 +29,6 @@ FEW_NUMBERS = 12
 def frozen_array(values: ArrayLike) -> Array:
     """Copy values into a read-only array of floats.
 
-    Args:
-        values: Anything NumPy can turn into an array.
-
     Returns:
         A new array of the same shape that cannot be written to.
     """
@@ -44,9 +41,6 @@ def real_array(values: object) -> Array:
     """Take a caller's numbers as a read-only array of floats.
 
     Unlike NumPy, this refuses text that looks like numbers, truth values and None.
-
-    Args:
-        values: What the caller gave.
 
     Returns:
         A new array that cannot be written to; NaN and infinities are let through.
@@ -67,9 +61,6 @@ def real_array(values: object) -> Array:
 
 def real_number(value: object) -> float:
     """Take a caller's number as a float.
-
-    Args:
-        value: What the caller gave.
 
     Returns:
         The number; NaN and infinities are let through.

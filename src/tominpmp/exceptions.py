@@ -32,12 +32,7 @@ def shortened(text: str, most: int = BRIEF) -> str:
 
 
 def brief(value: object, most: int = BRIEF) -> str:
-    """Show a value in a message: what ``repr`` gives, on one line and not a long one.
-
-    Args:
-        value: Anything that a caller or a file gave.
-        most: Characters to show.
-    """
+    """Show a value in a message: what ``repr`` gives, on one line, not a long one."""
     try:
         if isinstance(value, str):
             text = repr(value[:most]) if len(value) > most else repr(value)

@@ -47,9 +47,6 @@ class RobotKinematics:
             q: Positions, shape (n,) [rad or m].
             frame: Name of the frame.
 
-        Returns:
-            The placement.
-
         Raises:
             FrameNotFound: If there is no such frame.
         """
@@ -92,9 +89,6 @@ class RobotKinematics:
             q: Positions, shape (n,).
             v: Velocities, shape (n,).
             frame: Name of the frame.
-
-        Returns:
-            Velocity and derivatives.
         """
         robot, data = self.robot, self._data
         v_model = robot.expand_tangent(v)

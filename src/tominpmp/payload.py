@@ -142,9 +142,6 @@ def attach(
         model: The robot without the payload.
         geometry: Its collision geometry.
 
-    Returns:
-        Both descriptions, with the payload.
-
     Raises:
         ProblemError: If its name is that of another link.
         FrameNotFound: If there is no such frame.

@@ -46,9 +46,6 @@ def differentiate_rates(
         x: States (q, v), shape (m, 2n).
         u: Torques, shape (m, n); those of held joints are ignored.
         held: Which joints keep their velocity, shape (m, n).
-
-    Returns:
-        The rates.
     """
     count, n = u.shape
     some = np.any(held, axis=1)

@@ -89,16 +89,7 @@ def perturbed_motions(
     plan: Trajectory,
     rng: np.random.Generator,
 ) -> Iterator[Trajectory]:
-    """Motions from randomly perturbed paths, without end.
-
-    Args:
-        system: The functions of the problem.
-        options: Options of the plan.
-        lp: Solver of linear programs.
-        clock: Tells when to stop.
-        plan: The motion that is to be beaten.
-        rng: Random numbers.
-    """
+    """Motions from randomly perturbed paths, without end."""
     rough = replace(
         options,
         max_iterations=min(options.max_iterations, ITERATIONS),

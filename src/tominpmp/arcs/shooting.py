@@ -169,9 +169,6 @@ class ArcProgram:
     def propagate(self, motion: IntegratedArcs) -> tuple[Array, Array]:
         """Derivatives of the states by the unknowns.
 
-        Args:
-            motion: The motion.
-
         Returns:
             At the ends of the steps, from the start on, and at the stages: shapes
             (M + 1, 2n, size) and (M, 3, 2n, size).

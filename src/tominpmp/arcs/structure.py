@@ -147,9 +147,6 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
         shares: Torques as shares of their limits, shape (N, n).
         speeds: Velocities at the nodes as shares of their limits, shape (N + 1, n).
         driven: Which joints have motors, shape (n,).
-
-    Returns:
-        The arcs, with rough lengths.
     """
     t = np.concatenate([[0.0], np.cumsum(lengths)])
     T, n = float(t[-1]), shares.shape[1]

@@ -51,11 +51,6 @@ class Change:
 def multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array]:
     """Multipliers of the equations and of the limits, by least squares.
 
-    Args:
-        program: The program.
-        y: Its solution.
-        shot: The motion.
-
     Returns:
         Shapes (e,) and (r,), in shares of the duration.
     """
@@ -71,13 +66,7 @@ def multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array
 
 
 def torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> Array:
-    """Derivatives of the duration by the torque shares of the steps, shape (M, n) [s].
-
-    Args:
-        program: The program.
-        shot: The motion.
-        of: Multipliers of equations and limits.
-    """
+    """Derivatives of the duration by the torque shares of steps, shape (M, n) [s]."""
     equations, limits = of
     A, B, _ = (part[:, -1] for part in shot.motion.sensitivities)
     n = B.shape[2]

@@ -281,9 +281,6 @@ def improve(
         optimised: Arcs of optimal lengths that keep goal and limits.
         budget: How much may be spent.
         total: Integration steps over the whole motion.
-
-    Returns:
-        The improved arcs.
     """
     for _ in range(CHANGES):
         T = optimised.duration

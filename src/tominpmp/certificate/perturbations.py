@@ -40,9 +40,6 @@ HAIR = 1e-9
 def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
     """Nodes at which a motion is looked at.
 
-    Args:
-        trajectory: The motion.
-
     Returns:
         Times [s], and whether intervals of the motion were joined. Without joining,
         all nodes of the motion are among them; with it those at which the torque jumps

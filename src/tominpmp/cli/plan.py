@@ -38,14 +38,6 @@ def run_plan(
 ) -> int:
     """Plan and report.
 
-    Args:
-        asked: The problem.
-        options: Options of the planner that were given.
-        said: What to begin with, to write and to show.
-
-    Returns:
-        The exit code.
-
     Raises:
         TominpmpError: If anything given is wrong.
     """

@@ -21,9 +21,6 @@ def run_play(motion: Path, said: PlayOptions) -> Path:
         motion: File that holds it.
         said: Whose motion it is, obstacles to show, and where.
 
-    Returns:
-        The page.
-
     Raises:
         TominpmpError: If anything given is wrong or does not fit together.
     """

@@ -54,12 +54,7 @@ class Command(TyperCommand):
 
 
 def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
-    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option.
-
-    Args:
-        args: The words of a command line.
-        options: Options that take several words.
-    """
+    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option."""
     joined: list[str] = []
     for arg in args:
         if _takes_more(joined[-2:], options) and _is_value(arg):

@@ -34,9 +34,6 @@ def run_verify(
             given are the scenario's.
         how: How the points are joined, and how to report.
 
-    Returns:
-        The exit code.
-
     Raises:
         TominpmpError: If a file is wrong or they do not belong together.
     """

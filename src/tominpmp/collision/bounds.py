@@ -201,9 +201,6 @@ class BroadPhase:
     def by_balls(self, placed: tuple[Array, Array]) -> Array:
         """Bounds from a ball around the first body and a box around the second.
 
-        Args:
-            placed: Placements box_to_world of m instants.
-
         Returns:
             Shape (m, pairs) [m].
         """

@@ -67,10 +67,6 @@ class Content:
 def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
     """Convex pieces of a mesh of Coal, from the disk if it was cut before.
 
-    Args:
-        mesh: The mesh.
-        name: What it belongs to, for the log.
-
     Returns:
         The pieces; None if the mesh is flat.
     """

@@ -168,12 +168,6 @@ def rounded(length: Array, limit: float) -> Array:
 def positive(value: object, name: str, unit: str, most: float = np.inf) -> float:
     """Check a caller's positive number.
 
-    Args:
-        value: What the caller gave.
-        name: What it is, for the message.
-        unit: Its unit.
-        most: Largest value.
-
     Raises:
         ProblemError: If it is none.
     """

@@ -66,9 +66,6 @@ class Datasheet:
     def by_joint(self, joint_names: Sequence[str]) -> dict[str, dict[str, float]]:
         """Values by quantity, and by the names that the joints have in a robot.
 
-        Args:
-            joint_names: Names of all joints of the robot, those that are locked too.
-
         Returns:
             Empty if the robot has not all the joints of the sheet.
         """
@@ -144,10 +141,6 @@ def published_values(
     names: Iterable[str | None], joint_names: Sequence[str]
 ) -> dict[str, dict[str, float]]:
     """Values of the data sheet of a robot by quantity and joint name.
-
-    Args:
-        names: Names of the robot.
-        joint_names: Names of all its joints.
 
     Raises:
         OptionsError: If there is no data sheet of it, with those there are.

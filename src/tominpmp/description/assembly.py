@@ -114,9 +114,6 @@ def joined(
 
     Args:
         parts: Description and placement base_to_world of each part by its name.
-
-    Returns:
-        A description whose base is the world.
     """
     name = "+".join(parts)
     robot = Element("robot", name=name)

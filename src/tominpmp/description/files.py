@@ -93,12 +93,6 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     A word is a name: of a bundled robot, else of one in example-robot-data. Whatever
     has a folder or a suffix is a path.
 
-    Args:
-        name_or_path: Name or path.
-
-    Returns:
-        The files.
-
     Raises:
         RobotLoadError: If there is no such robot, with the names there are.
     """
@@ -230,11 +224,6 @@ def resolve_resource(
     are the package), in the folders above the description and in those of
     ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; other names are relative to the
     description, then to the given folders.
-
-    Args:
-        filename: The reference.
-        urdf: The description.
-        package_dirs: Folders with packages.
 
     Returns:
         The file, ``None`` if there is none, and the paths tried.

@@ -61,9 +61,6 @@ class JointGroups:
 
         Where no group has the very name, one is taken that is meant without doubt:
         "panda_arm" is "arm" of the robot "panda", "left_arm" is "l_arm".
-
-        Args:
-            name: The name asked for.
         """
         if name in self.groups:
             return name
@@ -205,12 +202,7 @@ def _path(above: Mapping[str, tuple[str, str]], link: str) -> set[str]:
 
 
 def carrying_joints(xml: str, link: str) -> set[str]:
-    """Joints from the root to a link, fixed ones among them; none if it is unknown.
-
-    Args:
-        xml: A URDF file.
-        link: Name of the link.
-    """
+    """Joints from the root to a link, fixed ones among them; none if it is unknown."""
     return _path(_joints_above(fromstring(xml)), link)
 
 
@@ -285,12 +277,7 @@ def rest_position(
 
 
 def warn_of_passive(passive: Collection[str], motors: Collection[str]) -> None:
-    """Warn of joints that the SRDF file calls passive, and the URDF file drives.
-
-    Args:
-        passive: The passive joints.
-        motors: Joints that are planned with a motor.
-    """
+    """Warn of joints that the SRDF file calls passive, and the URDF file drives."""
     driven = [joint for joint in passive if joint in motors]
     if driven:
         example = "{" + repr(driven[0]) + ": 0}"

@@ -215,9 +215,6 @@ class JointTable:
     def check_complete(self, path: Path) -> None:
         """Check that every joint has all limits, and room to move.
 
-        Args:
-            path: The description, for the message.
-
         Raises:
             RobotLoadError: Naming all joints, and the arguments that mend it.
         """

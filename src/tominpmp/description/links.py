@@ -30,9 +30,6 @@ def simplified_link(link: Any, context: XmlContext, folders: Sequence[Path]) -> 
         context: The file.
         folders: Folders in which to look for ``package://``.
 
-    Returns:
-        A ``yourdfpy.Link``.
-
     Raises:
         RobotLoadError: If a mesh is not there.
     """

@@ -28,10 +28,6 @@ MAX_EXPANDED = 50_000_000
 def check_expanded(path: Path, data: bytes) -> None:
     """Check that the shapes of a mesh file, each as often as it is shown, take little.
 
-    Args:
-        path: The file, whose ending says what it is.
-        data: Its content.
-
     Raises:
         ValueError: If they take much more than the file.
         Exception: Of any kind, if the file is not what its name says.

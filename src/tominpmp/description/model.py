@@ -97,10 +97,6 @@ def expansion(
 ) -> tuple[tuple[str, ...], Array | None, Array | None]:
     r"""Express the configuration of a model by its free joints, :math:`S q + c`.
 
-    Args:
-        model: Model whose joints all have one coordinate.
-        followers: Joints that follow a free joint.
-
     Returns:
         Names of the n free joints, S of shape (nv, n) and c of shape (nv,); ``None``
         for both if no joint follows.

@@ -19,11 +19,6 @@ def checked_path(
 ) -> Path:
     """Take a caller's path, with ``~`` for the home folder.
 
-    Args:
-        path: A text or path object.
-        name: What it is called in the message.
-        error: What to raise.
-
     Returns:
         The path; where nobody knows the user of ``~user``, it is taken as it is.
 

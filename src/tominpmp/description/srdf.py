@@ -86,15 +86,6 @@ def read_srdf(
     Entries about links and joints that the robot lacks are left out, for one SRDF file
     often serves several variants of a robot.
 
-    Args:
-        path: The file.
-        links: Names of the robot's links.
-        joints: Names of the robot's joints that can move.
-        xml: The URDF file, for groups of links and chains.
-
-    Returns:
-        The description.
-
     Raises:
         RobotLoadError: If the file is no SRDF file, or speaks of none of the links
             that it names.

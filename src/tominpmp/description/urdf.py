@@ -121,9 +121,6 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
         path: The file.
         package_dirs: Folders in which to look for ``package://``.
 
-    Returns:
-        The description.
-
     Raises:
         RobotLoadError: If the file is no URDF file, contradicts itself, has a joint of
             several degrees of freedom, or refers to a mesh that is not there.

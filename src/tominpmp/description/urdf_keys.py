@@ -33,11 +33,6 @@ def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) ->
     """Warn of likely mistakes, and of soft limits within the limits.
 
     Controllers may keep a ``<safety_controller>``'s soft limits; they are not read.
-
-    Args:
-        root: The file.
-        joints: Its joints, each a ``yourdfpy.Joint``.
-        context: The file, for messages.
     """
     told = _mistakes(root, "robot")
     for element in (*root.findall("link"), *root.findall("joint")):

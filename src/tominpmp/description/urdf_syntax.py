@@ -102,10 +102,6 @@ def write_numbers(element: Element, attribute: str, values: Iterable[float]) -> 
 def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
     """Copy what yourdfpy reads.
 
-    Args:
-        root: The file.
-        context: The file, for messages.
-
     Returns:
         The copy, and what is not in it.
 

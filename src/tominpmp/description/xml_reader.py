@@ -32,12 +32,6 @@ MAX_NUMBER = 1e9
 def read_xml(path: Path) -> Element:
     """Read an XML file.
 
-    Args:
-        path: The file.
-
-    Returns:
-        The root element.
-
     Raises:
         RobotLoadError: If the file cannot be read, is too large, is no XML, or declares
             a document type.
@@ -66,9 +60,6 @@ def parse_xml(content: bytes, path: Path) -> Element:
     Args:
         content: The document.
         path: Where it comes from, for messages.
-
-    Returns:
-        The root element.
 
     Raises:
         RobotLoadError: As :func:`read_xml`.

@@ -43,9 +43,6 @@ def read_bytes(path: Path, largest: int = MAX_BYTES) -> bytes:
         path: The file.
         largest: Size it may have [bytes].
 
-    Returns:
-        Its content.
-
     Raises:
         ScenarioError: If it is not there, no file, too large, or cannot be read.
     """
@@ -68,9 +65,6 @@ def read_bytes(path: Path, largest: int = MAX_BYTES) -> bytes:
 
 def read_yaml(path: Path) -> Any:
     """Read the only document of a YAML file.
-
-    Args:
-        path: The file.
 
     Returns:
         Dictionaries with texts as keys, lists, texts, numbers, truth values and None;

@@ -100,12 +100,6 @@ def find_configurations(
     Those that the speed limits let the arm reach soonest come first, as far as they are
     not near to one before them.
 
-    Args:
-        system: Kinematics, limits and clearance.
-        goal: The goal.
-        count: Number of random starts, beside the start of the problem.
-        rng: Random numbers.
-
     Returns:
         Configurations clear of obstacles and those in collision.
     """

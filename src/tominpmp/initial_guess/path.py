@@ -64,9 +64,6 @@ class RoundedPath:
         Args:
             corners: Shape (m, n); repeated corners are left out.
             velocity: Speed limits, shape (n,) [rad/s or m/s], possibly infinite.
-
-        Returns:
-            The path.
         """
         weights = speed_weights(velocity)
         lengths = np.max(np.abs(np.diff(corners, axis=0)) * weights, axis=1)
@@ -130,12 +127,7 @@ class RoundedPath:
         return q, first, second
 
     def grid(self, points: int, corner_points: int) -> Array:
-        """Grid of s for timing: finer at the ends and in the rounded corners.
-
-        Args:
-            points: Number of points of the whole path.
-            corner_points: Number of points added in each rounded stretch.
-        """
+        """Grid of s for timing: finer at the ends and in the rounded corners."""
         # Near the ends s grows with the square of time: spacing that is even in time.
         whole = 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, points)))
         stretch = np.linspace(-1.0, 1.0, corner_points)

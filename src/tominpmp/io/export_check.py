@@ -341,15 +341,12 @@ def inner_instants(nodes: Array) -> Array:
 def limit_violations_of(
     problem: Problem, motion: Trajectory, tolerance: float
 ) -> list[LimitViolation]:
-    """Limits of positions, velocities and torques that a motion breaks.
+    """The worst of each kind of limit (positions, velocities, torques) that is broken.
 
     Args:
         problem: What the motion is to solve.
         motion: The motion.
         tolerance: Relative excess that is tolerated.
-
-    Returns:
-        The worst of each kind.
     """
     limits = problem.robot.limits
     times = inner_instants(motion.t)

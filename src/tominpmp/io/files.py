@@ -22,9 +22,6 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
         path: File to write; one that exists is replaced.
         write: Function that writes the contents to an open binary file.
 
-    Returns:
-        The path.
-
     Raises:
         ProblemError: If the path is none.
         ScenarioError: If the file cannot be written, with its path.

@@ -62,9 +62,6 @@ def find_trajectory(message: Field, *, mention: bool = True) -> Field:
         message: The message.
         mention: Whether to warn of what stands beside it.
 
-    Returns:
-        The trajectory.
-
     Raises:
         ScenarioError: If the message has something that moves more than joints, or more
             than one trajectory.
@@ -110,9 +107,6 @@ def read_message(message: Field) -> Samples:
 
     Velocities, accelerations and effort may be left out, of all points alike. Times are
     read as ROS 2, ROS 1 (secs, nsecs) or a single number [s] have them.
-
-    Args:
-        message: The message.
 
     Returns:
         The samples, to be joined as a controller does; what the message leaves out is

@@ -74,12 +74,7 @@ class RobotSource:
     def motion_limits(
         self, published: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
     ) -> MotionLimits | None:
-        """Limits of accelerations and the like: published ones, else the URDF file's.
-
-        Args:
-            published: Values of the data sheet by quantity and joint name.
-            joint_names: Joints that move.
-        """
+        """Limits of accelerations and the like: published, else the URDF file's."""
         described: dict[str, dict[str, float]] = {"acceleration": {}, "jerk": {}}
         for joint in self.description.joints:
             for quantity, values in described.items():

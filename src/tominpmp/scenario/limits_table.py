@@ -79,13 +79,7 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
 def beyond(
     limits: MotionLimits, others: MotionLimits | None, robot: Robot
 ) -> MotionLimits:
-    """The same limits, so that they are what they are over those of the robot.
-
-    Args:
-        limits: Limits of a problem.
-        others: Limits of its robot.
-        robot: The robot.
-    """
+    """The same limits, so that they are what they are over those of the robot."""
     if others is None:
         return limits
     names = robot.joint_names

@@ -136,9 +136,6 @@ def read_frames(
         message: The planning scene.
         robot: The robot, if there is one.
         start_state: A robot state that says more about where the base is.
-
-    Returns:
-        The frames.
     """
     base = pin.SE3.Identity()
     for state in (message.get("robot_state"), start_state):

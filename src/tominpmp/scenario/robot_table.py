@@ -66,9 +66,6 @@ def read_robot(table: Field) -> Robot:
             fields of :class:`~tominpmp.payload.Payload`. Paths are relative to the
             scenario.
 
-    Returns:
-        The robot.
-
     Raises:
         ScenarioError: If the table is wrong or the robot cannot be loaded.
     """
@@ -137,10 +134,6 @@ def _path(item: Field) -> Path:
 
 def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
     """Write down how to load a robot.
-
-    Args:
-        robot: The robot.
-        folder: Folder of the scenario.
 
     Returns:
         The table for :func:`read_robot`.

@@ -50,9 +50,6 @@ class MeshFileError(ValueError):
 def read_mesh(path: Path) -> tuple[Array, IntArray]:
     """Read a mesh.
 
-    Args:
-        path: STL, OBJ, DAE, GLB, glTF, OFF or PLY file.
-
     Returns:
         Vertices, shape (k, 3), in the units of the file, and corners of the triangles,
         shape (l, 3).

@@ -64,9 +64,6 @@ class PaperSolver:
         Args:
             z: Initial torques and duration, the paper's u^0 and T^0.
 
-        Returns:
-            The outcome.
-
         Raises:
             Stop: If it was told to; what it had is kept.
         """
@@ -166,9 +163,6 @@ def build_program(
         values: Row values, shape (m,).
         linearization: Jacobian of the rows of the program.
         steps: Box for the step.
-
-    Returns:
-        The program in (step, elastic variables).
     """
     rows, chosen = merit.rows, linearization.rows
     here, group = values[chosen], rows.group[chosen]

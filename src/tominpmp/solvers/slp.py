@@ -100,9 +100,6 @@ class SlpSolver:
             z: Where to begin.
             after: Result for nearly the same program, whose history goes on.
 
-        Returns:
-            The outcome.
-
         Raises:
             Stop: If it was told to; what it had is kept.
         """

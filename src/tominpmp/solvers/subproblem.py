@@ -85,9 +85,6 @@ def build_subproblem(
         steps: Box for the step.
         variation: Differences of the controls; None leaves them out.
         z: Iterate, shape (size,).
-
-    Returns:
-        The program with its map back to the unknowns.
     """
     rows = merit.rows
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)

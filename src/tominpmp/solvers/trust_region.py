@@ -35,9 +35,6 @@ class TrustRegion:
         Args:
             ratio: Actual over predicted reduction of the whole step.
             damping: Share of the step that was taken after a line search.
-
-        Returns:
-            The next trust region.
         """
         if damping < 1.0:
             factor = max(damping, 0.3)

@@ -107,9 +107,6 @@ def solve_inner_stage(
         end: x_{k+1}, shape (m, 2n).
         u: Torques, shape (m, n) [N m or N].
         h: Lengths, shape (m,) [s].
-
-    Returns:
-        The stages.
     """
     step = h[:, None]
     n = u.shape[1]
@@ -168,9 +165,6 @@ def differentiate_defects(
         u: Torques, shape (m, n).
         h: Lengths, shape (m,) [s].
         inner: Inner stages, shape (m, 2n), see :func:`solve_inner_stage`.
-
-    Returns:
-        Defects and derivatives.
     """
     m, size = start.shape
     n = u.shape[1]

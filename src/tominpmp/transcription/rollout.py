@@ -80,9 +80,6 @@ def rollout(
         h: Lengths of the intervals, shape (N,) [s].
         substeps: Steps an interval.
         guess: A motion of as many steps.
-
-    Returns:
-        The motion.
     """
     u, h = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
     count, size = h.size, x_start.size

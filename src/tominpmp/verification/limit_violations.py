@@ -99,9 +99,6 @@ def limit_violations(
         replay: The motion.
         torque: Its torques.
         tolerance: Relative excess that is tolerated.
-
-    Returns:
-        One excess a kind that is limited at all.
     """
     return _Limits(problem, replay, torque, tolerance).all()
 

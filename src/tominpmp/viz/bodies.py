@@ -54,9 +54,6 @@ def robot_bodies(robot: Robot) -> list[Body]:
 
     They are its visuals; where it has none (or they cannot be read) its collision
     geometry; where there is none either, sticks from joint to joint.
-
-    Args:
-        robot: The robot.
     """
     try:
         bodies = _geometry_bodies(robot.visual_model, color=None)

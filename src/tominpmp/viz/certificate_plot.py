@@ -58,9 +58,6 @@ def plot_certificate(
         certificate: Its certificate.
         path: File to write (PNG, PDF or SVG by its ending), if any.
 
-    Returns:
-        The figure.
-
     Raises:
         ProblemError: If the motion is not one of the problem's robot, or the ending of
             the path is unknown.

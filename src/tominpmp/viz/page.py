@@ -32,9 +32,6 @@ def build_page(
         caption: Line below it, plain text.
         rate: Speed at which it plays first; 1 is real time.
 
-    Returns:
-        The page, in HTML.
-
     Raises:
         MissingDependency: If Meshcat is not installed.
     """

@@ -118,9 +118,6 @@ def plot_controls(
         trajectories: The motions by label.
         path: File to write (PNG, PDF or SVG by its ending), if any.
 
-    Returns:
-        The figure.
-
     Raises:
         ProblemError: If there is no motion, one is not of the problem's robot, or the
             ending of the path is unknown.
@@ -219,9 +216,6 @@ def plot_convergence(
 
 def curves(trajectory: Trajectory) -> tuple[Array, State]:
     """Sample a motion for drawing, both sides of every jump at a node included.
-
-    Args:
-        trajectory: The motion.
 
     Returns:
         Times [s], shape (m,), and the state there; the last sample of each interval is

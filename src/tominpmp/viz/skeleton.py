@@ -110,9 +110,6 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         q: Joint positions, shape (m, n) [rad or m].
         frame: Name of the end frame.
 
-    Returns:
-        The skeleton.
-
     Raises:
         FrameNotFound: If there is no such frame.
     """

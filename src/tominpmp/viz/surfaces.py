@@ -75,9 +75,6 @@ def lathe(profile: ArrayLike) -> Surface:
     Args:
         profile: Radius and height of its points from the bottom up, shape (k, 2) [m];
             the first and the last lie on the axis.
-
-    Returns:
-        The closed surface.
     """
     points = np.asarray(profile, dtype=np.float64)
     # It drops triangles of less than 1e-8, whatever the size of the body.
