@@ -14,6 +14,9 @@ from benchmarks.exact_geometry import Array
 # Slower joints go where their piece of the motion does; where they accelerate by less
 # than STANDING too [rad/s and rad/s^2], dry friction is what keeps them there.
 SLOW, STANDING = 1e-9, 2e-6
+# Where a joint turns within this time of an instant, its dry friction is that of either
+# way, or in between, as it is of a joint at rest [s].
+ASIDE = 1e-7
 
 
 class Plant:
@@ -31,6 +34,10 @@ class Plant:
         self.friction = np.concatenate([m.friction for m in members])
         self.way = np.array([self._goes(p) for p in movement.pieces])
         self._scratch = [member.arm.model.createData() for member in members]
+        # Faster joints do not turn within ASIDE.
+        s = np.linspace(0.0, 1.0, 21)
+        fastest = [np.abs(movement.state(p, s)[2]).max(0) for p in movement.pieces]
+        self._close = SLOW + 2.0 * ASIDE * np.max(fastest, axis=0)
 
     def _goes(self, p: int) -> Array:
         """Which way joints go in a piece; where it is too short, in its interval."""
@@ -40,16 +47,30 @@ class Plant:
         turns = (v.max(axis=0) > SLOW) & (v.min(axis=0) < -SLOW)
         return np.where((own == 0.0) & ~turns, _way(v), own)
 
-    def dry(self, p: int, state: tuple[Array, Array, Array], u: Array) -> Array:
-        """Dry friction of a piece: of the way it goes, or what holds joints at rest."""
+    def dry(
+        self, p: int, s: Array, state: tuple[Array, Array, Array], u: Array
+    ) -> Array:
+        """Dry friction at shares s of a piece.
+
+        That of the way it goes, or what holds joints at rest; where a joint turns, what
+        the torques leave of the range between the one and the other.
+        """
         _, v, a = state
         way = np.where(np.abs(v) > SLOW, np.sign(v), self.way[p])
         stands = (np.abs(v) < STANDING) & (np.abs(a) < STANDING) | (way == 0.0)
+        low, high = np.where(stands, -1.0, way), np.where(stands, 1.0, way)
+        close = (np.abs(v) <= self._close) & (self.friction > 0.0)
+        if np.any(close):
+            begin, end = self.movement.breaks[p], self.movement.breaks[p + 1]
+            times = begin + s * (end - begin)
+            for aside in (times - ASIDE, times + ASIDE):
+                there = np.where(close, np.sign(self.movement.velocity(aside)), way)
+                low, high = np.minimum(low, there), np.maximum(high, there)
         dry = self.friction * way
-        if not np.any(stands & (self.friction > 0.0)):
-            return np.asarray(dry)
-        left = u - inverse(self.members, *state)
-        return np.where(stands, np.clip(left, -self.friction, self.friction), dry)
+        if np.any((low < high) & (self.friction > 0.0)):
+            left = u - inverse(self.members, *state)
+            dry = np.clip(left, self.friction * low, self.friction * high)
+        return np.asarray(dry)
 
     def mass_times(self, q: Array, pull: Array) -> Array:
         """What it takes to accelerate the arms."""

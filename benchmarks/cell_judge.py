@@ -12,8 +12,8 @@ A motion is refuted if
 
 - it does not begin at the start, or has a jump in position or velocity;
 - its torques are not those that the movement takes (to 1e-5 of their range), with dry
-  friction against it to the microsecond, or, where torques are what is given, do not
-  lead along the movement;
+  friction against it to a tenth of a microsecond, or, where torques are what is given,
+  do not lead along the movement;
 - torques integrated from the start, with a feedback of 0.2 % of their range at most,
   miss the goal, or leave a movement they were computed for by more than 1 mrad;
 - a position, velocity or torque limit, or one of acceleration or jerk that was asked
@@ -137,7 +137,7 @@ class Judge:
     ) -> Array:
         """Torque given less torque needed."""
         need = inverse(self.members, *state)
-        return np.asarray(np.abs(u - need - self.plant.dry(p, state, u)))
+        return np.asarray(np.abs(u - need - self.plant.dry(p, s, state, u)))
 
     def replay(self) -> tuple[Array, Array, Array]:
         """Integrate the torques from the start, with a trace of feedback."""
@@ -159,7 +159,7 @@ class Judge:
                 # The sign of dry friction is that of the movement: this is what makes
                 # the integration one of smooth functions; the feedback answers for the
                 # rest.
-                left = u - self.plant.dry(k, (q, v, a), u)
+                left = u - self.plant.dry(k, s, (q, v, a), u)
                 return left[0], pull, v[0]
 
             def slope(t: float, x: Array) -> Array:

@@ -55,6 +55,18 @@ class Movement:
         first, last = (np.array([begin, end]) - self.t[k]) / (self.t[k + 1] - self.t[k])
         return self.between(k, first + s * (last - first))
 
+    def velocity(self, times: Array) -> Array:
+        """Velocities at times, those of the ends beyond them, shape (m, n)."""
+        times = np.clip(times, self.t[0], self.t[-1])
+        at = np.searchsorted(self.t, times, side="right") - 1
+        at = np.minimum(at, len(self.t) - 2)
+        s = (times - self.t[at]) / np.diff(self.t)[at]
+        rows = [
+            self.between(int(k), np.array([x]))[1][0]
+            for k, x in zip(at, s, strict=True)
+        ]
+        return np.array(rows)
+
     def between(self, k: int, s: Array) -> tuple[Array, Array, Array, Array]:
         """Position, velocity, acceleration, jerk at shares s of interval k."""
         h = self.t[k + 1] - self.t[k]

@@ -45,8 +45,7 @@ if not __package__:  # run as a file
 
 import tominpmp as tm
 from benchmarks.cell_cases import KINDS, Case, draw_case, draw_problem, has_friction
-from benchmarks.exact_geometry import Array
-from tominpmp.dynamics import RobotDynamics
+from tominpmp.reversals import torque_breaks
 
 JUDGE = Path(__file__).with_name("cell_judge.py")
 COLUMNS = (
@@ -57,9 +56,6 @@ COLUMNS = (
 )  # fmt: skip
 # Shares of a piece at which its torque is written down: Chebyshev's.
 CHEBYSHEV = 0.5 - 0.5 * np.cos(np.pi * (np.arange(12) + 0.5) / 12)
-SAME_TIME = 1e-12  # [s]
-# Pieces shorter than this have one friction, that of their middle [s].
-BRIEF = 1e-7
 
 
 def write_motion(solution: tm.Solution, path: Path) -> None:
@@ -68,51 +64,13 @@ def write_motion(solution: tm.Solution, path: Path) -> None:
     assert motion is not None
     robot, held = solution.problem.robot, motion.inverse_dynamics is None
     share = np.array([0.5]) if held else CHEBYSHEV
-    breaks = motion.t if held else torque_breaks(motion, robot)
+    breaks = torque_breaks(motion, robot.friction)
     h = np.diff(breaks)
     times = breaks[:-1, None] + share * h[:, None]
     u = motion(times.ravel()).u.reshape(len(h), len(share), -1)
-    if not held:
-        # Where joints come to a stand rounding may toss their friction to and fro.
-        side = dry_sides(motion, robot, times.ravel()).reshape(u.shape)
-        middle = side[:, len(share) // 2, None]
-        brief = (h < BRIEF)[:, None, None]
-        u += np.where(brief, robot.friction * (middle - side), 0.0)
     a = np.zeros(0) if motion.a is None else motion.a
     parts = {"t": motion.t, "q": motion.q, "v": motion.v, "a": a, "breaks": breaks}
     np.savez(path, **parts, share=share, u=u, held=held)
-
-
-def dry_sides(motion: tm.Trajectory, robot: tm.Robot, times: Array) -> Array:
-    """Dry friction in the torques of a motion as a share of what it is at most."""
-    state, dry = motion(times), robot.friction > 0.0
-    left = RobotDynamics(robot, dry=False).inverse(state.q, state.v, state.a)
-    share = (state.u - left) / np.where(dry, robot.friction, 1.0)
-    return np.where(dry, np.round(share), 0.0)
-
-
-def torque_breaks(motion: tm.Trajectory, robot: tm.Robot) -> Array:
-    """Nodes of a motion, and where joints with dry friction turn, set out or stop.
-
-    There the torque jumps by the friction, or twice it; between these it is smooth.
-    """
-    if not np.any(robot.friction):
-        return motion.t
-    share = np.linspace(0.0, 1.0, 65)[:-1]
-    times = (motion.t[:-1, None] + share * np.diff(motion.t)[:, None]).ravel()
-    times = np.append(times, motion.t[-1])
-    side = dry_sides(motion, robot, times)
-    row, joint = np.nonzero(side[1:] != side[:-1])
-    low, high = times[row], times[row + 1]
-    for _ in range(60 if row.size else 0):
-        middle = 0.5 * (low + high)
-        found = dry_sides(motion, robot, middle)[np.arange(row.size), joint]
-        same = found == side[row, joint]
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    away = np.min(np.abs(high[:, None] - motion.t), axis=1, initial=np.inf)
-    jumps = np.unique(high[away > SAME_TIME])
-    jumps = jumps[np.diff(jumps, prepend=-np.inf) > SAME_TIME]
-    return np.union1d(motion.t, jumps)
 
 
 def run_case(seed: int, kind: str, number: int, limit: float, folder: Path) -> Case:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import tominpmp as tm
 from benchmarks import cell_cases, random_cells
 from benchmarks.cell_judge import Judge
 from benchmarks.cell_movement import Movement, read_movement
+from tominpmp.dynamics import RobotDynamics
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]
 
@@ -188,7 +190,7 @@ def test_a_gentle_stop_with_friction_passes(
     assert judge(*gentle) == []
 
 
-@pytest.mark.parametrize("long", [1.5e-5, 4e-6])
+@pytest.mark.parametrize("long", [1.5e-5, 4e-6, 1e-6, 3e-7])
 @pytest.mark.parametrize("end", ["start", "stop"])
 def test_friction_of_the_wrong_sign_for_microseconds_is_refuted(
     gentle: tuple[dict[str, Any], Path], end: str, long: float
@@ -209,6 +211,57 @@ def test_friction_of_the_wrong_sign_for_microseconds_is_refuted(
         values["u"] = np.concatenate([move.u[:p], halves, move.u[p + 1 :]])
 
     assert "torque" in " ".join(judge(*gentle, reversed_beside_an_end))
+
+
+def turning(
+    gentle: tuple[dict[str, Any], Path], left: float, folder: Path
+) -> tuple[dict[str, Any], Path]:
+    """All joints turn at a node, where a trace of their velocity is left."""
+    case = json.loads(json.dumps(gentle[0])) | {"acceleration": None, "jerk": None}
+    robot = cell_cases.build_arm(case["arms"][0])
+    case["v_start"] = [-0.2] * 7
+    t = np.array([0.0, 0.1, 0.2])
+    v = np.outer([-0.2, left, 0.1], np.ones(7))
+    h = np.diff(t)[:, None]
+    moved = np.cumsum(0.5 * h * (v[1:] + v[:-1]), axis=0)
+    q = np.array(case["q_start"]) + np.vstack([np.zeros(7), moved])
+    case["goal"] = {"kind": "joint", "q": q[-1].tolist(), "v": v[-1].tolist()}
+    draft = tm.Trajectory(robot.joint_names, t, q, v, 0.0 * q, np.diff(v, axis=0) / h)
+    motion = draft.with_torques(RobotDynamics(robot).inverse)
+    problem = SimpleNamespace(robot=robot)
+    path = folder / "turning.npz"
+    random_cells.write_motion(SimpleNamespace(trajectory=motion, problem=problem), path)
+    return case, path
+
+
+@pytest.mark.parametrize("left", [0.0, 5e-9, -5e-9, 9e-8, -9e-8])
+def test_a_turn_beside_a_node_passes(
+    gentle: tuple[dict[str, Any], Path], left: float, tmp_path: Path
+) -> None:
+    assert judge(*turning(gentle, left, tmp_path)) == []
+
+
+@pytest.mark.parametrize("long", [1e-6, 3e-7])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_friction_of_the_wrong_sign_beside_a_turn_is_refuted(
+    gentle: tuple[dict[str, Any], Path], side: float, long: float, tmp_path: Path
+) -> None:
+    def too_early_or_late(case: dict[str, Any], values: dict[str, Any]) -> None:
+        move = Movement(**values)
+        edge, p = move.t[1] + side * long, 0 if side < 0.0 else 1
+        cut = (edge - move.breaks[p]) / np.diff(move.breaks)[p]
+        halves = [
+            move.torque(p, x) for x in (cut * move.share, cut + (1 - cut) * move.share)
+        ]
+        wrong = 1 if side < 0.0 else 0
+        halves[wrong] = halves[wrong] - 2.0 * side * np.array(
+            case["arms"][0]["friction"]
+        )
+        values["breaks"] = np.insert(move.breaks, p + 1, edge)
+        values["u"] = np.concatenate([move.u[:p], halves, move.u[p + 1 :]])
+
+    case, path = turning(gentle, 0.0, tmp_path)
+    assert "torque" in " ".join(judge(case, path, too_early_or_late))
 
 
 @pytest.mark.slow

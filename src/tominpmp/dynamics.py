@@ -18,28 +18,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
-from tominpmp.trajectory import RESTING
-
-# Slower joints are at rest [rad/s or m/s] if they accelerate by less than this
-# [rad/s^2 or m/s^2]; with more they are starting or stopping, unless they are slower
-# than RESTING: what comes afterwards then tells which way they go.
-STANDSTILL = 1e-6
-STEADY = 1e-6
-
-
-def directions(v: Array, a: Array) -> Array:
-    """Which way joints move, or are about to if they are at rest.
-
-    Args:
-        v: Velocities, shape (m, n) [rad/s or m/s].
-        a: Accelerations just afterwards, shape (m, n).
-
-    Returns:
-        1, -1, or 0 for joints that remain at rest, shape (m, n).
-    """
-    way = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
-    resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
-    return np.where(resting, 0.0, way)
+from tominpmp.turns import STANDSTILL, directions
 
 
 class ForwardJacobians(NamedTuple):
@@ -129,10 +108,24 @@ class RobotDynamics:
         Returns:
             Torques, shape (m, n) [N m or N].
         """
-        tau = self._smooth(q, v, a)
         if self.friction is None:
-            return tau
-        return tau + self.friction * directions(v, a)
+            return self._smooth(q, v, a)
+        return self.inverse_along(q, v, a, directions(v, a))
+
+    def inverse_along(self, q: Array, v: Array, a: Array, way: Array) -> Array:
+        """Torque for a motion whose ways are known, however slow it may be.
+
+        Args:
+            q: Positions, shape (m, n) [rad or m].
+            v: Velocities, shape (m, n).
+            a: Accelerations, shape (m, n).
+            way: Which way the joints go: 1, -1, or 0 at rest, shape (m, n).
+
+        Returns:
+            Torques, shape (m, n) [N m or N].
+        """
+        tau = self._smooth(q, v, a)
+        return tau if self.friction is None else tau + self.friction * way
 
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array
-from tominpmp.dynamics import STANDSTILL, RobotDynamics
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, expect
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.stepwise import stepwise_motion
 from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.turns import STANDSTILL
 
 # A locked joint may be this far from its place in a recorded motion [rad or m].
 APART = 1e-3
@@ -193,8 +194,7 @@ def _polynomials(
     steps = rows.a if manner == "quintic" else None
     t, q, v = rows.t, rows.q, rows.v
     draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
-    u = dynamics.inverse(q, v, draft(t).a)
-    return Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+    return draft.with_torques(dynamics.inverse)
 
 
 def _straight(
@@ -205,8 +205,8 @@ def _straight(
     slopes = np.diff(q, axis=0) / np.diff(t)[:, None]
     v = np.vstack([slopes, slopes[-1:]])
     steps = np.zeros_like(slopes)
-    u = dynamics.inverse(q, v, np.zeros_like(q))
-    motion = Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+    draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
+    motion = draft.with_torques(dynamics.inverse)
     before = np.zeros(robot.n) if velocity is None else velocity
     jumps = np.abs(np.diff(np.vstack([before, slopes]), axis=0))
     k, joint = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
@@ -239,7 +239,7 @@ def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
         manner, steps = "quintic", a
     if np.isnan(u).any():
         draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
-        u = dynamics.inverse(q, v, draft(t).a)
+        return Joined(draft.with_torques(dynamics.inverse), manner)
     motion = Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
     return Joined(motion, manner)
 

@@ -10,8 +10,9 @@ polynomials.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,14 +20,15 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import (
     Array,
     BoolArray,
-    IntArray,
     Record,
     in_brief,
     real_array,
     real_number,
 )
+from tominpmp.curves import states, velocities
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.sampling import Interpolation, check_interpolation, clock
+from tominpmp.turns import Turns
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
 
@@ -37,8 +39,16 @@ MAX_SAMPLES = 10_000_000
 # A time this far outside of a motion is one at its end [s], or as a share of T: sums
 # and files round.
 ROUNDING = 1e-9
-# Joints slower than this are at rest but for rounding [rad/s or m/s].
-RESTING = 1e-10
+
+
+@runtime_checkable
+class Frictional(Protocol):
+    """Dynamics that may have dry friction, whose sign they can be told."""
+
+    friction: Array | None
+
+    def inverse_along(self, q: Array, v: Array, a: Array, way: Array) -> Array:
+        """Torques of a movement whose ways are known, all shapes (m, n)."""
 
 
 class State(NamedTuple):
@@ -76,22 +86,6 @@ def _names(value: Any) -> tuple[str, ...]:
             "joint_names",
         )
     return names
-
-
-def _showing_the_way(v: Array, a: Array, v_end: Array, late: BoolArray) -> Array:
-    """Velocities for the dynamics: those just before a stop show the way to it.
-
-    Where rounding leaves nothing of their signs, dry friction is against the motion
-    that is about to begin; just before a stop that is the wrong one.
-
-    Args:
-        v: Velocities, shape (m, n) [rad/s or m/s].
-        a: Accelerations, shape (m, n).
-        v_end: Velocities at the ends of the intervals, shape (m, n).
-        late: Whether these ends are nearer than the beginnings, shape (m, 1).
-    """
-    stops = late & (np.abs(v_end) <= RESTING) & (np.abs(v) <= RESTING)
-    return np.where(stops, -2.0 * RESTING * np.sign(a), v)
 
 
 def _called(record: Samples | Trajectory, name: str) -> str:
@@ -311,44 +305,37 @@ class Trajectory(Record):
         return State(q, v, a, u)
 
     def _evaluate(self, times: Array) -> State:
+        q, v, a = states(self.t, self.q, self.v, self.a, times)
         node = np.searchsorted(self.t, times, side="right") - 1
-        k = np.minimum(node, self.t.size - 2)
-        s = (times - self.t[k])[:, None]
-        h = (self.t[k + 1] - self.t[k])[:, None]
-        q0, v0 = self.q[k], self.v[k]
-        if self.a is not None and self.a.shape[0] == self.t.size:
-            q, v, a = self._quintic(k, s, h)
-        elif self.a is not None:
-            a = self.a[k]
-            q, v = q0 + s * v0 + 0.5 * s**2 * a, v0 + s * a
-        else:
-            q1, v1 = self.q[k + 1], self.v[k + 1]
-            c2 = (3.0 * (q1 - q0) / h - 2.0 * v0 - v1) / h
-            c3 = (2.0 * (q0 - q1) / h + v0 + v1) / h**2
-            q = q0 + s * (v0 + s * (c2 + s * c3))
-            v = v0 + s * (2.0 * c2 + 3.0 * s * c3)
-            a = 2.0 * c2 + 6.0 * s * c3
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
-        late = s > 0.5 * h
-        u = self.inverse_dynamics(q, _showing_the_way(v, a, self.v[k + 1], late), a)
+        u = self._torques(times, q, v, a)
         return State(q, v, a, np.where(node[:, None] < self.t.size - 1, u, self.u[-1]))
 
-    def _quintic(self, k: IntArray, s: Array, h: Array) -> tuple[Array, Array, Array]:
-        """Polynomials of degree 5 through position, velocity, acceleration at nodes."""
-        assert self.a is not None  # noqa: S101
-        q0, v0, a0 = self.q[k], self.v[k] * h, self.a[k] * h**2
-        q1, v1, a1 = self.q[k + 1], self.v[k + 1] * h, self.a[k + 1] * h**2
-        # What is left for the powers 3 to 5 after those at the left end.
-        dq, dv, da = q1 - q0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-        c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
-        c4 = -15.0 * dq + 7.0 * dv - da
-        c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
-        x = s / h
-        q = q0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
-        v = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
-        a = a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))
-        return q, v / h, a / h**2
+    def _torques(self, times: Array, q: Array, v: Array, a: Array) -> Array:
+        """What the dynamics take, with the friction of the way the joints go."""
+        assert self.inverse_dynamics is not None  # noqa: S101
+        # Methods of a robot's dynamics can be told the way; other functions make up
+        # their own minds.
+        owner = getattr(self.inverse_dynamics, "__self__", None)
+        if isinstance(owner, Frictional) and owner.friction is not None:
+            return owner.inverse_along(q, v, a, self.turns.at(times))
+        return self.inverse_dynamics(q, v, a)
+
+    @cached_property
+    def turns(self) -> Turns:
+        """Which way the joints go, and when they turn."""
+        return Turns.of(self.t, velocities(self.t, self.q, self.v, self.a))
+
+    def with_torques(self, inverse_dynamics: InverseDynamics) -> Trajectory:
+        """The same movement with the torques that it takes.
+
+        Args:
+            inverse_dynamics: What they follow from, see the attribute.
+        """
+        found = replace(self, inverse_dynamics=inverse_dynamics)
+        a = states(self.t, self.q, self.v, self.a, self.t)[2]
+        return replace(found, u=found._torques(self.t, self.q, self.v, a))
 
     def sample(self, dt: float) -> Samples:
         """Sample the motion at a fixed rate; the end is always the last sample.

@@ -16,7 +16,7 @@ import tominpmp as tm
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.verification.replay import torque_curve
+from tominpmp.verification.replay import torque_pieces
 
 FRICTION = np.array([2.0, 1.5])
 # How far and which way the joints go; and times from an end, down to microseconds [s].
@@ -78,7 +78,7 @@ def test_the_replay_has_the_same_friction(degree: int) -> None:
     robot = arm()
     motion = from_rest_to_rest(degree, robot)
     times = np.concatenate([BEFORE, 0.5 - BEFORE, 0.5 + BEFORE, 1.0 - BEFORE])
-    curve = torque_curve(robot, motion, motion.t)(times)
+    curve = torque_pieces(robot, motion)(times)
     free = RobotDynamics(robot, dry=False).inverse
     dry = curve - free(*motion(times)[:3])
     assert np.allclose(dry, FRICTION * np.sign(WAY), atol=1e-7)

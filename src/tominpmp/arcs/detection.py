@@ -9,10 +9,10 @@ import numpy as np
 
 from tominpmp.arcs.structure import Arcs, read_arcs
 from tominpmp.arrays import Array
-from tominpmp.dynamics import STANDSTILL
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.system import System
+from tominpmp.turns import STANDSTILL
 
 # Where velocities are looked at, and what counts as turning, as a share of the largest.
 LOOKS = 1001

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.certificate.friction import friction_at_ends
+from tominpmp.certificate.friction import friction_along
 from tominpmp.certificate.perturbations import (
     HAIR,
     Linearised,
@@ -107,7 +107,7 @@ class Motion:
         a = ends.a
         if trajectory.inverse_dynamics is None:
             x = np.concatenate([ends.q, ends.v], axis=1)
-            dry = friction_at_ends(task.problem.robot, trajectory, t, ends)
+            dry = friction_along(task.problem.robot, trajectory, times.ravel())
             a = task.dynamics.forward(x, ends.u - dry)[:, n:]
         parts = task.dynamics.inverse_jacobians(ends.q, ends.v, a)
         a, u = a.reshape(-1, 2, n), ends.u.reshape(-1, 2, n)

@@ -53,7 +53,7 @@ def integrate_costates(
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    left = overcoming(motion.task.problem.robot, motion.trajectory, state)
+    left = overcoming(motion.task.problem.robot, motion.trajectory, times, state)
     slope = motion.task.dynamics.forward_jacobians(x, left).f_x
     steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)

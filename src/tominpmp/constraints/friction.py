@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.dynamics import STANDSTILL, directions
+from tominpmp.turns import STANDSTILL
 
 # Loads this close to their limits would change if the sign did.
 NEAR = 1e-2
@@ -123,17 +123,3 @@ def interval_signs(v: Array) -> tuple[Array, BoolArray]:
     first, last = signs(v[:-1], v[1:]), signs(v[1:], v[:-1])
     change = first * last < 0.0
     return np.where(change, 0.0, first), change
-
-
-def arrival(friction: Array, v: Array, a: Array) -> Array:
-    """What just before the end is other than just after, of joints that come to rest.
-
-    Args:
-        friction: Dry friction, shape (n,) [N m or N].
-        v: Velocities at the end, shape (n,).
-        a: Accelerations just before it, shape (n,).
-
-    Returns:
-        Torques, shape (n,): what resisted the motion, less what would one that began.
-    """
-    return np.asarray(friction * (directions(v, -a) - directions(v, a)))

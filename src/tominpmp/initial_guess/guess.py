@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.dynamics import directions
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.initial_guess.pace import stretch
 from tominpmp.initial_guess.path import RoundedPath
@@ -21,6 +20,7 @@ from tominpmp.initial_guess.rrt import (
 )
 from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
 from tominpmp.transcription.system import System
+from tominpmp.turns import directions
 
 # Random configurations tried when solving inverse kinematics for a goal on a frame.
 KINEMATIC_STARTS = 20

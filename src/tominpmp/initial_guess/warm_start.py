@@ -16,7 +16,6 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import arrival
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.trajectory import Samples, Trajectory
@@ -113,11 +112,7 @@ class FormerMotion(Guess):
             state = motion(t)
             motion = replace(motion, t=t - self.entry, q=state.q, v=state.v)
             a = a[a.shape[0] + 1 - t.size :]
-        every = replace(motion, a=a)(motion.t).a
-        torques = inverse(motion.q, motion.v, every)
-        friction = system.problem.robot.friction
-        torques[-1] += arrival(friction, motion.v[-1], every[-1])
-        return replace(motion, a=a, u=torques, inverse_dynamics=inverse)
+        return replace(motion, a=a).with_torques(inverse)
 
     @property
     def nodes(self) -> Array:

@@ -24,7 +24,6 @@ from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
-from tominpmp.constraints.friction import arrival
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.bspline_basis import Basis, Elimination
@@ -272,18 +271,14 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         N = self.intervals
         nodes = Instants(np.append(np.arange(N), N - 1), np.append(np.zeros(N), 1.0))
         _, q, v, a, _ = self.states(self.motion(z), nodes, 2)
-        inverse = self.system.motor_dynamics.inverse
-        u = inverse(q, v, a)
-        u[-1] += arrival(self.system.problem.robot.friction, v[-1], a[-1])
         return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=self._nodes * z[-1],
             q=q,
             v=v,
-            u=u,
+            u=0.0 * q,
             a=a if self.degree > 3 else None,
-            inverse_dynamics=inverse,
-        )
+        ).with_torques(self.system.motor_dynamics.inverse)
 
 
 def _products(basis: sp.csr_matrix, part: Array) -> sp.csr_matrix:

@@ -13,10 +13,10 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
-from tominpmp.dynamics import directions
 from tominpmp.reversals import reversals
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.system import System
+from tominpmp.turns import directions
 
 
 def driven_joints(system: System) -> IntArray:
@@ -173,7 +173,7 @@ def motor_torques(system: System, motion: Trajectory, ways: Ways | None) -> Traj
     t = np.sort(np.concatenate([motion.t, reversals(motion, friction)]))
     middle = 0.5 * (t[1:] + t[:-1])
     state = motion(middle)
-    sign = directions(state.v, 0.0 * state.v)
+    sign = motion.turns.at(middle)
     if ways is not None:
         index = np.searchsorted(motion.t, middle) - 1
         sign = np.where(ways.both[index], sign, ways.sign[index])

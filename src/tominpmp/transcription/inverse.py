@@ -17,7 +17,6 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
-from tominpmp.constraints.friction import arrival
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.curve import CurveTranscription
@@ -278,18 +277,14 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         """The motion of an iterate; its torque follows from the inverse dynamics."""
         spline = self.motion(z)
         q, v, a = spline.q, spline.v, spline.a
-        dynamics = self.system.motor_dynamics
-        tau = dynamics.inverse(q, v, np.concatenate([a, a[-1:]]))
-        tau[-1] += arrival(self.system.problem.robot.friction, v[-1], a[-1])
         return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=np.concatenate([[0.0], np.cumsum(spline.h)]),
             q=q,
             v=v,
-            u=tau,
+            u=0.0 * q,
             a=a,
-            inverse_dynamics=dynamics.inverse,
-        )
+        ).with_torques(self.system.motor_dynamics.inverse)
 
 
 class EndPoints(Hull[SplineMotion]):

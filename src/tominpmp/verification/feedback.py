@@ -30,7 +30,6 @@ from tominpmp.verification.replay import (
     Integration,
     Integrator,
     Replay,
-    torque_curve,
 )
 
 # The feedback is faster than the instability by this, and at least this fast [1/s].
@@ -114,14 +113,11 @@ class Tracking(Integration):
         rate: float,
         integrator: Integrator | None = None,
     ) -> None:
-        smooth = replace(trajectory, inverse_dynamics=None)
-
         breaks = torque_breaks(trajectory, robot.friction)
-        torque = torque_curve(robot, trajectory, breaks)
 
         def curve(times: Array) -> Array:
-            found = smooth(times)
-            return np.concatenate([torque(times), found.q, found.v], axis=1)
+            found = trajectory(times)
+            return np.concatenate([found.u, found.q, found.v], axis=1)
 
         pieces = Pieces.of(curve, breaks)
         self._tracking = TrackingPlant(robot, rate)

@@ -9,17 +9,16 @@ jump.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from scipy.integrate import DOP853, ODEintWarning, Radau, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
-from tominpmp.dynamics import STANDSTILL, RobotDynamics, directions
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.problem import Problem
-from tominpmp.reversals import LOOKS, torque_breaks
+from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
@@ -90,48 +89,7 @@ class Replay(Record):
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
     """Torque of a trajectory over time, as polynomials between which it may jump."""
     breaks = torque_breaks(trajectory, robot.friction)
-    return Pieces.of(torque_curve(robot, trajectory, breaks), breaks)
-
-
-def torque_curve(
-    robot: Robot, trajectory: Trajectory, breaks: Array
-) -> Callable[[Array], Array]:
-    """Torque of a trajectory, smooth between its breaks.
-
-    Just before a stop and after it, where rounding decides which way a joint moves, dry
-    friction is that of the rest of the piece.
-
-    Args:
-        robot: The robot.
-        trajectory: The motion.
-        breaks: Times between which no joint with friction turns [s], shape (P + 1,).
-
-    Returns:
-        Torques at times inside the pieces, shape (m,) to (m, n).
-    """
-    friction, count = robot.friction, breaks.size - 1
-    inverse = trajectory.inverse_dynamics
-    if inverse is None or not np.any(friction):
-        return lambda times: trajectory(times).u
-    inside = (np.arange(LOOKS) + 0.5) / LOOKS
-    times = breaks[:-1, None] + np.diff(breaks)[:, None] * inside
-    smooth = replace(trajectory, inverse_dynamics=None)
-    looks = smooth(times.ravel())
-    v, a = (part.reshape(count, LOOKS, -1) for part in (looks.v, looks.a))
-    fastest = np.argmax(np.abs(v), axis=1)[:, None]
-    v, a = (np.take_along_axis(part, fastest, axis=1)[:, 0] for part in (v, a))
-    ways = directions(v, a)
-
-    def curve(times: Array) -> Array:
-        state = smooth(times)
-        piece = np.searchsorted(breaks, times, side="right") - 1
-        way = ways[np.clip(piece, 0, count - 1)]
-        unsure = (np.abs(state.v) <= STANDSTILL) & (way != 0.0)
-        change = np.where(unsure, way - directions(state.v, state.a), 0.0)
-        u = inverse(state.q, state.v, state.a)
-        return np.asarray(u + friction * change)
-
-    return curve
+    return Pieces.of(lambda times: trajectory(times).u, breaks)
 
 
 def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:

@@ -1,0 +1,235 @@
+"""Joints that turn at a node, beside it, at an end, or together, to rounding.
+
+A node where a joint is to turn has a velocity of some 1e-9 rad/s, which is what is left
+of zero by programs and floats: the polynomial beside it passes through zero a fraction
+of a nanosecond from the node. The torque for that fraction had the acceleration of one
+side and the friction of the other: 32 N m of a motor of 30.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, slide
+
+import tominpmp as tm
+from tominpmp.arrays import Array
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.reversals import reversals, torque_breaks
+from tominpmp.transcription.controls import motor_torques
+from tominpmp.transcription.system import System
+from tominpmp.turns import SAME, Turns
+from tominpmp.verification.replay import torque_pieces
+
+FRICTION = np.array([2.0, 1.0])
+MASSES = np.array([3.0, 1.0])  # that the rails of the cross table move
+FORCE = np.array([30.0, 10.0])
+# What is left of zero at a node [m/s].
+LEFT = [0.0, 1e-17, -1e-17, 5e-9, -5e-9, 9e-7, -9e-7]
+# How far from an instant [s].
+ASIDE = np.array([1e-13, 1e-11, 1e-10, 1e-9, 1e-8, 1e-6, 1e-3])
+DEGREES = [2, 3, 5]
+
+
+@pytest.fixture(scope="module")
+def table() -> tm.Robot:
+    return make_arm(
+        slide(2.0), slide(1.0, (0.0, 1.0, 0.0)), effort=FORCE, friction=FRICTION
+    )
+
+
+def motion_of(
+    robot: tm.Robot, t: Array, v: Array, degree: int, a: Array | None = None
+) -> tm.Trajectory:
+    """A motion through velocities that change evenly between its nodes.
+
+    Accelerations at the nodes are those of the second interval if they are not given.
+    """
+    t, v = np.asarray(t, dtype=float), np.asarray(v, dtype=float)
+    h = np.diff(t)[:, None]
+    q = np.vstack([0.0 * v[:1], np.cumsum(0.5 * h * (v[:-1] + v[1:]), axis=0)])
+    steps = np.diff(v, axis=0) / h
+    if a is None:
+        a = np.repeat(steps[1:2], len(t), axis=0)
+    kept = {2: steps, 3: None, 5: a}[degree]
+    draft = tm.Trajectory(robot.joint_names, t, q, v, 0.0 * q, kept)
+    return draft.with_torques(RobotDynamics(robot).inverse)
+
+
+def dry(robot: tm.Robot, motion: tm.Trajectory, times: Array) -> Array:
+    """Dry friction in the torques of a motion as a share of what it is at most."""
+    state = motion(times)
+    free = RobotDynamics(robot, dry=False).inverse(state.q, state.v, state.a)
+    return np.asarray((state.u - free) / FRICTION)
+
+
+@pytest.mark.parametrize("left", LEFT)
+@pytest.mark.parametrize("degree", DEGREES)
+def test_a_joint_that_turns_at_a_node_turns_there(
+    table: tm.Robot, degree: int, left: float
+) -> None:
+    v = np.array([[-1.0, 2.0], [left, -left], [0.5, -1.0]])
+    motion = motion_of(table, [0.0, 0.1, 0.15], v, degree)
+    before = dry(table, motion, 0.1 - ASIDE)
+    after = dry(table, motion, 0.1 + np.append(0.0, ASIDE))
+    assert np.allclose(before, [-1.0, 1.0], atol=1e-6)
+    assert np.allclose(after, [1.0, -1.0], atol=1e-6)
+    node = MASSES * motion(0.1).a + FRICTION * [1.0, -1.0]
+    assert np.allclose(motion.u[1], node, atol=1e-6)
+    assert torque_breaks(motion, table.friction).tolist() == motion.t.tolist()
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_no_torque_is_beyond_those_of_either_side(table: tm.Robot, left: float) -> None:
+    """At the limit before a turn and after it, as time-optimal motions are."""
+    braking, starting = (FORCE + FRICTION) / MASSES, (FORCE - FRICTION) / MASSES
+    v = np.array([-0.1 * braking, [left, left], 0.1 * starting])
+    motion = motion_of(table, [0.0, 0.1, 0.2], v, 2)
+    near = np.linspace(-2.0 * abs(left), 2.0 * abs(left), 2001) / braking.min()
+    times = 0.1 + np.concatenate([near, -ASIDE, ASIDE])
+    assert np.all(np.abs(motion(times).u) <= FORCE * (1.0 + 1e-6))
+    pieces = torque_pieces(table, motion)
+    assert np.allclose(pieces.ends(), FORCE, rtol=1e-6)
+    for period in (0.1, 0.001, 0.1 / 3.0):
+        assert np.all(np.abs(motion.sample(period).u) <= FORCE * (1.0 + 1e-6))
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_a_joint_that_comes_to_rest_at_a_node(table: tm.Robot, left: float) -> None:
+    """It was 32 N m of 30 for 0.14 ns before the node."""
+    v = np.array([[-1.0, 1.0], [left, 1.0], [left / 3.0, 1.0], [0.0, 1.0]])
+    motion = motion_of(table, [0.0, 0.1, 1.1, 2.1], v, 2)
+    assert np.allclose(dry(table, motion, 0.1 - ASIDE)[:, 0], -1.0, atol=1e-6)
+    resting = abs(left) <= 5e-9
+    if resting:
+        after = np.concatenate([0.1 + ASIDE, 1.1 + ASIDE, 1.1 - ASIDE])
+        assert np.allclose(dry(table, motion, after)[:, 0], 0.0, atol=1e-6)
+    assert torque_breaks(motion, table.friction).tolist() == motion.t.tolist()
+
+
+@pytest.mark.parametrize("left", LEFT)
+@pytest.mark.parametrize("degree", DEGREES)
+def test_ends_at_rest_have_one_way(table: tm.Robot, degree: int, left: float) -> None:
+    """Whichever side of zero the first and the last velocity are on."""
+    v = np.array([[-left, left], [1.0, -1.0], [0.9, -0.9], [-left, left]])
+    t = np.array([0.0, 0.1, 0.2, 0.3])
+    a = np.array([[10.0, -10.0], [0.0, 0.0], [0.0, 0.0], [-9.0, 9.0]])
+    motion = motion_of(table, t, v, degree, a)
+    times = np.concatenate([[0.0], ASIDE, 0.3 - ASIDE])
+    assert np.allclose(dry(table, motion, times), [1.0, -1.0], atol=1e-6)
+    for row, time in ((0, 0.0), (-1, 0.3 - 1e-9)):
+        assert np.allclose(motion.u[row], motion(time).u, atol=1e-5)
+    assert not reversals(motion, table.friction).size
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-16, 1e-14, 1e-12, 1e-11, 1e-10, 1e-9])
+@pytest.mark.parametrize("degree", DEGREES)
+def test_joints_that_turn_together_turn_each(
+    table: tm.Robot, degree: int, apart: float
+) -> None:
+    early, late = 0.05, 0.05 + apart
+    t = np.array([0.0, 0.1, 0.2])
+    v = np.column_stack([t - early, late - t])
+    motion = motion_of(table, t, 10.0 * v, degree)
+    breaks = torque_breaks(motion, table.friction)
+    assert np.isin(motion.t, breaks).all()
+    assert np.all(np.diff(breaks) > 1e-13)
+    assert np.allclose(breaks[1], early, rtol=0.0, atol=1e-15)
+    assert breaks.size == (5 if apart > SAME * 0.2 else 4)
+    assert np.allclose(dry(table, motion, early - ASIDE), [-1.0, 1.0], atol=1e-6)
+    assert np.allclose(dry(table, motion, late + ASIDE), [1.0, -1.0], atol=1e-6)
+    if apart > SAME * 0.2:
+        between = dry(table, motion, np.array([0.5 * (early + late)]))
+        assert np.allclose(between, [1.0, 1.0], atol=1e-6)
+    pieces = torque_pieces(table, motion)
+    ends = pieces.ends().reshape(-1, 2)
+    levels = np.abs(ends - MASSES * [10.0, -10.0]) / FRICTION
+    assert np.allclose(levels, 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("aside", [1e-11, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("degree", DEGREES)
+def test_a_turn_near_a_node_that_is_one_is_kept(
+    table: tm.Robot, degree: int, aside: float
+) -> None:
+    """Nothing is dropped for being near: only what is not a movement."""
+    steep = 1e-5 / aside
+    v = np.array([[-1.0, 0.0], [1e-5, 0.0], [1e-5 + steep * 0.1, 0.0]])
+    t = np.array([0.0, 1.0 / steep + aside, 1.0 / steep + aside + 0.1])
+    motion = motion_of(table, t, v, degree)
+    turns = reversals(motion, table.friction)
+    assert turns.size == 1
+    assert abs(t[1] - turns[0] - aside) <= 1e-3 * aside + 1e-15
+    times = turns[0] + aside * np.array([-0.5, 0.5])
+    assert np.allclose(dry(table, motion, times)[:, 0], [-1.0, 1.0], atol=1e-4)
+
+
+@pytest.mark.parametrize("depth", [-1e-8, 0.0, 1e-8, 1e-7])
+def test_a_joint_that_touches_rest_does_not_turn(table: tm.Robot, depth: float) -> None:
+    """Velocities (t - 1/2)^2 less a trace: two zeros, but no movement between them."""
+    t = np.array([0.0, 1.0])
+    v = np.array([[0.25, 0.25], [0.25, 0.25]]) - depth
+    q = np.array([[0.0, 0.0], [1 / 12 - depth, 1 / 12 - depth]])
+    draft = tm.Trajectory(table.joint_names, t, q, v, 0.0 * q)
+    motion = draft.with_torques(RobotDynamics(table).inverse)
+    times = np.concatenate([0.5 - ASIDE, [0.5], 0.5 + ASIDE, [0.1, 0.9]])
+    assert np.allclose(dry(table, motion, times), 1.0, atol=1e-6)
+    assert not reversals(motion, table.friction).size
+
+
+def test_there_and_back_within_an_interval(table: tm.Robot) -> None:
+    """Two turns that no velocity at the nodes tells of."""
+    t = np.array([0.0, 1.0])
+    v = np.array([[0.21, -0.21], [0.21, -0.21]])
+    # The integral of (t - 0.3) (t - 0.7), from 0 to 1.
+    q = np.array([[0.0, 0.0], [1 / 3 - 0.5 + 0.21, -1 / 3 + 0.5 - 0.21]])
+    draft = tm.Trajectory(table.joint_names, t, q, v, 0.0 * q)
+    motion = draft.with_torques(RobotDynamics(table).inverse)
+    assert np.allclose(reversals(motion, table.friction), [0.3, 0.7], atol=1e-14)
+    way = dry(table, motion, np.array([0.2, 0.4, 0.6, 0.8]))
+    assert np.allclose(way, np.outer([1, -1, -1, 1], [1, -1]), atol=1e-6)
+
+
+@pytest.mark.parametrize("K", [2, 3, 5])
+def test_ways_are_the_signs_of_the_velocities(K: int) -> None:
+    """Of random polynomials, wherever a joint is not at rest."""
+    rng = np.random.default_rng(K)
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(1e-9, 1.0, 200))])
+    velocity = rng.normal(size=(200, 3, K)) * rng.choice([1.0, 1e-4], (200, 3, 1))
+    turns = Turns.of(t, velocity)
+    x = rng.random(200)
+    value = np.einsum("knp,kp->kn", velocity, x[:, None] ** np.arange(K))
+    way = turns.at(t[:-1] + x * np.diff(t))
+    clear = np.abs(value) > 1e-5
+    assert clear.mean() > 0.8
+    assert np.array_equal(way[clear], np.sign(value[clear]))
+    # All polynomials have another sign on the other side of a turn.
+    for joint in range(3):
+        own = turns.times[turns.joint == joint]
+        assert np.all(turns.at(own)[:, joint] == -turns.at(own - 1e-11)[:, joint])
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_given_torques_have_no_node_beside_a_node(table: tm.Robot, left: float) -> None:
+    """Motions made of torques get a node where a joint turns: not a second one."""
+    v = np.array([[-1.0, 2.0], [left, -left], [0.5, -1.0]])
+    plain = motion_of(table, [0.0, 0.1, 0.15], v, 3)
+    held = tm.Trajectory(table.joint_names, plain.t, plain.q, plain.v, 0.0 * plain.q)
+    system = System.of(tm.Problem(table, [0.0, 0.0], tm.JointGoal([0.1, 0.1])))
+    motion = motor_torques(system, held, None)
+    assert motion.t.tolist() == held.t.tolist()
+    assert np.allclose(motion.u[:2] / FRICTION, [[-1.0, 1.0], [1.0, -1.0]])
+
+
+def test_verification_finds_no_torque_that_is_not_there(table: tm.Robot) -> None:
+    """From rest to rest and back, at the limits, with traces at the nodes."""
+    starting, braking = (FORCE - FRICTION) / MASSES, (FORCE + FRICTION) / MASSES
+    share = (starting / braking)[0]
+    h = np.array([0.2, 0.2 * share, 0.2, 0.2 * share])
+    t = np.concatenate([[0.0], np.cumsum(h)])
+    top = np.array([0.2 * starting[0], 0.0])
+    v = np.array([0 * top, top, 0 * top + 3e-9, -top, 0 * top - 3e-9])
+    motion = motion_of(table, t, v, 2)
+    problem = tm.Problem(table, [0.0, 0.0], tm.JointGoal(motion.q[-1]))
+    found = tm.verify(problem, motion)
+    assert found.ok, found.message
