@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from abc import abstractmethod
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -150,6 +150,27 @@ class PathConstraint(Record, Constraint):
         v = states.v if self.order >= 1 else [none] * len(states.q)
         a = states.a if self.order >= 2 else [none] * len(states.q)
         return list(zip(states.q, v, a, strict=True))
+
+
+class FrameConstraint(PathConstraint):
+    """A constraint on a frame of the robot, which its field ``frame`` names."""
+
+    frame: str
+    quantity: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """The quantity, and of what."""
+        return f"{self.quantity} of {self.subject}"
+
+    @property
+    def subject(self) -> str:
+        """The frame."""
+        return f"frame {self.frame}"
+
+    def validate(self, robot: Robot) -> None:
+        """Check that the robot has the frame."""
+        robot.frame_id(self.frame)
 
 
 def rounded(length: Array, limit: float) -> Array:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import PathConstraint, frame_name, positive
-from tominpmp.robot import Robot
+from tominpmp.constraints.path import FrameConstraint, frame_name, positive
 
 NONE = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
-class ToolSpeed(PathConstraint):
+class ToolSpeed(FrameConstraint):
     """The origin of a frame moves no faster than a limit, at all times.
 
     Attributes:
@@ -28,6 +27,7 @@ class ToolSpeed(PathConstraint):
     frame: str
     limit: float
 
+    quantity = "speed"
     order = 1
     curable = True
     unit = "m/s"
@@ -38,23 +38,9 @@ class ToolSpeed(PathConstraint):
         object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
 
     @property
-    def name(self) -> str:
-        """Speed, and of what."""
-        return f"speed of {self.subject}"
-
-    @property
-    def subject(self) -> str:
-        """The frame."""
-        return f"frame {self.frame}"
-
-    @property
     def largest(self) -> float:
         """The limit."""
         return self.limit
-
-    def validate(self, robot: Robot) -> None:
-        """Check that the robot has the frame."""
-        robot.frame_id(self.frame)
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The speed [m/s]."""

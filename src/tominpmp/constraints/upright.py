@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import PathConstraint, frame_name, positive
+from tominpmp.constraints.path import FrameConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.direction import cross, deviation
-from tominpmp.robot import Robot
 
 NONE = np.zeros(0)
 # Narrower cones are measured by this angle, so that rows stay of order one [rad].
@@ -20,7 +19,7 @@ LEAST_SCALE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class KeepUpright(PathConstraint):
+class KeepUpright(FrameConstraint):
     """An axis of a frame stays within a cone about a direction, at all times.
 
     The frame may turn about the axis in any way.
@@ -40,6 +39,7 @@ class KeepUpright(PathConstraint):
     direction: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     tolerance: float = 0.1
 
+    quantity = "tilt"
     order = 0
     unit = "rad"
 
@@ -62,16 +62,6 @@ class KeepUpright(PathConstraint):
         object.__setattr__(self, "tolerance", angle)
 
     @property
-    def name(self) -> str:
-        """Tilt, and of what."""
-        return f"tilt of {self.subject}"
-
-    @property
-    def subject(self) -> str:
-        """The frame."""
-        return f"frame {self.frame}"
-
-    @property
     def largest(self) -> float:
         """The tolerance."""
         return self.tolerance
@@ -80,10 +70,6 @@ class KeepUpright(PathConstraint):
     def scale(self) -> float:
         """The tolerance, or a small angle if it is less."""
         return max(self.tolerance, LEAST_SCALE)
-
-    def validate(self, robot: Robot) -> None:
-        """Check that the robot has the frame."""
-        robot.frame_id(self.frame)
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The angle [rad]."""
