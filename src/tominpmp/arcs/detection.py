@@ -26,10 +26,6 @@ def arcs_of(system: System, trajectory: Trajectory) -> Arcs:
 
     The torque of an interval is that of the end at which it is larger: with constant
     accelerations it comes to its limit at one of them only.
-
-    Args:
-        system: Limits.
-        trajectory: The motion.
     """
     t = trajectory.t
     h = np.diff(t)
@@ -46,10 +42,6 @@ def one_way(system: System, trajectory: Trajectory) -> Array | None:
     """Which way joints with dry friction move all along a motion, shape (n,).
 
     1 or -1, 0 for joints that rest or have none; None if one of them turns.
-
-    Args:
-        system: The problem.
-        trajectory: The motion.
     """
     times = np.linspace(0.0, trajectory.duration, LOOKS)
     v = replace(trajectory, inverse_dynamics=None)(times).v

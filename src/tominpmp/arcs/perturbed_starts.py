@@ -61,16 +61,8 @@ def on_grid(
 ) -> Trajectory:
     """A motion with torques that are constant on equal intervals, near to optimal.
 
-    Args:
-        system: The functions of the problem.
-        options: Options of the plan.
-        lp: Solver of linear programs.
-        clock: Tells when to stop.
-        path: Positions to begin with at the nodes, shape (N + 1, n) [rad or m].
-        duration: About how long the motion takes [s].
-
-    Returns:
-        The motion, which need not keep all constraints.
+    It begins with positions at the nodes, shape (N + 1, n) [rad or m], takes about the
+    given duration [s], and need not keep all constraints.
     """
     shares = interval_shares("uniform", path.shape[0] - 1)
     grid = CollocationTranscription(system, shares, duration)
@@ -135,16 +127,9 @@ def single_motor_motions(
     rng: np.random.Generator,
     budget: Budget,
 ) -> Iterator[OptimisedArcs]:
-    """Rough motions of a single motor, with one switch, two, and so on.
+    """Rough motions of a single motor that nearly reach the goal: one switch, two, ...
 
-    Args:
-        system: The functions of the problem.
-        duration: About how long the motion takes [s].
-        rng: Random numbers.
-        budget: How much may be spent in all.
-
-    Yields:
-        Motions that nearly reach the goal.
+    They take about the given duration [s].
     """
     joint = driven_joints(system)
     for count in range(FEWEST, MOST + 1):

@@ -118,18 +118,11 @@ def solve_lengths(
     budget: Budget,
     total: int = STEPS,
 ) -> OptimisedArcs | None:
-    """Find optimal lengths and free torques for arcs of given kinds.
+    """Find optimal lengths and free torques for arcs of given kinds and rough lengths.
 
-    Args:
-        system: The functions of the problem.
-        arcs: The arcs, with rough lengths.
-        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n); None
-            integrates the arcs.
-        budget: How much may be spent.
-        total: Integration steps over the whole motion.
-
-    Returns:
-        What was found; None if the motion cannot be integrated.
+    It begins with the states (q, v) of a motion near by, as a function from times of
+    shape (m,) to (m, 2n), or by integrating the arcs; ``total`` steps are taken over
+    the whole motion. None if the motion cannot be integrated.
     """
     program = ArcProgram(system, arcs, steps_of(arcs, total))
     times = program.sample_times(arcs)
@@ -274,14 +267,7 @@ def polish(
 def improve(
     system: System, optimised: OptimisedArcs, budget: Budget, total: int = STEPS
 ) -> OptimisedArcs:
-    """Change the structure until nothing is left to gain.
-
-    Args:
-        system: The functions of the problem.
-        optimised: Arcs of optimal lengths that keep goal and limits.
-        budget: How much may be spent.
-        total: Integration steps over the whole motion.
-    """
+    """Change the structure of optimised arcs until nothing is left to gain."""
     for _ in range(CHANGES):
         T = optimised.duration
         changes = find_changes(
@@ -320,16 +306,10 @@ def _changed(
 def refine_arcs(
     system: System, arcs: Arcs, states: States, budget: Budget
 ) -> OptimisedArcs | None:
-    """Find the arcs of a locally time-optimal motion, and their lengths.
+    """Find the arcs of a locally time-optimal motion from rough ones.
 
-    Args:
-        system: The functions of the problem.
-        arcs: Rough arcs.
-        states: States (q, v) at times of a motion near by, shape (m,) to (m, 2n).
-        budget: How much may be spent.
-
-    Returns:
-        What was found; None if no motion was that keeps goal and limits.
+    States (q, v) of a motion near by are a function from times of shape (m,) to (m,
+    2n). None if no motion was found that keeps goal and limits.
     """
     optimised = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
     if optimised is None or not optimised.feasible:
@@ -345,10 +325,7 @@ def refine_arcs(
 def sharpen(system: System, optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:
     """Halve the integration steps until the duration does not notice.
 
-    Args:
-        system: The functions of the problem.
-        optimised: Arcs of optimal lengths.
-        budget: How much may be spent; this takes little, and its end is paid for.
+    This takes little of the budget, and its end is paid for.
     """
     total = STEPS // 2
     reserve = Budget(max(budget.left, EVALUATIONS // 4))

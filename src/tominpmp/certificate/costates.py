@@ -74,14 +74,10 @@ def integrate_costates(
 
 
 def _transitions(slope: Array, h: Array) -> Array:
-    """What a step makes of small changes of the state, by Radau IIA of order 3.
+    """State transition matrices of steps by Radau IIA of order 3, shape (m, k, k).
 
-    Args:
-        slope: f_x in the middle of each step, shape (m, k, k).
-        h: Lengths of the steps [s], shape (m,).
-
-    Returns:
-        Shape (m, k, k).
+    From f_x in the middle of each step, shape (m, k, k), and the lengths h [s], shape
+    (m,).
     """
     z = slope * h[:, None, None]
     eye = np.eye(slope.shape[1])
@@ -91,9 +87,7 @@ def _transitions(slope: Array, h: Array) -> Array:
 def disagreement(found: DualSolution, integrated: Array) -> float:
     """Largest difference between costates, relative to the largest of them.
 
-    Args:
-        found: Those of the linear program.
-        integrated: Those of the adjoint equation, shape (N + 1, 2 n).
+    Those of the linear program, and those of the adjoint equation, shape (N + 1, 2 n).
     """
     scale = found.state_scale
     largest = float(np.max(np.abs(found.costates * scale), initial=0.0))

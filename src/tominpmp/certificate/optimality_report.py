@@ -72,14 +72,7 @@ def failed_conditions(
     out: Certificate,
     verification: Verification | None,
 ) -> list[str]:
-    """A sentence for each condition that fails, with where.
-
-    Args:
-        motion: The motion.
-        found: Its multipliers.
-        out: The figures of the certificate.
-        verification: The replay of the motion, if there is one.
-    """
+    """A sentence for each condition that fails, with where."""
     return list(_Failures(motion, found, out).sentences(verification))
 
 

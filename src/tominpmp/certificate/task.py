@@ -71,11 +71,7 @@ class Room:
     ) -> Derivatives:
         """Derivatives of what pairs lack, by configuration and by time [1/s].
 
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            instants: Index of the configuration of each value, shape (k,).
-            pairs: Index of its pair, shape (k,).
-            times: Times [s], shape (m,).
+        Of k pairs at instants of configurations q of shape (m, n) at times [s].
         """
         found = self.checker.derivatives_at(q, instants, pairs, times)
         return Derivatives(*(-part / self.reach for part in found))

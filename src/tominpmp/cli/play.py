@@ -15,11 +15,7 @@ from tominpmp.viz.playback import play
 
 
 def run_play(motion: Path, said: PlayOptions) -> Path:
-    """Show a motion.
-
-    Args:
-        motion: File that holds it.
-        said: Whose motion it is, obstacles to show, and where.
+    """Show the motion in a file.
 
     Raises:
         TominpmpError: If anything given is wrong or does not fit together.

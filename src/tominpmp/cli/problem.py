@@ -107,12 +107,7 @@ def _limits(asked: Asked, robot: Robot) -> MotionLimits | None:
 def load_changed_robot(
     robot: str, said: RobotOptions, resting: Mapping[str, float] | None = None
 ) -> Robot:
-    """Load a robot with what is different from its description.
-
-    Args:
-        robot: Its name or path.
-        said: What is different.
-        resting: Joints to lock that the command line does not.
+    """Load a robot with what is said to be different, and with resting joints locked.
 
     Raises:
         TominpmpError: If anything in it is wrong.

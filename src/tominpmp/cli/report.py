@@ -23,12 +23,7 @@ CLOSE = 0.01
 def limit_shares(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     """Share of the time with an actuator, and with an actuator or a speed, at a limit.
 
-    Args:
-        robot: The robot.
-        trajectory: A motion of it; looked at in the middle of its intervals.
-
-    Returns:
-        The two shares, from 0 to 1.
+    The motion is looked at in the middle of its intervals.
     """
     limits = robot.limits
     state = trajectory(0.5 * (trajectory.t[1:] + trajectory.t[:-1]))

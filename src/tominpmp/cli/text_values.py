@@ -226,19 +226,10 @@ def _record(
     values: Mapping[str, Any] = MappingProxyType({}),
     needed: Sequence[str] = (),
 ) -> Any:
-    """Make a record from ``KEY=VALUE`` with its fields as keys.
+    """Make a record from ``KEY=VALUE`` with its fields as keys, or raise OptionsError.
 
-    Args:
-        kind: What it is.
-        items: The pairs.
-        kinds: The classes by what they are called.
-        form: What was expected, for messages.
-        values: Fields that are known.
-        needed: Fields that must be given although they have a default.
-
-    Raises:
-        OptionsError: If anything is wrong but the values themselves.
-        TominpmpError: If the class refuses a value.
+    Fields that are needed must be given although they have a default; ``form`` says in
+    messages what was expected.
     """
     if kind not in kinds:
         raise OptionsError(

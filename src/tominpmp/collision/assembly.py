@@ -120,12 +120,8 @@ class Assembly:
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
         """Bounds on the speed of all points of the other body of each pair.
 
-        Args:
-            begin: Beginnings of stretches of time [s], shape (m,).
-            end: Their ends, shape (m,).
-
-        Returns:
-            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
+        Over stretches of time, shape (m,) [s]; shape (m, pairs) [m/s], zero for links
+        and for obstacles at rest.
         """
         obstacles = self.query.obstacles
         out = np.zeros((begin.size, len(self.pairs)))

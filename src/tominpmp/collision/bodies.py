@@ -56,12 +56,7 @@ class Body:
 
 
 def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
-    """Shapes of all links, also of those that do not move.
-
-    Args:
-        robot: The robot.
-        geometry: What meshes are taken as.
-    """
+    """Shapes of all links, also of those that do not move."""
     count = len(robot.collision_model.geometryObjects)
     return [
         body for part in range(count) for body in part_bodies(robot, part, geometry)
@@ -69,13 +64,7 @@ def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
 
 
 def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
-    """Shapes of one of the geometries of a robot.
-
-    Args:
-        robot: The robot.
-        part: Which of them.
-        geometry: What meshes are taken as.
-    """
+    """Shapes of one of the geometries of a robot."""
     item = robot.collision_model.geometryObjects[part]
     name, joint = part_link(robot, part), int(item.parentJoint)
     shapes = _pieces(item.geometry, geometry, name)
@@ -142,12 +131,7 @@ def approximations(robot: Robot) -> tuple[Approximation, ...]:
 
 
 def scene_bodies(scene: Scene, first: int) -> list[Body]:
-    """Shapes of the obstacles.
-
-    Args:
-        scene: The obstacles.
-        first: What counts as the joint that carries the first of those that move.
-    """
+    """Shapes of the obstacles; ``first`` is as the joint of the first that moves."""
     bodies = []
     for obstacle in scene:
         place = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))

@@ -188,13 +188,9 @@ class BroadPhase:
         self._cell: IntArray = (row * self._others.size + column).astype(np.int64)
 
     def place(self, joints: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Placements box_to_world.
+        """Placements box_to_world, shapes (m, bodies, 3, 3) and (m, bodies, 3).
 
-        Args:
-            joints: Placements of the joints, shapes (m, joints, 3, 3), (m, joints, 3).
-
-        Returns:
-            Shapes (m, bodies, 3, 3) and (m, bodies, 3).
+        From the placements of the joints, shapes (m, joints, 3, 3) and (m, joints, 3).
         """
         return self._bodies.place(joints)
 
@@ -242,15 +238,9 @@ class BroadPhase:
         return np.take(squared.reshape(R.shape[0], -1), self._cell, axis=1)
 
     def by_covers(self, R: Array, t: Array, pair: IntArray) -> Array:
-        """Bounds from several balls that cover the first body.
+        """Bounds from several balls that cover the first body, shape (k,) [m].
 
-        Args:
-            R: Rotations first_to_second, shape (k, 3, 3).
-            t: Positions of the first in the axes of the second [m], shape (k, 3).
-            pair: The pairs, shape (k,).
-
-        Returns:
-            Shape (k,) [m].
+        From the placements first_to_second, shapes (k, 3, 3) and (k, 3), of k pairs.
         """
         a, b = self.first[pair], self.second[pair]
         centres = self._cover[a] @ np.swapaxes(R, 1, 2) + t[:, None]

@@ -40,13 +40,8 @@ def enclosure(
 
     Some point of the link is no farther from the frame than its geometry is. Where a
     ball of that radius is within an obstacle, the link meets it in every orientation.
-
-    Args:
-        robot: The robot.
-        scene: The obstacles; those that move are left out.
-        frame: Name of the frame.
-        point: Where it is [m], shape (3,).
-        tolerance: How far from there it may be [m].
+    The frame is at most ``tolerance`` from the point [m]; obstacles that move are left
+    out.
 
     Returns:
         Link and obstacle; None if there may be room.

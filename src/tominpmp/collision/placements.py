@@ -123,13 +123,9 @@ class BodyPlacements:
         self._t = np.array([item.translation for item in placements]).reshape(-1, 3)
 
     def place(self, joints: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Placements body_to_world.
+        """Placements body_to_world, shapes (m, bodies, 3, 3) and (m, bodies, 3).
 
-        Args:
-            joints: Placements of the joints, shapes (m, joints, 3, 3), (m, joints, 3).
-
-        Returns:
-            Shapes (m, bodies, 3, 3) and (m, bodies, 3).
+        From the placements of the joints, shapes (m, joints, 3, 3) and (m, joints, 3).
         """
         R, t = joints[0][:, self._joint], joints[1][:, self._joint]
         return R @ self._R, t + np.einsum("mbij,bj->mbi", R, self._t)

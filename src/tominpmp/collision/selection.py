@@ -42,11 +42,8 @@ def links_of(
 ) -> tuple[Body, ...]:
     """Shapes of all links, the same ones for every checker of a robot.
 
-    Args:
-        robot: The robot.
-        geometry: What meshes are taken as.
-        cut: Names of the links whose meshes are taken as that, the others being taken
-            as one hull each; None for all.
+    ``cut`` has the names of the links whose meshes are taken as ``geometry`` says, the
+    others being taken as one hull each; None stands for all.
     """
     known = _known(robot)
     found: list[Body] = []
@@ -67,15 +64,8 @@ def own_pairs(
     Left out are the pairs that the semantic description disables (if it disables any),
     else neighbours; links that overlap at nearly all configurations; and links whose
     convex pieces overlap at most of them while their meshes do not at any. This does
-    not depend on which links are cut.
-
-    Args:
-        robot: The robot.
-        geometry: What meshes are taken as.
-        cut: See :func:`links_of`, whose bodies are paired.
-
-    Returns:
-        Bodies of the pairs, of which the first moves, shapes (pairs,).
+    not depend on which links are cut, see :func:`links_of`. The first bodies of the
+    pairs move.
     """
     known = _known(robot)
     if ("left out", geometry) not in known:
@@ -153,13 +143,7 @@ def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
 def _shares(
     robot: Robot, bodies: Sequence[Body], wanted: set[frozenset[str]] | None
 ) -> dict[frozenset[str], float]:
-    """Share of random configurations at which links overlap, by their names.
-
-    Args:
-        robot: The robot.
-        bodies: Its links.
-        wanted: Which of the candidates; None for all.
-    """
+    """Share of random configurations at which links overlap, by their names."""
     first, second = _candidates(robot, bodies)
     if wanted is not None:
         chosen = [

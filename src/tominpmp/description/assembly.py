@@ -190,10 +190,7 @@ def stack_parts(
 ) -> Array:
     """Put values of the joints of several robots into one array.
 
-    Args:
-        joints: Names of the joints, that of the robot before each.
-        names: Names of the robots.
-        values: Values by the name of the robot.
+    The names of the joints have that of their robot before each.
 
     Raises:
         ProblemError: If a robot is missing or unknown, or a length is wrong.

@@ -82,14 +82,7 @@ def read_groups(
     joints: Collection[str],
     xml: str | None,
 ) -> JointGroups:
-    """Read the groups of an SRDF file.
-
-    Args:
-        root: Root of the file.
-        path: The file.
-        links: Names of the robot's links.
-        joints: Names of its joints that can move.
-        xml: Its URDF file, which says how they hang together.
+    """Read the groups of an SRDF file, whose URDF file says how links hang together.
 
     Raises:
         RobotLoadError: If a group lacks its name or holds itself.
@@ -262,12 +255,7 @@ def warn_of_group(name: str, found: JointGroup) -> None:
 def rest_position(
     joint: JointDescription, states: Mapping[str, Mapping[str, float]]
 ) -> float:
-    """Where a joint rests that is not to move [rad or m].
-
-    Args:
-        joint: The joint.
-        states: Group states by name; those of usual names for it go first.
-    """
+    """Where a joint rests that is not to move: in a state of a usual name first."""
     for state in dict.fromkeys((*RESTING, *states)):
         if joint.name in states.get(state, {}):
             return states[state][joint.name]

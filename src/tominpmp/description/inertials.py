@@ -28,11 +28,6 @@ def warn_of_inertia(model: pin.Model, xml: str, path: Path) -> None:
 
     Links fixed to each other are one body, so that frames without mass, as of tools and
     bases, do no harm; nor do those that stand between joints in one place.
-
-    Args:
-        model: The model, with locked joints as parts of the links.
-        xml: The description.
-        path: The file, for the message.
     """
     shaped = {
         link.get("name", "")

@@ -23,12 +23,7 @@ Finder = Callable[[str], tuple[Path | None, tuple[Path, ...]]]
 
 
 def simplified_link(link: Any, context: XmlContext, folders: Sequence[Path]) -> Any:
-    """Make a link one that every parser reads in the same way.
-
-    Args:
-        link: A ``yourdfpy.Link``.
-        context: The file.
-        folders: Folders in which to look for ``package://``.
+    """Make a ``yourdfpy.Link`` one that every parser reads in the same way.
 
     Raises:
         RobotLoadError: If a mesh is not there.

@@ -27,11 +27,7 @@ INERTIA_SAMPLES = 5
 
 
 def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pin.Model:
-    """Build the kinematics and inertia of a description.
-
-    Args:
-        description: The description.
-        locked: Positions of the joints that become part of the links [rad or m].
+    """Build the kinematics and inertia of a description, with joints locked [rad or m].
 
     Raises:
         RobotLoadError: If Pinocchio refuses the description.

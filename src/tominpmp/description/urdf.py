@@ -115,11 +115,7 @@ class UrdfDescription:
 
 
 def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
-    """Read a URDF file.
-
-    Args:
-        path: The file.
-        package_dirs: Folders in which to look for ``package://``.
+    """Read a URDF file; folders are for ``package://``.
 
     Raises:
         RobotLoadError: If the file is no URDF file, contradicts itself, has a joint of

@@ -37,11 +37,7 @@ _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!"
 
 
 def read_bytes(path: Path, largest: int = MAX_BYTES) -> bytes:
-    """Read a file that is to be parsed.
-
-    Args:
-        path: The file.
-        largest: Size it may have [bytes].
+    """Read a file that is to be parsed, of at most so many bytes.
 
     Raises:
         ScenarioError: If it is not there, no file, too large, or cannot be read.
@@ -78,18 +74,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(content: bytes, path: Path) -> Any:
-    """Parse YAML with limits and without tags.
-
-    Args:
-        content: The document.
-        path: Where it comes from, for messages.
-
-    Returns:
-        As :func:`read_yaml`.
-
-    Raises:
-        ScenarioError: As :func:`read_yaml`.
-    """
+    """Parse YAML with limits and without tags; see :func:`read_yaml`."""
     builder = _Builder(path)
     try:
         for event in yaml.parse(content, Loader=_LOADER):

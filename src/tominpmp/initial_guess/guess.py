@@ -67,16 +67,7 @@ class Guess:
 
 
 def straight_guess(system: System, q_end: Array, name: str = "straight line") -> Guess:
-    """Straight line in joint space, in minimum time where that can be told.
-
-    Args:
-        system: Dynamics and limits.
-        q_end: Final configuration, shape (n,) [rad or m].
-        name: Name of the guess.
-
-    Returns:
-        The guess.
-    """
+    """Straight line in joint space, in minimum time where that can be told."""
     problem = system.problem
     timing = time_straight_line(system, problem.q_start, q_end)
     if timing is not None:
@@ -87,14 +78,8 @@ def straight_guess(system: System, q_end: Array, name: str = "straight line") ->
 def path_guess(system: System, corners: Array, name: str = "sampled path") -> Guess:
     """Path through corners that are rounded, in minimum time where that can be told.
 
-    Args:
-        system: Dynamics, limits and clearance.
-        corners: Corners of a path that keeps clear of obstacles, shape (m, n) [rad or
-            m]; the rounded corners are clear of them too.
-        name: Name of the guess.
-
-    Returns:
-        The guess.
+    The corners, shape (m, n) [rad or m], are those of a path that keeps clear of
+    obstacles; the rounded corners are clear of them too.
     """
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
@@ -119,16 +104,7 @@ def resting_guess(system: System, duration: float) -> Guess:
 
 
 def via_guess(system: System, via: Array, q_end: Array) -> Guess:
-    """Path through a configuration halfway.
-
-    Args:
-        system: Dynamics and limits.
-        via: Configuration in the middle, shape (n,).
-        q_end: Final configuration, shape (n,).
-
-    Returns:
-        The guess.
-    """
+    """Path through a configuration halfway."""
     corners = np.stack([system.problem.q_start, via, q_end])
     return _smooth_guess(system, corners, "via point")
 
@@ -265,15 +241,8 @@ def sampled_guesses(
 ) -> Iterator[Guess]:
     """Paths that keep clear of obstacles, timed; of every few the fastest first.
 
-    Args:
-        system: The problem.
-        ends: Final configurations, each of shape (n,) [rad or m].
-        rng: Random numbers.
-        known: Free paths like which none is wanted, each of shape (m, n).
-        deadline: When to stop, as a value of :func:`time.perf_counter` [s].
-
-    Yields:
-        Guesses; how many there are depends on the obstacles.
+    None like the known free paths, each of shape (m, n), is given. How many there are
+    depends on the obstacles. The deadline is a value of :func:`time.perf_counter` [s].
 
     Raises:
         MissingDependency: If OMPL is not installed.

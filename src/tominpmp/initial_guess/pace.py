@@ -24,12 +24,8 @@ FASTEST = 2000.0
 def least_duration(system: System, q: Array) -> float:
     """Time about which motion limits make a path take, from rest to rest [s].
 
-    Args:
-        system: The problem.
-        q: Configurations on the path, shape (m, n).
-
-    Returns:
-        The time, rather less than more; 0 without such limits.
+    The path is given by configurations, shape (m, n). Rather less than more; 0 without
+    such limits.
     """
     limits = system.problem.motion_limits
     if limits is None:

@@ -30,9 +30,7 @@ SHORTEST = 1e-6
 def speed_weights(velocity: Array) -> Array:
     """Weights by which displacements of the joints take equal time, shape (n,).
 
-    Args:
-        velocity: Speed limits, shape (n,) [rad/s or m/s]. A joint without one counts as
-            the slowest of the others.
+    A joint without a speed limit counts as the slowest of the others.
     """
     finite = np.isfinite(velocity)
     weights = np.divide(1.0, velocity, out=np.zeros_like(velocity), where=finite)
@@ -81,11 +79,7 @@ class RoundedPath:
     def clear_of_obstacles(self, is_free: Callable[[Array], bool]) -> RoundedPath:
         """Path whose roundings are narrowed until they meet no obstacle.
 
-        Args:
-            is_free: Whether a configuration is free.
-
-        Returns:
-            The path; a corner that stays in collision keeps its narrowest rounding.
+        A corner that stays in collision keeps its narrowest rounding.
         """
         radii = self.radii.copy()
         speeds = np.abs(self._slopes).max(axis=1)

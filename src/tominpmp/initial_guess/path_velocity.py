@@ -53,18 +53,8 @@ def guesses_among_moving(
 
     Those for the scene without them come first, each beside the same path traversed in
     such a way that they are let pass. Then paths follow that are free where they stand
-    still at some instant.
-
-    Args:
-        system: The problem.
-        count: How many at most.
-        rng: Random numbers.
-        duration: Duration of the guess at rest [s]; None for that of the fastest
-            straight line.
-        deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
-
-    Yields:
-        At most ``count`` guesses; none if inverse kinematics did not reach the goal.
+    still at some instant. For the arguments see
+    :func:`~tominpmp.initial_guess.guess.initial_guesses`.
     """
     found = _guesses(system, count, rng, duration, deadline)
     yield from itertools.islice(found, count)

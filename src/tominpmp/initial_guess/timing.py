@@ -61,13 +61,7 @@ def time_straight_line(
 ) -> PathTiming | None:
     """Traverse a straight line from rest to rest in minimum time.
 
-    Args:
-        system: Dynamics and limits.
-        q_start: Start, shape (n,) [rad or m].
-        q_end: End, shape (n,).
-
-    Returns:
-        The timing; None if the torque limits do not let the arm stand somewhere on it.
+    None if the torque limits do not let the arm stand somewhere on it.
     """
     if not np.any(np.abs(q_end - q_start) > 1e-12):
         return None

@@ -105,16 +105,10 @@ def file_samples(
     *,
     with_effort: bool = False,
 ) -> Samples:
-    """What a file holds that a motion is written to.
+    """What a file holds that a motion is written to; what it leaves out is NaN.
 
-    Args:
-        trajectory: The motion.
-        path: The file; its ending counts.
-        dt: Time between rows [s]; None for the nodes.
-        with_effort: Whether messages have the torques.
-
-    Returns:
-        The samples; what the file leaves out is NaN.
+    The ending of the path counts; ``dt`` is the time between rows [s], None for the
+    nodes.
 
     Raises:
         ProblemError: If dt is not a positive number.
@@ -211,11 +205,7 @@ def load_message(path: str | Path) -> Any:
 
 
 def message_motion(message: Any, path: Path) -> Samples:
-    """Take the motion out of a message.
-
-    Args:
-        message: A JointTrajectory, or what holds one, as plain values.
-        path: Where it comes from, for messages.
+    """Take the motion out of a message as plain values; the path is for messages.
 
     Raises:
         ScenarioError: If there is none, or it is wrong.

@@ -63,14 +63,7 @@ def check_message(name: object) -> None:
 
 
 def nanoseconds(times: Array) -> IntArray:
-    """Round times to whole nanoseconds that still increase.
-
-    Args:
-        times: Increasing times [s], shape (m,).
-
-    Returns:
-        Shape (m,) [ns].
-    """
+    """Round increasing times [s] to whole nanoseconds that still increase."""
     steps = np.arange(times.size)
     # Increasing by one at least is not decreasing once a ramp is taken off.
     rounded = np.rint(times * BILLION).astype(np.int64) - steps
@@ -80,15 +73,7 @@ def nanoseconds(times: Array) -> IntArray:
 def message_samples(
     trajectory: Trajectory, dt: float | None, with_effort: bool
 ) -> Samples:
-    """What the points of a message hold.
-
-    Args:
-        trajectory: The motion.
-        dt: Time between points [s]; None for the nodes.
-        with_effort: Whether the points have efforts.
-
-    Returns:
-        The samples, at whole nanoseconds; what is left out is NaN.
+    """What the points of a message hold, at whole nanoseconds; what is left out is NaN.
 
     Raises:
         ProblemError: If dt is not a positive number, or less than 100 ns.

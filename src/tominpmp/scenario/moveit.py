@@ -105,15 +105,10 @@ def load_moveit(
 
 
 def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, float]:
-    """Find the joints to lock where a robot is loaded for a request.
+    """Find the joints to lock where a robot is loaded for a request in a YAML file.
 
-    Args:
-        source: The files of the robot.
-        request_path: YAML file with a ``MotionPlanRequest`` message.
-
-    Returns:
-        Positions by joint name [rad or m]: of those outside its group, and of those of
-        which a goal of joint positions says nothing.
+    Positions by joint name [rad or m]: of those outside its group, and of those of
+    which a goal of joint positions says nothing.
 
     Raises:
         ScenarioError: If the file is wrong.

@@ -136,12 +136,7 @@ SCENE: dict[str, Any] = {
 
 
 def warn_of_unread(message: Field, known: Mapping[str, Any]) -> None:
-    """Warn of what a message says and is not read.
-
-    Args:
-        message: The message.
-        known: What it may hold: :data:`REQUEST` or :data:`SCENE`.
-    """
+    """Warn of what a message says beyond :data:`REQUEST` or :data:`SCENE`."""
     unread = list(dict.fromkeys(_unread(message, known)))
     if unread:
         shown = ", ".join(brief(key).strip("'\"") for key in unread[:MOST])

@@ -70,10 +70,7 @@ class Frames:
     package_dirs: tuple[Path, ...] = ()
 
     def to_base(self, header: Field) -> pin.SE3:
-        """Placement frame_to_base of the frame that a header names.
-
-        Args:
-            header: A message header; without one the frame is the world.
+        """Placement frame_to_base of the frame that a header names, else of the world.
 
         Raises:
             ScenarioError: If the frame is not known.

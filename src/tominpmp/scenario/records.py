@@ -164,12 +164,7 @@ def file_name(path: Path, folder: Path) -> str:
 
 
 def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
-    """Make a record from its table.
-
-    Args:
-        table: The table.
-        kinds: Classes by their names.
-        what: What it is, for messages: "obstacle", "goal".
+    """Make a record from its table, of one of the classes by their names.
 
     Raises:
         ScenarioError: If the table is wrong.

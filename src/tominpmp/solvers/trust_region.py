@@ -32,9 +32,8 @@ class TrustRegion:
     def after(self, ratio: float, damping: float) -> TrustRegion:
         """Radius for the next iteration.
 
-        Args:
-            ratio: Actual over predicted reduction of the whole step.
-            damping: Share of the step that was taken after a line search.
+        From the ratio of actual and predicted reduction of the whole step, and the
+        share of the step that was taken after a line search.
         """
         if damping < 1.0:
             factor = max(damping, 0.3)

@@ -92,14 +92,7 @@ class _Rows(NamedTuple):
 def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
 ) -> list[LimitViolation]:
-    """The worst of each kind of limit on joints.
-
-    Args:
-        problem: Robot and limits.
-        replay: The motion.
-        torque: Its torques.
-        tolerance: Relative excess that is tolerated.
-    """
+    """The worst of each kind of limit on joints; the tolerance is relative."""
     return _Limits(problem, replay, torque, tolerance).all()
 
 
@@ -241,12 +234,9 @@ class _Limits:
         return out
 
     def _rate(self, kind: str, values: Array, limit: Array) -> LimitViolation | None:
-        """Worst rate of values at the rows; a jump counts as if it took a millisecond.
+        """Worst jerk or effort rate; a jump counts as if it took a millisecond.
 
-        Args:
-            kind: "jerk" or "effort rate".
-            values: Values at the rows, shape (m + P, n).
-            limit: Largest rates, shape (n,).
+        From values at the rows, shape (m + P, n), and the largest rates, shape (n,).
         """
         t = self.replay.t
         after = values[: t.size]

@@ -166,14 +166,9 @@ class RelativeMotion:
     sides: IntArray
 
     def bound(self, q: Array, swing: Array) -> Array:
-        """How far each pair can come closer within boxes of configurations.
+        """How far pairs can come closer within boxes of configurations, (m, pairs) [m].
 
-        Args:
-            q: Middles of the boxes, shape (m, n) [rad or m].
-            swing: Half of their edges, shape (m, n).
-
-        Returns:
-            Shape (m, pairs) [m].
+        Boxes have middles q and half edges ``swing``, shape (m, n) each [rad or m].
         """
         shifts = self.reach.shifts(q, swing)
         # The last column is for what does not move.

@@ -81,10 +81,7 @@ def _of_links(
     pieces. Only those that come nearest are cut into pieces, until two are found that
     come as near as pieces as all others do as hulls at least. There are a tenth of the
     pairs then, and most meshes need not be cut, which takes a second each when it is
-    done for the first time.
-
-    Returns:
-        The pair; None where links touch, or it cannot be told.
+    done for the first time. None where links touch, or it cannot be told.
     """
     cut: frozenset[str] = frozenset()
     clear = None
@@ -130,10 +127,7 @@ def _of_one_piece(checker: CollisionChecker, names: frozenset[str]) -> bool:
 def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> bool:
     """Whether a motion touches nothing as it is planned, at any time.
 
-    Args:
-        problem: The problem, with the margin.
-        trajectory: The motion.
-        tolerance: What may be missing at ends that are at the margin [m].
+    The tolerance is for ends that are at the margin [m].
     """
     step = max(TIME_STEP, trajectory.duration / GLIMPSES)
     # Without the torques, which take most of the time.
@@ -164,17 +158,7 @@ def _at_start(replay: Replay, checker: CollisionChecker, margins: Array) -> Near
 def touching(
     problem: Problem, checker: CollisionChecker, margins: Array, tolerance: float
 ) -> Array:
-    """What pairs may lack around the ends of a motion that are at the margin.
-
-    Args:
-        problem: Start and goal.
-        checker: Distances of the pairs.
-        margins: Distances to keep, shape (pairs,) [m].
-        tolerance: What may be missing [m].
-
-    Returns:
-        At the start and at the end, shape (2, pairs) [m].
-    """
+    """What pairs may lack around ends that are at the margin, shape (2, pairs) [m]."""
     ends = [problem.q_start]
     if problem.goal.configuration is not None:
         ends.append(problem.goal.configuration)

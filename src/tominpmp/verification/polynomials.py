@@ -50,12 +50,10 @@ class Pieces:
 
     @classmethod
     def of(cls, curve: Callable[[Array], Array], t: Array) -> Pieces:
-        """Fit a curve.
+        """Fit a curve: a function from times of shape (m,) to values of shape (m, n).
 
-        Args:
-            curve: Values at times, shape (m,) to (m, n).
-            t: Times between which it is smooth [s], shape (P + 1,). Pieces are halved
-                until they follow it.
+        It is smooth between the times t, shape (P + 1,) [s]; pieces are halved until
+        they follow it.
         """
         pieces = cls._fit(curve, t)
         for _ in range(HALVINGS):
@@ -97,14 +95,7 @@ class Pieces:
         return np.swapaxes(self.coefficients @ signs.T, 1, 2)
 
     def __call__(self, times: Array) -> Array:
-        """Values at times, just after the jump where there is one.
-
-        Args:
-            times: Times [s], shape (m,).
-
-        Returns:
-            Shape (m, n).
-        """
+        """Values at times of shape (m,), shape (m, n); just after a jump."""
         out = np.empty((times.size, self.coefficients.shape[1]))
         for first in range(0, times.size, CHUNK):
             part = slice(first, first + CHUNK)
@@ -122,13 +113,8 @@ class Pieces:
     def around(self, piece: IntArray, middle: Array, half: Array) -> Array:
         """Polynomials of shorter stretches, each of r in [-1, 1].
 
-        Args:
-            piece: The piece of each stretch, shape (m,).
-            middle: Its middle, in the s of the piece, shape (m,).
-            half: Half its length, in the s of the piece, shape (m,).
-
-        Returns:
-            Coefficients of 1, r, r^2, ..., shape (m, n, K).
+        Stretches of pieces, by their middle and half their length in the s of the
+        piece, shape (m,) each; coefficients of 1, r, r^2, ..., shape (m, n, K).
         """
         rest = self.coefficients[piece].copy()
         terms = rest.shape[2]

@@ -217,9 +217,8 @@ def plot_convergence(
 def curves(trajectory: Trajectory) -> tuple[Array, State]:
     """Sample a motion for drawing, both sides of every jump at a node included.
 
-    Returns:
-        Times [s], shape (m,), and the state there; the last sample of each interval is
-        at the same place as the first of the next one, with the values before the jump.
+    The last of the times of an interval is at the same place as the first of the next
+    one, with the values before the jump.
     """
     intervals = trajectory.t.size - 1
     share = np.linspace(0.0, 1.0, max(2, CURVE_POINTS // intervals + 1))

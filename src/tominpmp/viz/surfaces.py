@@ -72,9 +72,8 @@ class ShadedSurface:
 def lathe(profile: ArrayLike) -> Surface:
     """Turn a profile about the z axis.
 
-    Args:
-        profile: Radius and height of its points from the bottom up, shape (k, 2) [m];
-            the first and the last lie on the axis.
+    Points have radius and height from the bottom up, shape (k, 2) [m]; the first and
+    the last lie on the axis.
     """
     points = np.asarray(profile, dtype=np.float64)
     # It drops triangles of less than 1e-8, whatever the size of the body.
@@ -89,12 +88,7 @@ def _surface(mesh: Any) -> Surface:
 
 
 def capsule(radius: float, length: float) -> Surface:
-    """Capsule along z about the origin.
-
-    Args:
-        radius: Radius [m].
-        length: Length of the straight part [m].
-    """
+    """Capsule along z about the origin; the length is that of the straight part [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
     lower, upper = angle[angle < 0.0], angle[angle >= 0.0]
     middle = [[radius, -length / 2], [radius, length / 2]] if length > 0.0 else []

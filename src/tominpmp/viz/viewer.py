@@ -116,13 +116,7 @@ def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
 
 
 def put_body(viewer: Any, surface: Surface, color: Sequence[float]) -> None:
-    """Put a body of one surface into the scene.
-
-    Args:
-        viewer: The ``meshcat.Visualizer`` at its place in the tree of the scene.
-        surface: Its surface.
-        color: Red, green, blue and opacity from 0 to 1.
-    """
+    """Put a body of one surface into the scene; colours are RGBA from 0 to 1."""
     viewer.set_object(_mesh(viewer.path.lower(), surface, color))
 
 
