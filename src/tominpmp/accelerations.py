@@ -1,4 +1,4 @@
-"""How hard a motion accelerates, and whether anything limits that."""
+"""Peak acceleration of a motion, and a remark where nothing limits it."""
 
 from __future__ import annotations
 

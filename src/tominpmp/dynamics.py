@@ -2,6 +2,7 @@ r"""Equations of motion of a robot with viscous and dry friction.
 
 .. math:: M(q) \dot v + C(q, v) v + g(q) + D v + F \mathrm{sgn}(v) \ni u
 
+This is the paper's :math:`\dot x = f(x, u)` (equation 2) with the state x = (q, v).
 Pinocchio evaluates both directions and their derivatives (Featherstone, 2008;
 Carpentier and Mansard, 2018); friction, which its algorithms leave out, is added here.
 The sign is Coulomb's: a joint at rest stays there while its friction, up to F in either

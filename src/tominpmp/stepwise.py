@@ -1,4 +1,4 @@
-"""Motions whose accelerations jump, from samples at other times."""
+"""Reconstruction of motions whose accelerations jump, from samples."""
 
 from __future__ import annotations
 

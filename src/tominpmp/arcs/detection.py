@@ -1,4 +1,4 @@
-"""Rough arcs and states, read off any motion."""
+"""Detection of arcs: rough arcs and states, read off any motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Where a structure is wrong: what other torques would gain, to first order.
+r"""Switching functions of arcs: what other torques would gain, to first order.
 
 At the solution of an :class:`~tominpmp.arcs.shooting.ArcProgram` its multipliers
 give the costate p at the end, which the discrete adjoint equation carries back; the

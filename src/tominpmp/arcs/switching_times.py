@@ -1,4 +1,4 @@
-"""Exact switching: arcs of exact length in place of intervals of a grid.
+"""Optimal switching times: arcs of exact length in place of intervals of a grid.
 
 A structure of arcs is read off a motion; the lengths are optimised by sequential
 quadratic programming (Kraft, 1988), arcs that vanish are dropped and others put in

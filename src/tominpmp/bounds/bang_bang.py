@@ -1,4 +1,4 @@
-"""Least times of a coordinate whose speed and acceleration are bounded."""
+"""Bang-bang times: the least for a coordinate of bounded speed and acceleration."""
 
 from __future__ import annotations
 

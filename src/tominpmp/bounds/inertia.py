@@ -1,4 +1,4 @@
-"""Bounds on what torques can do that hold at all configurations."""
+"""Bounds on inertia and on the work of torques that hold at all configurations."""
 
 from __future__ import annotations
 

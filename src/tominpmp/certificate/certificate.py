@@ -1,4 +1,4 @@
-"""What a certificate of the minimum principle holds."""
+"""Records of a certificate of the minimum principle, and of the active limits."""
 
 from __future__ import annotations
 

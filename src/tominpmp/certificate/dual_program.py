@@ -1,4 +1,4 @@
-"""What small changes of a motion could gain: a linear program, and its multipliers.
+"""Dual program: what small changes of a motion could gain, and its multipliers.
 
 The program asks for the largest reduction of the duration that changes within a unit
 trust region promise to first order. Its multipliers are the costates and the

@@ -1,4 +1,4 @@
-"""What a checker of distances is made of: bodies, pairs and the queries for them."""
+"""Assembly of a collision checker: bodies, pairs and the queries for them."""
 
 from __future__ import annotations
 

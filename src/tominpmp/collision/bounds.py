@@ -1,4 +1,4 @@
-"""Lower bounds of distances from balls and boxes around the bodies.
+"""Broad phase: lower bounds of distances from balls and boxes around bodies.
 
 Every bound holds for certain: balls contain what they stand for, and so do the boxes.
 """

@@ -1,4 +1,4 @@
-"""What a checker of collisions tells."""
+"""Results of a collision checker: contacts, and derivatives of distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convex pieces of meshes that are not convex.
+"""Convex decomposition of meshes that are not convex.
 
 A mesh is cut by planes, one cut after the other through the piece that is farthest from
 it, where the hulls of both halves take the least volume. The hulls of the halves cover

@@ -1,4 +1,4 @@
-"""Convex pieces on disk, by the content of the mesh they belong to."""
+"""Decomposition cache: convex pieces on disk, by the content of their mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A memory for distances along a motion that changes little from call to call."""
+"""Distance cache for motions that change little from call to call."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places where a frame cannot be without its link being in an obstacle."""
+"""Enclosure: where a frame cannot be without its link being in an obstacle."""
 
 from __future__ import annotations
 

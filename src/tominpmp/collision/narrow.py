@@ -1,4 +1,4 @@
-"""Exact distances of pairs of shapes, by Coal."""
+"""Narrow phase: exact distances of pairs of shapes, by Coal."""
 
 from __future__ import annotations
 

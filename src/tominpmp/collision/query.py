@@ -1,4 +1,4 @@
-"""Distances at many configurations: bounds where they will do, else exact queries."""
+"""Distance queries at many configurations: bounds where they will do, else exact."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which pairs of bodies are watched."""
+"""Selection of pairs: which bodies are watched against each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-r"""What holds along a motion: the paper's constraints b(x, tau, T) <= 0.
+r"""Constraints: what holds along a motion (the paper's equation 6).
+
+.. math:: b(x(\tau), \tau, T) \le 0 \quad \text{for all } \tau \in [0, 1]
 
 A constraint gives values and partial derivatives at states; it knows neither how a
 motion is parameterised nor who asks. A transcription gives the states and pulls the

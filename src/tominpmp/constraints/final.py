@@ -14,7 +14,7 @@ from tominpmp.kinematics import RobotKinematics
 
 @dataclass(frozen=True, eq=False)
 class GoalReached(Constraint):
-    """The residual of a goal within its bounds (paper, equation 5).
+    """The residual of a goal within its bounds: a(x(1)) = 0 (paper, equation 5).
 
     Attributes:
         goal: The goal.

@@ -1,4 +1,8 @@
-"""Torque limits; torque over speed; torque rates (paper, section 4)."""
+"""Torque limits; torque over speed; torque rates.
+
+These are the paper's limits on controls, equation 3, and its section 4 for limits that
+depend on the state, and on the rates of controls.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +135,7 @@ class MotorLimit(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit(MotorLimit):
-    """Torques within their limits, as shares of them (paper, equation 2)."""
+    """Torques within their limits, as shares of them: u_l <= u <= u_u (3)."""
 
     name = "torque"
     field = "u"

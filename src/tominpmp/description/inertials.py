@@ -1,4 +1,4 @@
-"""What a description leaves out of the inertia that its joints move."""
+"""Warnings of inertia that a description leaves out, of what its joints move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that cannot move freely: locked ones and those that follow another."""
+"""Locked joints and mimic joints: those that cannot move freely."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast a guess may be: what limits beyond speeds and torques leave, and no more.
+"""Duration of a guess under limits of accelerations, jerks and torque rates.
 
 A path is timed by speeds and torques alone. Where these are as good as unlimited, as
 one may set them to say that accelerations, jerks or torque rates are what limits a

@@ -1,4 +1,4 @@
-"""Letting obstacles pass: when to wait on a path and when to go.
+"""Path-velocity decomposition: when to wait on a path for moving obstacles.
 
 A path is given, and obstacles that move cross it. Whether the arm is free depends on
 how far along the path it is and on the time: in the plane of these two, the way that

@@ -1,4 +1,4 @@
-"""Motions on the way, kept by whoever may have to do with less than the last one."""
+"""Keeping the motions of a solver while it runs, as it may be stopped at any time."""
 
 from __future__ import annotations
 

@@ -1,8 +1,14 @@
 r"""The paper's iteration, word for word: fixed steps, every one of them taken.
 
-At torques u and duration T the linear program (14)-(15) is solved for a step within
-|du| <= rho and |dT| <= epsilon, with rows for the goal and for path constraints at the
-active instants S, and the step is taken whatever it brings. As long as the linearised
+At torques u and duration T the linear program (equations 14 and 15)
+
+.. math::
+    \min \; T + \delta T \quad s.t. \quad g + \delta g = 0, \quad
+    h + \delta h \le 0, \quad u_l \le u + \delta u \le u_u, \\
+    |\delta u| \le \rho, \quad |\delta T| \le \epsilon, \quad 0 \le T + \delta T
+
+is solved, with rows for the goal g and for path constraints h at the active instants S,
+and the step is taken whatever it brings. As long as the linearised
 equations cannot be met within such a step, elastic variables with a large weight take
 up the rest: "at initial iterations the trajectory is forced to satisfy (8) and (9), and
 then the proper minimization of the functional (10) follows".

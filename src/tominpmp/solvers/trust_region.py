@@ -1,4 +1,4 @@
-"""How far a linearisation is trusted: numbers in, a radius out."""
+"""Trust region: how far a linearisation is trusted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Piecewise-constant torques: shares of their limits, jumps, and torques for a path.
+"""Piecewise-constant torques (the paper's equation 16): shares, jumps, first values.
 
 They are what dry friction leaves of the torques of the motors: their limits depend on
 which way a joint moves.

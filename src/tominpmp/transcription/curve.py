@@ -1,4 +1,4 @@
-"""What transcriptions in points of a curve share: how near a step brings clearances."""
+"""What splines share as transcriptions: how near a step brings clearances."""
 
 from __future__ import annotations
 

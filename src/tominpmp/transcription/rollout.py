@@ -1,4 +1,4 @@
-"""Integrating forward: motions step by step, and how they depend on the torques."""
+"""Integrating the dynamics forward, and how motions depend on their torques."""
 
 from __future__ import annotations
 

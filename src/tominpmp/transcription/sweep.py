@@ -1,4 +1,14 @@
-"""The discrete adjoint equation, swept backwards for many functionals at once."""
+r"""The discrete adjoint equation, swept backwards for many functionals at once.
+
+In the paper, the differential of a functional :math:`g(x(1))` (equation 12) is
+
+.. math:: \delta g = T \int_0^1 \langle f_u^T \psi, \delta u \rangle \, d\tau
+    + \delta T \int_0^1 \langle \psi, f \rangle \, d\tau, \qquad
+    \frac{d\psi}{d\tau} + T f_x^T \psi = 0, \quad \psi(1) = g_x^T,
+
+and that of a functional at another instant (equation 13) begins its costate there. Here
+the motion is that of an integrator, and the derivatives are exactly those of its steps.
+"""
 
 from __future__ import annotations
 

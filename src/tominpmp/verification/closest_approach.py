@@ -1,4 +1,4 @@
-r"""How near pairs of bodies come to each other along a motion, at all times.
+r"""Closest approach of pairs of bodies along a motion, at all times.
 
 The motion is cut into stretches of time. In the middle of a stretch distances are
 measured, or bounded where they are large, and no pair comes closer within it than by

@@ -1,4 +1,4 @@
-"""Reasons: why there is no motion, in words.
+"""Diagnosis of failed plans: why there is no motion, in words.
 
 The least violating motion that was found is looked at: what would have to be allowed
 for it is the smallest relaxation known. Whether the search came to an end

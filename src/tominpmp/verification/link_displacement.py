@@ -1,4 +1,4 @@
-"""How far points of links can move when joints move by so much."""
+"""Link displacement: how far points of links move when joints move by so much."""
 
 from __future__ import annotations
 

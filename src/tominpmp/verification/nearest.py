@@ -1,4 +1,4 @@
-"""Where a motion comes nearest to what it must not touch."""
+"""Nearest pair along a motion: where it comes nearest to what it must not touch."""
 
 from __future__ import annotations
 

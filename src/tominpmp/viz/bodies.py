@@ -1,4 +1,4 @@
-"""What a robot looks like: coloured surfaces on its joints."""
+"""Visual bodies of a robot: coloured surfaces on its joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scene of a motion for the Meshcat viewer: what is shown, and from where."""
+"""Meshcat scene of a motion: what is shown, and from where."""
 
 from __future__ import annotations
 
