@@ -1,6 +1,6 @@
-"""Motions from samples as trajectories of a robot, whoever planned them.
+"""Motions from samples as trajectories of a robot, of whatever origin.
 
-What samples are between their times is up to whoever reads them. A controller follows a
+What samples are between their times depends on who reads them. A controller follows a
 rule: straight lines between positions, cubics where there are velocities, polynomials
 of degree 5 where there are accelerations too; so are messages for it joined. A table
 in CSV or NPZ is a record of a motion, for which the motion is looked for that it was

@@ -16,7 +16,7 @@ from tominpmp.turns import STANDSTILL
 
 # Where velocities are looked at, and what counts as turning, as a share of the largest.
 LOOKS = 1001
-BACKLASH = 1e-5
+TURNING = 1e-5
 # How far inside an interval its torque is looked at: it may jump at the ends.
 INSIDE = 1e-6
 
@@ -47,7 +47,7 @@ def one_way(system: System, trajectory: Trajectory) -> Array | None:
     v = replace(trajectory, inverse_dynamics=None)(times).v
     forth, back = np.max(v, axis=0), np.max(-v, axis=0)
     most = np.maximum(forth, back)
-    turns = np.minimum(forth, back) > BACKLASH * np.max(most)
+    turns = np.minimum(forth, back) > TURNING * np.max(most)
     dry = system.problem.robot.friction > 0.0
     if np.any(turns & dry):
         return None

@@ -19,7 +19,7 @@ SATURATED = 0.98
 # Speeds this near the limit, relatively, are at it.
 AT_SPEED = 3e-3
 # Stretches of this many intervals with torques between their limits stand for switches.
-UNSHARP = 3
+SWITCH_INTERVALS = 3
 # Longer ones are cut into this many arcs at most.
 PIECES = 6
 # Arcs shorter than this share of the duration are joined to their neighbours.
@@ -191,10 +191,10 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
             out.append(Stretch(end, 0.0, False, kind // 2))
         elif kind != 0:
             out.append(Stretch(end, float(kind), False, 0))
-        elif b - a <= UNSHARP:
+        elif b - a <= SWITCH_INTERVALS:
             before = out[-1] if out else None
             after = runs[index + 1][2] if index + 1 < len(runs) else 0
-            out += _unsharp(t[a : b + 1], shares[a:b], before, after)
+            out += _short_stretches(t[a : b + 1], shares[a:b], before, after)
         else:
             pieces = min(PIECES, (b - a) // 2)
             cuts = np.unique(np.linspace(a, b, pieces + 1).round().astype(int))
@@ -205,7 +205,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
     return out
 
 
-def _unsharp(
+def _short_stretches(
     t: Array, shares: Array, before: Stretch | None, after: int
 ) -> list[Stretch]:
     """Switches that have about the same mean torque as a few intervals."""

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.friction import friction_along
 from tominpmp.certificate.perturbations import (
-    HAIR,
+    JUST_INSIDE,
     Linearised,
     Perturbations,
     Shape,
@@ -102,7 +102,7 @@ class Motion:
         """Look at a motion on a grid that suits it."""
         t, joined = certificate_grid(trajectory)
         n, h = trajectory.n, np.diff(t)
-        times = t[:-1, None] + h[:, None] * np.array([HAIR, 1.0 - HAIR])
+        times = t[:-1, None] + h[:, None] * np.array([JUST_INSIDE, 1.0 - JUST_INSIDE])
         ends = trajectory(times.ravel())
         a = ends.a
         if trajectory.inverse_dynamics is None:

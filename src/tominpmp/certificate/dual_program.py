@@ -330,9 +330,9 @@ class _Program:
         for code, kind in enumerate(BOUND_KINDS):
             add(kind, (bounds.kind == code) & ~far & (bounds.unit > 0.0), bounds.unit)
         add(TRUST, far, np.ones(size))
-        nobody = np.full(shift.size, -1)
+        no_subject = np.full(shift.size, -1)
         interval = np.append(np.arange(self.N), 0)
-        found.add(TRUST, interval, nobody, -slopes[size:], -shift, shift)
+        found.add(TRUST, interval, no_subject, -slopes[size:], -shift, shift)
         return found.multipliers()
 
     def _arriving(self, duals: Array) -> Array:

@@ -62,7 +62,7 @@ def certify(
     verification: Verification | None = None,
     tolerance: float = TOLERANCE,
 ) -> Certificate:
-    """Check the first-order conditions of a motion, whoever made it.
+    """Check the first-order conditions of a motion, of whatever origin.
 
     Args:
         problem: What the motion solves.

@@ -17,9 +17,9 @@ from tominpmp.verification.verdict import Verification
 # By how much the Hamiltonian may be off in the mean; the cost of time is 1.
 HAMILTONIAN = 0.2
 # Torques must obey their switching functions for this share of the time.
-OBEDIENCE = 0.95
-# A grid is worth a word where a finer one promises this share of the duration more.
-COARSE = 0.005
+SIGN_SHARE = 0.95
+# A coarse grid is mentioned where a finer one promises this share of T more.
+FINER_GAIN = 0.005
 # Shares below this are rounding.
 LEAST_SHARE = 1e-5
 
@@ -58,7 +58,7 @@ def conditions_kept(motion: Motion, out: Certificate) -> str:
         f"switching functions {_percent(out.sign_share)} of the time, and some limit "
         f"holds the motion {_percent(out.active_share)} of the time."
     )
-    if out.grid_gain > out.stationarity + COARSE:
+    if out.grid_gain > out.stationarity + FINER_GAIN:
         text += (
             " Torques that switch within the intervals of the grid could gain up to "
             f"{_percent(out.grid_gain)}."
@@ -111,7 +111,7 @@ class _Failures:
                 f"{out.hamiltonian_mean_deviation:.2g} in the mean, and by "
                 f"{apart[k]:.2g} at {self._middle(k):.3f} s."
             )
-        if not out.sign_share >= OBEDIENCE:
+        if not out.sign_share >= SIGN_SHARE:
             lost = np.abs(out.switching) * ~out.obeys * self.h[:, None]
             joint = int(np.argmax(lost.sum(axis=0)))
             k = int(np.argmax(lost[:, joint]))

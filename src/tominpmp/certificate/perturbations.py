@@ -34,7 +34,7 @@ SHORTEST = 0.0125
 JUMP = 0.2
 # Where torques are asked for inside an interval: just after and before a jump, in
 # shares of the interval.
-HAIR = 1e-9
+JUST_INSIDE = 1e-9
 
 
 def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
@@ -65,7 +65,7 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
 def _jumps(trajectory: Trajectory) -> BoolArray:
     """Nodes at which a torque jumps, unless there are too many, shape (N + 1,)."""
     t = trajectory.t
-    before = trajectory(t[1:-1] - HAIR * np.diff(t)[:-1]).u
+    before = trajectory(t[1:-1] - JUST_INSIDE * np.diff(t)[:-1]).u
     height = np.abs(trajectory.u[1:-1] - before)
     span = np.ptp(trajectory.u, axis=0)
     found = np.zeros(t.size, dtype=bool)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.certificate.active_limits import LimitRows, Motion
-from tominpmp.certificate.perturbations import HAIR, Linearised
+from tominpmp.certificate.perturbations import JUST_INSIDE, Linearised
 
 # Clearances beyond this, in shares of the reach, are no rows.
 ATTENTION = 0.03
@@ -75,7 +75,9 @@ def constraints(motion: Motion) -> list[LimitRows]:
 def _constraint(motion: Motion, index: int, share: float) -> LimitRows | None:
     item = motion.task.problem.ready_constraints[index]
     changes, n = motion.changes, motion.changes.n
-    times = changes.t[:-1] + (share - HAIR if share == 1.0 else share) * changes.h
+    times = (
+        changes.t[:-1] + (share - JUST_INSIDE if share == 1.0 else share) * changes.h
+    )
     state = motion.trajectory(times)
     rows = list(zip(state.q, state.v, state.a, strict=True))
     every = [item.value(*row) for row in rows]

@@ -151,7 +151,7 @@ def _checksum(*parts: Any) -> bytes:
 
 
 def _write(path: Path, pieces: Pieces) -> None:
-    """Write a file that is either whole or not there; failing is no misfortune."""
+    """Write a file that is either whole or not there; a failure is let pass."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(".tmp", path.stem[:8], path.parent)

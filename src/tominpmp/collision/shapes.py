@@ -52,7 +52,7 @@ def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
 
 
 def is_mesh(shape: Any) -> bool:
-    """Whether a shape is a soup of triangles."""
+    """Whether a shape is a set of triangles without order."""
     return isinstance(shape, coal.BVHModelBase)
 
 

@@ -28,7 +28,7 @@ KINEMATIC_STARTS = 20
 # timed.
 STRAIGHT_LINES = 10
 # Durations of untimed guesses, in multiples of what the speed limits demand.
-LEISURE = 2.0
+DURATION_FACTOR = 2.0
 # Samples of a guess.
 SAMPLES = 200
 # Sampled paths that are compared before the fastest is tried. One takes a tenth of the
@@ -131,7 +131,7 @@ def _smooth_guess(system: System, corners: Array, name: str) -> Guess:
 
 
 def _untimed_guess(system: System, q: Array, name: str) -> Guess:
-    duration = LEISURE * _least_time(system, q)
+    duration = DURATION_FACTOR * _least_time(system, q)
     duration *= stretch(system, q, duration)
     return Guess(name, duration * np.linspace(0.0, 1.0, SAMPLES), q, False)
 

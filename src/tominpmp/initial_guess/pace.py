@@ -16,7 +16,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.transcription.system import System
 
 # A guess is stretched if it takes less than this share of the time that is needed.
-HASTY = 0.1
+TOO_SHORT = 0.1
 # Joints that go faster than this on average are no joints of an arm [rad/s or m/s].
 FASTEST = 2000.0
 
@@ -55,7 +55,7 @@ def stretch(system: System, q: Array, duration: float) -> float:
         ProblemError: If nothing limits the motion in practice.
     """
     needed = least_duration(system, q)
-    factor = needed / duration if duration < HASTY * needed else 1.0
+    factor = needed / duration if duration < TOO_SHORT * needed else 1.0
     speed = np.ptp(q, axis=0) / (factor * duration)
     joint = int(np.argmax(speed))
     if speed[joint] > FASTEST:

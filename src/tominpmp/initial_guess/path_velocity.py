@@ -36,7 +36,7 @@ ANY_DEPTH = -1e6
 CAUTION = 0.02
 # Guesses that are made without the obstacles that move, before some are made with these
 # standing still, and when they do, as shares of the time that a motion takes.
-ALONE = 4
+WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
 # What guesses are called that follow a sampled path, and those that go just anywhere.
 SAMPLED, ANYWHERE = "sampled path", "via point"
@@ -70,7 +70,7 @@ def _guesses(
     alone = initial_guesses(system.resting(), count, rng, duration, deadline)
     first: Guess | None = None
     last: Guess | None = None
-    for guess in itertools.islice(alone, ALONE):
+    for guess in itertools.islice(alone, WITHOUT_MOVING):
         if guess.name == ANYWHERE:
             last = guess
             break

@@ -29,7 +29,7 @@ RESOLUTION = 0.05
 # Collision checks for a path, before it is simplified.
 CHECKS = 40_000
 # Distance of the points between which shortcuts are sought [rad].
-ROPE = 0.5
+SHORTCUT_SPACING = 0.5
 # How far beyond both ends joints without limits (or with wide ones) are sampled [rad].
 MARGIN = np.pi
 # Points at which two paths are compared, and how near alike ones are [rad].
@@ -171,7 +171,7 @@ def sample_path(
             simplifier.reduceVertices(path)
             # As short as all of OMPL's methods in turn make it, in two thirds of the
             # time.
-            simplifier.ropeShortcutPath(path, ROPE)
+            simplifier.ropeShortcutPath(path, SHORTCUT_SPACING)
             simplifier.reduceVertices(path)
         except _OutOfTime:
             return corners

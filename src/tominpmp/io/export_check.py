@@ -1,6 +1,6 @@
 """Files of motions, judged as their readers will follow them.
 
-A file is some points of a motion; whoever reads it joins them in a way of his own, and
+A file is some points of a motion; each reader joins them in a way of its own, and
 what moves the arm is that. So a file is read, joined as its reader does, and judged
 like a plan, whoever made it. Where one does not hold that a plan was written to, other
 times between the points are tried, so that there is something to say beyond that.
@@ -144,7 +144,7 @@ def check_file(
     tolerances: Tolerances | None = None,
     interpolation: Interpolation | None = None,
 ) -> ExportCheck:
-    """Read a motion from a file, whoever made it, and judge it as its reader.
+    """Read a motion from a file of any origin, and judge it as its reader.
 
     Args:
         problem: What it is to solve.

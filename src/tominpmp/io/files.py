@@ -1,4 +1,4 @@
-"""Writing files so that nobody ever sees half of one."""
+"""Atomic writing of files: a file is whole or not there."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
 # every start [m].
 RESIDUE = 1e-5
 # Instants that are looked at in a motion that failed.
-GLIMPSES = 1000
+MOST_INSTANTS = 1000
 
 
 class Outcome(Protocol):
@@ -121,7 +121,7 @@ def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolat
 
 def _look(trajectory: Trajectory) -> Replay:
     """A planned motion, at no more instants than an explanation needs."""
-    return planned(trajectory, max(TIME_STEP, trajectory.duration / GLIMPSES))
+    return planned(trajectory, max(TIME_STEP, trajectory.duration / MOST_INSTANTS))
 
 
 def _everywhere(

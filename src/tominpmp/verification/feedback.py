@@ -3,9 +3,9 @@
 An arm that is raised slowly is a row of inverted pendulums: over seconds it amplifies
 whatever it is off by, rounding included, 10^10-fold and more, and no torque over time
 brings it to the goal, in a computer or in the world. What can be shown of such a motion
-is that its torques need no more than a trace of feedback. The replay then is a motion
-of the arm under torques that are known, those of the plan and those of the feedback,
-and is judged as any other; the feedback may take only a small share of the limits.
+is that its torques need very little feedback. The replay then is a motion of the arm
+under torques that are known, those of the plan and those of the feedback, and is judged
+as any other; the feedback may take only a small share of the limits.
 """
 
 from __future__ import annotations

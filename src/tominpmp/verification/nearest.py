@@ -23,7 +23,7 @@ NEAR_END = 0.05
 # Links are as near as pieces as they are as hulls if this is what differs [m].
 RESIDUE = 1e-6
 # Rows of a planned motion, with its nodes: between them it is known.
-GLIMPSES = 200
+PLANNED_ROWS = 200
 
 
 class Nearest(NamedTuple):
@@ -129,7 +129,7 @@ def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> b
 
     The tolerance is for ends that are at the margin [m].
     """
-    step = max(TIME_STEP, trajectory.duration / GLIMPSES)
+    step = max(TIME_STEP, trajectory.duration / PLANNED_ROWS)
     # Without the torques, which take most of the time.
     motion = planned(replace(trajectory, inverse_dynamics=None), step)
     found = closest(problem, motion, problem.checker, tolerance)

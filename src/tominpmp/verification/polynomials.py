@@ -74,7 +74,7 @@ class Pieces:
         fitted = np.linalg.solve(np.vander(s, increasing=True), values[:, :POINTS])
         guessed = np.vander(probes, POINTS, increasing=True) @ fitted
         deviation = float(np.max(np.abs(guessed - values[:, POINTS:]))) / scale
-        # Whoever evaluates them is glad of every power that is not there.
+        # Powers that are rounding are left out: each costs time in every evaluation.
         seen = np.max(np.abs(fitted), axis=(0, 2)) > ROUNDING * scale
         terms = int(np.max(np.flatnonzero(seen), initial=0)) + 1
         fitted = np.ascontiguousarray(np.swapaxes(fitted[:, :terms], 1, 2))

@@ -40,7 +40,7 @@ LSODA_STEPS = 20_000
 # An integration that takes more evaluations than this is given up.
 MAX_EVALUATIONS = 500_000
 # Numbers beyond this are no positions or velocities of an arm any more.
-LOST = 1e6
+MAX_STATE = 1e6
 # Nodes at which the stiffness is looked at.
 STIFFNESS_SAMPLES = 5
 
@@ -299,7 +299,7 @@ class Integration:
             except ODEintWarning:
                 return np.empty((0, x.size))
         self.evaluations += int(outcome["nfe"][-1])
-        inside = np.all(np.abs(rows) < LOST, axis=1)
+        inside = np.all(np.abs(rows) < MAX_STATE, axis=1)
         end = inside.size if inside.all() else int(np.argmin(inside))
         return np.asarray(rows[1:end])
 
@@ -320,7 +320,7 @@ class Integration:
         while solver.status == "running":
             solver.step()
             self.evaluations = spent + solver.nfev
-            lost = not np.all(np.abs(solver.y) < LOST)
+            lost = not np.all(np.abs(solver.y) < MAX_STATE)
             if solver.status == "failed" or lost or self.evaluations > MAX_EVALUATIONS:
                 return rows[:done]
             behind = int(np.searchsorted(ticks, solver.t, side="right"))

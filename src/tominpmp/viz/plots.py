@@ -44,7 +44,7 @@ FAR_LIMIT = 2.5
 
 # A method that takes this many times as many iterations as another is drawn to another
 # scale, or the other would be a point.
-CRAMPED = 6.0
+ITERATION_RATIO = 6.0
 
 # Violations below this count as none; a logarithm needs something.
 LEAST_VIOLATION = 1e-12
@@ -206,7 +206,7 @@ def plot_convergence(
         below.set_yscale("log")
         below.set_xlabel("iteration")
         lengths = [len(history) for history in histories.values() if history]
-        if max(lengths) > CRAMPED * min(lengths):
+        if max(lengths) > ITERATION_RATIO * min(lengths):
             _spread_first_iterations(below, max(lengths))
         else:
             below.xaxis.get_major_locator().set_params(integer=True)
