@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from record_samples import record
 
 from tominpmp.description.files import robot_names
 from tominpmp.io.export_check import ExportCheck
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 
 START = "0.5,1.7,-1.7"
@@ -97,22 +98,6 @@ REQUEST: dict[str, Any] = {
 }
 
 Run = Callable[..., Any]
-
-
-def record(iteration: int, start: int = 0, **values: float) -> IterationRecord:
-    numbers = {"duration": 1.0, "violation": 0.0, "objective": 1.0, "seconds": 0.1}
-    return IterationRecord(
-        iteration=iteration,
-        predicted=0.0,
-        actual=0.0,
-        radius=1.0,
-        accepted=True,
-        programs=2,
-        pivots=5,
-        program_seconds=0.01,
-        start=start,
-        **{**numbers, **values},
-    )
 
 
 def straight(problem: Problem, duration: float = 2.0) -> Trajectory:

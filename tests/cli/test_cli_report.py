@@ -17,9 +17,9 @@ from cli_samples import (
     PLAN,
     Planner,
     Run,
-    record,
     straight,
 )
+from record_samples import record
 from rich.console import Console
 
 from tominpmp.cli.progress import Progress

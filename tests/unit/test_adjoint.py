@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from planar_samples import OBSTACLE, START, planar
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
@@ -16,15 +17,7 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.program import BROKEN, NonlinearProgram
 from tominpmp.transcription.system import System
 
-START = np.array([0.5, 1.7, -1.7])
-OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 INTERVALS = 10
-
-
-def planar(goal, **changes):
-    names = ("scene", "margin", "v_start")
-    options = {name: changes.pop(name) for name in names if name in changes}
-    return tm.Problem(tm.load_robot("planar3r", **changes), START, goal, **options)
 
 
 POSITION = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=OBSTACLE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from planar_samples import OBSTACLE, START, planar
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
@@ -15,15 +16,7 @@ from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.rollout import rollout
 from tominpmp.transcription.system import System
 
-START = np.array([0.5, 1.7, -1.7])
-OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 INTERVALS = 8
-
-
-def planar(goal, **changes):
-    names = ("scene", "margin", "v_start")
-    options = {name: changes.pop(name) for name in names if name in changes}
-    return tm.Problem(tm.load_robot("planar3r", **changes), START, goal, **options)
 
 
 JOINT = planar(tm.JointGoal((0.5, 1, 1)))

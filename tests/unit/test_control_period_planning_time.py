@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clock_samples import LIMITS, planar_problem, ur5_problem
+from record_samples import record
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import former_motion
@@ -21,7 +22,6 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt as attempts
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.control_period import Deadline
-from tominpmp.status import IterationRecord
 from tominpmp.transcription.bspline_basis import Basis
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import TRACE, Ticks, ticks_of
@@ -83,21 +83,9 @@ def test_a_trace_of_time_is_no_period(planar3r, control):
         assert np.any(program.evaluate(off) != program.evaluate(exact))
 
 
-def record(duration, violation, predicted):
-    return IterationRecord(
-        iteration=1,
-        duration=duration,
-        violation=violation,
-        objective=duration,
-        predicted=predicted,
-        actual=predicted,
-        radius=1.0,
-        accepted=True,
-        programs=1,
-        pivots=1,
-        program_seconds=0.0,
-        seconds=0.0,
-    )
+def told(duration, violation, predicted):
+    numbers = {"objective": duration, "predicted": predicted, "actual": predicted}
+    return record(1, duration=duration, violation=violation, **numbers)
 
 
 def deadline():
@@ -106,20 +94,20 @@ def deadline():
 
 
 def test_the_iteration_ends_at_the_goal_but_for_a_trace():
-    assert deadline()(record(1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
-    assert deadline()(record(1.0 + 1e-8, 1e-3, 1.0)) is None
-    assert deadline()(record(1.0 + 1e-4, 0.0, 1.0)) is None
+    assert deadline()(told(1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
+    assert deadline()(told(1.0 + 1e-8, 1e-3, 1.0)) is None
+    assert deadline()(told(1.0 + 1e-4, 0.0, 1.0)) is None
 
 
 def test_the_iteration_ends_where_the_duration_stays_above():
     """Removing what violates limits is no progress of the duration."""
     see = deadline()
-    assert see(record(1.005, 5e-3, 10.0)) is None
-    assert see(record(1.0051, 1e-6, 0.1)) is tm.Status.STALLED
+    assert see(told(1.005, 5e-3, 10.0)) is None
+    assert see(told(1.0051, 1e-6, 0.1)) is tm.Status.STALLED
     see = deadline()
-    assert see(record(1.005, 5e-3, 10.0)) is None
-    assert see(record(1.003, 1e-3, 1.0)) is None  # it still falls
-    assert see(record(1.003, 0.5, 1.0)) is None  # and may be far from admissible
+    assert see(told(1.005, 5e-3, 10.0)) is None
+    assert see(told(1.003, 1e-3, 1.0)) is None  # it still falls
+    assert see(told(1.003, 0.5, 1.0)) is None  # and may be far from admissible
 
 
 @pytest.mark.parametrize("period", [0.001, 0.004, 0.008])

@@ -25,6 +25,7 @@ from motion_samples import (
     simple_arm,
     speed_up_and_brake,
 )
+from record_samples import record
 
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -200,18 +201,10 @@ def test_controls_overlay_motions(motions: Motions) -> None:
 
 def records(durations: list[float], start: int = 0) -> list[IterationRecord]:
     return [
-        IterationRecord(
-            iteration=i,
+        record(
+            i,
             duration=duration,
             violation=0.0 if i == len(durations) - 1 else 10.0**-i,
-            objective=duration,
-            predicted=0.1,
-            actual=0.1,
-            radius=1.0,
-            accepted=True,
-            programs=1,
-            pivots=3,
-            program_seconds=0.0,
             seconds=0.1 * i,
             start=start,
         )

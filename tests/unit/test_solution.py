@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from motion_samples import planar_problem, quintic
+from record_samples import record
 
 from tominpmp.exceptions import PlanningFailed, ProblemError
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 
 
@@ -36,23 +37,6 @@ def solution(
         "feasible": trajectory is not None,
     } | values
     return Solution(problem, Options(), trajectory=trajectory, **given)  # type: ignore[arg-type]
-
-
-def record(iteration: int) -> IterationRecord:
-    return IterationRecord(
-        iteration=iteration,
-        duration=1.0,
-        violation=0.0,
-        objective=1.0,
-        predicted=0.0,
-        actual=0.0,
-        radius=1.0,
-        accepted=True,
-        programs=2,
-        pivots=5,
-        program_seconds=0.01,
-        seconds=0.1,
-    )
 
 
 @pytest.mark.parametrize("status", Status)
