@@ -1,11 +1,8 @@
 """Sequential linear programming: linearise, solve, correct, accept or shrink, repeat.
 
-After each linear program its second-order error is put into the right-hand side and the
-same program is solved once more, which keeps steps along curved constraints from being
-refused (Maratos effect; Fletcher and Sainz de la Maza, 1989; the feasibility iterations
-of Kiessling, Zanelli, Nurkanovic, Gillis, Diehl, Zeilinger, Pipeleers and Swevers,
-2022). If the merit still does not fall, a line search shortens the step: it costs
-evaluations, while a smaller trust region would cost another linear program.
+Steps are corrected and shortened as :mod:`~tominpmp.solvers.step_search` says; its
+corrections are the feasibility iterations of Kiessling, Zanelli, Nurkanovic, Gillis,
+Diehl, Zeilinger, Pipeleers and Swevers (2022).
 """
 
 from __future__ import annotations
@@ -24,8 +21,9 @@ from tominpmp.options import Options
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.step_search import StepSearch
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
-from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
+from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, check, grace
 from tominpmp.transcription.base import Program, Variation
@@ -49,10 +47,9 @@ WINDOW = 3
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
 # A step that brings this share of what was predicted needs no correction.
 ENOUGH = 0.8
-# Second-order corrections: for violations between these, while each leaves this share.
+# Second-order corrections: for violations between these.
 CORRECTABLE = 1.0
 EXACT = 1e-10
-CONTRACTION = 0.5
 # Share of the violation that the error of a step may have once the duration has
 # settled, and the radius that is left at least.
 SETTLED_ERROR = 0.05
@@ -284,45 +281,29 @@ class SlpSolver:
         effort: Effort,
     ) -> Outcome:
         """Full step, second-order correction, then a line search on the merit."""
-        nlp, merit = self.nlp, iterate.merit
-
-        def attempt(step: Array, damping: float = 1.0) -> Trial:
-            check()
-            z = iterate.z + damping * step
-            values = nlp.evaluate(z)
-            return Trial(z, values, merit(z, values, variation), damping)
-
-        now = merit(iterate.z, iterate.values, variation)
+        merit = iterate.merit
         step = program.step(solution)
+        now = merit(iterate.z, iterate.values, variation)
         # At a solution of the linear program its objective is the model of the merit.
         predicted = max(now - self.model(iterate, program, step, variation), 0.0)
-        trial = best = attempt(step)
-        scale = max(predicted, 1e-12)
-        for _ in range(self.corrections):
-            left = self.violation(trial)
-            if (now - trial.merit) / scale >= ENOUGH or not EXACT < left < CORRECTABLE:
-                break
-            error = trial.values[program.rows] - (
-                iterate.values[program.rows] + program.matrix @ (trial.z - iterate.z)
-            )
+
+        def resolve(error: Array) -> Array | None:
             again = effort.add(self.lp.resolve(*program.corrected(error)))
-            if not again.optimal:
-                break
-            trial = attempt(program.step(again))
-            best = min(best, trial, key=lambda trial: trial.merit)
-            if self.violation(trial) > CONTRACTION * left:
-                break
-        ratio = (now - best.merit) / scale
-        if ratio < ACCEPT:
-            for damping in LINE_SEARCH:
-                trial = attempt(step, damping)
-                if now - trial.merit > ACCEPT * damping * predicted:
-                    best = trial
-                    break
-            else:
-                best = replace(best, damping=LINE_SEARCH[-1])
-        actual = now - best.merit
-        return Outcome(best, predicted, actual, ratio, actual > 0.0)
+            return program.step(again) if again.optimal else None
+
+        def enough(trial: Trial, violation: float) -> bool:
+            brought = (now - trial.merit) / max(predicted, 1e-12)
+            return brought >= ENOUGH or not EXACT < violation < CORRECTABLE
+
+        search = StepSearch(
+            self.nlp,
+            lambda z, values: merit(z, values, variation),
+            program,
+            self.corrections,
+            LINE_SEARCH,
+        )
+        origin = Trial(iterate.z, iterate.values, now)
+        return search.run(origin, step, predicted, resolve, enough)
 
     def model(
         self,

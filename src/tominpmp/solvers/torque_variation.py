@@ -25,9 +25,9 @@ from tominpmp.linear_programs import LinearProgram, LpSolution, solve_quadratic
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Trial
 from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.step_search import StepSearch
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
-from tominpmp.solvers.trust_region import ACCEPT, TrustRegion
-from tominpmp.stopping import check
+from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.transcription.base import Linearization, Variation
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -40,10 +40,8 @@ FIRST_WEIGHT = 10.0
 # last few brought less.
 SETTLED = 5e-3
 WINDOW = 3
-# Second-order corrections of a step, while each leaves at most this share of the
-# violation.
+# Second-order corrections of a step at most.
 CORRECTIONS = 4
-CONTRACTION = 0.5
 LINE_SEARCH = (0.5, 0.25, 0.1, 0.03)
 # Residuals of motions whose torques do not vary at all are measured against this.
 LEAST_NORM = 1e-6
@@ -149,56 +147,42 @@ class TorqueVariationSolver:
             return replace(state, region=state.region.after(0.0, 0.3)), np.inf
         merit, now = state.merit, self.merit(state, z, values, norm)
         step = frame.step(solution)
-        model = self.model(frame, differences, state, step, norm)
-        promised = max(now - model, 0.0)
+        promised = max(now - self.model(frame, differences, state, step, norm), 0.0)
 
-        def attempt(step: Array, damping: float) -> Trial:
-            check()
-            there = z + damping * step
-            reached = nlp.evaluate(there)
-            return Trial(
-                there, reached, self.merit(state, there, reached, norm), damping
-            )
-
-        trial = last = attempt(step, 1.0)
-        for _ in range(CORRECTIONS):
-            left = self.violation(last)
-            if left <= self.options.feasibility:
-                break
-            moved = frame.matrix @ (last.z - z)
-            error = last.values[frame.rows] - values[frame.rows] - moved
+        def resolve(error: Array) -> Array | None:
             low, high = frame.corrected(error)
-            count = low.size
+            rest = slice(low.size, None)
             again = _solve(
                 replace(
                     program,
-                    row_lower=np.concatenate([low, program.row_lower[count:]]),
-                    row_upper=np.concatenate([high, program.row_upper[count:]]),
+                    row_lower=np.concatenate([low, program.row_lower[rest]]),
+                    row_upper=np.concatenate([high, program.row_upper[rest]]),
                 ),
                 curvature,
             )
-            if again is None:
-                break
-            last = attempt(frame.step(again), 1.0)
-            trial = min(trial, last, key=lambda trial: trial.merit)
-            if self.violation(last) > CONTRACTION * left:
-                break
-        ratio = (now - trial.merit) / max(promised, 1e-15)
-        if ratio < ACCEPT:
-            for damping in LINE_SEARCH:
-                shorter = attempt(step, damping)
-                if now - shorter.merit > ACCEPT * damping * promised:
-                    trial = shorter
-                    break
-            else:
-                trial = replace(trial, damping=LINE_SEARCH[-1])
+            return None if again is None else frame.step(again)
+
+        search = StepSearch(
+            nlp,
+            lambda z, values: self.merit(state, z, values, norm),
+            frame,
+            CORRECTIONS,
+            LINE_SEARCH,
+        )
+        outcome = search.run(
+            Trial(z, values, now),
+            step,
+            promised,
+            resolve,
+            lambda trial, violation: violation <= self.options.feasibility,
+        )
+        trial = outcome.trial
         expected = values.copy()
         expected[frame.rows] += frame.matrix @ step
         merit = merit.raised(frame.multipliers(solution), values, expected)
-        state = replace(
-            state, merit=merit, region=state.region.after(ratio, trial.damping)
-        )
-        if trial.merit < now:
+        region = state.region.after(outcome.ratio, trial.damping)
+        state = replace(state, merit=merit, region=region)
+        if outcome.accepted:
             state = replace(state, z=trial.z, values=trial.values)
         return state, promised
 
@@ -268,11 +252,6 @@ class TorqueVariationSolver:
     ) -> float:
         """Objective and weighted violations."""
         return self.cost(z, values, norm) + state.merit.penalty(values)
-
-    def violation(self, trial: Trial) -> float:
-        """Largest violation at a trial."""
-        rows = self.nlp.rows
-        return float(np.max(rows.violation(trial.values), initial=0.0))
 
     def model(
         self,
