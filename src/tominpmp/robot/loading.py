@@ -192,23 +192,17 @@ def load_robot(
     urdf = source.files.urdf
     if not joint_names:
         raise RobotLoadError(f"{urdf}: no joint is left that moves", urdf)
-    table = JointTable.from_description(joint_names, source.description.joints, linkage)
     published = source.published(limits)
-    rotors = {} if source.semantics is None else source.semantics.rotor_inertias
-    known = {"armature": rotors, **published}
-    for values in (
-        {k: _of_joints(known[k], joint_names) for k in OVERRIDES if k in known},
-        {
-            "damping": damping,
-            "armature": armature,
-            "friction": friction,
-            "effort": effort,
-            "velocity": velocity,
-            "position_lower": position_lower,
-            "position_upper": position_upper,
-        },
-    ):
-        table = table.overridden(linkage.reasons(), **values)
+    table = _joint_table(source, linkage, joint_names, published).overridden(
+        linkage.reasons(),
+        damping=damping,
+        armature=armature,
+        friction=friction,
+        effort=effort,
+        velocity=velocity,
+        position_lower=position_lower,
+        position_upper=position_upper,
+    )
     table.check_complete(urdf)
     own = source.description.gravity or DEFAULT_GRAVITY
     checked = check_gravity(own if gravity is None else gravity)
@@ -237,7 +231,19 @@ def load_robot(
     return robot
 
 
-def _of_joints(
-    values: Mapping[str, float], joint_names: Sequence[str]
-) -> dict[str, float]:
-    return {name: values[name] for name in joint_names if name in values}
+def _joint_table(
+    source: RobotSource,
+    linkage: Linkage,
+    joint_names: Sequence[str],
+    published: Mapping[str, Mapping[str, float]],
+) -> JointTable:
+    """Values of the joints as the files have them, and published ones over these."""
+    table = JointTable.from_description(joint_names, source.description.joints, linkage)
+    rotors = {} if source.semantics is None else source.semantics.rotor_inertias
+    known = {"armature": rotors, **published}
+    values = {
+        key: {name: known[key][name] for name in joint_names if name in known[key]}
+        for key in OVERRIDES
+        if key in known
+    }
+    return table.overridden(linkage.reasons(), **values)

@@ -88,19 +88,7 @@ def build_subproblem(
     """
     rows = merit.rows
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
-    reach = np.maximum(np.abs(steps.lower), np.abs(steps.upper))
-    matrix = linearization.matrix.tocsr()
-    change = abs(matrix) @ reach
-    here = values[linearization.rows]
-    low, high = rows.lower[linearization.rows], rows.upper[linearization.rows]
-    # A row that no step in the box can bring to its bound is left out: lossless.
-    keep = (here + change >= high) | (here - change <= low)
-    chosen, matrix = linearization.rows[keep], matrix[keep]
-    here, low, high = here[keep], low[keep], high[keep]
-    # Where a bound is out of reach it is made infinite, which helps the solver.
-    low = np.where(here - change[keep] > low, -np.inf, low) - here
-    high = np.where(here + change[keep] < high, np.inf, high) - here
-
+    chosen, matrix, low, high = _rows_within_reach(rows, values, linearization, steps)
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     count = chosen.size
@@ -143,6 +131,26 @@ def build_subproblem(
         np.concatenate(keys),
     )
     return Subproblem(program, free, chosen, z.size, rows.size, matrix)
+
+
+def _rows_within_reach(
+    rows: Rows, values: Array, linearization: Linearization, steps: StepBounds
+) -> tuple[IntArray, sp.csr_matrix, Array, Array]:
+    """Rows that a step in the box may bring to a bound: the others are left out.
+
+    Returns:
+        Their indices, shape (r,), their part of the Jacobian, and their bounds less
+        their values, infinite where a bound is out of reach, which helps the solver.
+    """
+    matrix = linearization.matrix.tocsr()
+    change = abs(matrix) @ np.maximum(np.abs(steps.lower), np.abs(steps.upper))
+    here = values[linearization.rows]
+    low, high = rows.lower[linearization.rows], rows.upper[linearization.rows]
+    keep = (here + change >= high) | (here - change <= low)
+    here, low, high, change = here[keep], low[keep], high[keep], change[keep]
+    low = np.where(here - change > low, -np.inf, low) - here
+    high = np.where(here + change < high, np.inf, high) - here
+    return linearization.rows[keep], matrix[keep], low, high
 
 
 def _elastic_columns(
