@@ -74,6 +74,22 @@ def real_number(value: object) -> float:
     return float(array)
 
 
+def array_or_nan(values: object) -> Array:
+    """A caller's numbers as by :func:`real_array`; a single NaN if they are none."""
+    try:
+        return real_array(values)
+    except ValueError:
+        return frozen_array(np.nan)
+
+
+def number_or_nan(value: object) -> float:
+    """A caller's number as by :func:`real_number`; NaN if it is none."""
+    try:
+        return real_number(value)
+    except ValueError:
+        return float("nan")
+
+
 def is_single(value: object) -> bool:
     """Whether a caller's value is one number, or anything that is no row of them.
 

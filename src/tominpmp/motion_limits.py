@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, real_array, real_number
+from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
 from tominpmp.exceptions import JointNotFound, ProblemError, brief, expect
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
@@ -123,10 +123,7 @@ class MotionLimits(Record):
 
     def __post_init__(self) -> None:
         """Check what can be told without a robot."""
-        try:
-            scale = real_number(self.effort_scale)
-        except ValueError:
-            scale = np.nan
+        scale = number_or_nan(self.effort_scale)
         if not 0.0 < scale <= 1.0:
             raise ProblemError(
                 f"effort_scale is {brief(self.effort_scale)}, expected a share in (0, "
@@ -152,10 +149,7 @@ class MotionLimits(Record):
             object.__setattr__(self, name, self._numbers(name, value))
 
     def _numbers(self, name: str, value: object) -> Array:
-        try:
-            array = real_array(value)
-        except ValueError:
-            array = np.full(1, np.nan)
+        array = array_or_nan(value)
         if array.ndim > 1 or np.any(np.isnan(array)) or np.any(array <= 0.0):
             raise ProblemError(
                 f"{name} is {brief(value)}, expected positive numbers [{UNITS[name]}]",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, real_array, real_number
+from tominpmp.arrays import Array, Record, number_or_nan, real_array, real_number
 from tominpmp.exceptions import OptionsError, brief, expect
 
 if TYPE_CHECKING:
@@ -60,10 +60,7 @@ class Tolerances:
         """Check every tolerance."""
         for item in fields(self):
             value = getattr(self, item.name)
-            try:
-                number = real_number(value)
-            except ValueError:
-                number = np.nan
+            number = number_or_nan(value)
             if not number >= 0.0:
                 raise OptionsError(
                     f"tolerance {item.name} is {brief(value)}, expected a number >= 0",

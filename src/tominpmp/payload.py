@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
+from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
 from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
@@ -67,10 +67,7 @@ class Payload(Record):
         object.__setattr__(self, "geometry", self._checked_geometry())
 
     def _checked_mass(self) -> float:
-        try:
-            mass = real_number(self.mass)
-        except ValueError:
-            mass = np.nan
+        mass = number_or_nan(self.mass)
         if not (np.isfinite(mass) and mass >= 0.0):
             raise ProblemError(
                 f"payload.mass is {brief(self.mass)}, expected a mass >= 0 [kg]",

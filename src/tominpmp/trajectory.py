@@ -22,8 +22,8 @@ from tominpmp.arrays import (
     BoolArray,
     Record,
     in_brief,
+    number_or_nan,
     real_array,
-    real_number,
 )
 from tominpmp.curves import states, velocities
 from tominpmp.exceptions import ProblemError, brief
@@ -350,10 +350,7 @@ class Trajectory(Record):
             ProblemError: If dt is not a positive time, or would give more than ten
                 million samples.
         """
-        try:
-            step = real_number(dt)
-        except ValueError:
-            step = np.nan
+        step = number_or_nan(dt)
         if not np.isfinite(step) or step <= 0.0:
             raise ProblemError(
                 f"dt is {brief(dt)}, expected a positive time [s]", field="dt"

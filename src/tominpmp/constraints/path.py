@@ -12,7 +12,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray, Record, real_number
+from tominpmp.arrays import Array, IntArray, Record, number_or_nan
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import RobotKinematics
@@ -192,10 +192,7 @@ def positive(value: object, name: str, unit: str, most: float = np.inf) -> float
     Raises:
         ProblemError: If it is none.
     """
-    try:
-        number = real_number(value)
-    except ValueError:
-        number = np.nan
+    number = number_or_nan(value)
     if not 0.0 < number <= most or np.isinf(number):
         top = "" if np.isinf(most) else f", {most:.4g} at most"
         raise ProblemError(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.arrays import Record, real_array
+from tominpmp.arrays import Record, array_or_nan
 from tominpmp.description.joint_values import (
     JointValues,
     check_order,
@@ -56,10 +56,7 @@ class JointLimits(Record):
         """Check the arrays and make them read-only."""
         for f in fields(self):
             value = getattr(self, f.name)
-            try:
-                array = real_array(value)
-            except ValueError:
-                array = np.empty((0, 0))
+            array = array_or_nan(value)
             if array.ndim != 1:
                 raise ProblemError(
                     f"limits: {f.name} is {brief(value)}, expected a row of numbers",

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.arrays import real_array
+from tominpmp.arrays import array_or_nan, real_array
 from tominpmp.exceptions import JointNotFound, OptionsError, brief
 
 Array = NDArray[np.float64]
@@ -132,10 +132,7 @@ def check_order(
 
 def check_gravity(gravity: ArrayLike) -> Array:
     """Check that gravity is a vector."""
-    try:
-        vector = real_array(gravity)
-    except ValueError:
-        vector = np.full(1, np.nan)
+    vector = array_or_nan(gravity)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise OptionsError(
             f"gravity: got {brief(gravity)}, expected three finite numbers [m/s^2]",

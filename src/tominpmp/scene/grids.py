@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, frozen_array, real_array
+from tominpmp.arrays import Array, BoolArray, array_or_nan
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
 
@@ -70,10 +70,7 @@ class HeightField(Obstacle):
         object.__setattr__(self, "base", float(base))
 
     def _numbers(self, key: str) -> Array:
-        try:
-            array = real_array(getattr(self, key))
-        except ValueError:
-            array = frozen_array(np.nan)
+        array = array_or_nan(getattr(self, key))
         if not np.all(np.isfinite(array)):
             raise SceneError(
                 f"obstacle {self.name!r}: {key} holds what is no finite number",
@@ -119,10 +116,7 @@ class OcTree(Obstacle):
         """Check points and resolution."""
         super().__post_init__()
         self._set_lengths("resolution")
-        try:
-            points = real_array(self.points)
-        except ValueError:
-            points = frozen_array(np.nan)
+        points = array_or_nan(self.points)
         if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
             raise SceneError(
                 f"obstacle {self.name!r}: points has shape {points.shape}, expected "

@@ -8,7 +8,7 @@ from typing import Literal, NoReturn
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray, frozen_array, real_array
+from tominpmp.arrays import Array, IntArray, array_or_nan, frozen_array, real_array
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
@@ -67,10 +67,7 @@ class Mesh(Obstacle):
         raise SceneError(f"obstacle {self.name!r}: {message}", self.name)
 
     def _checked_scale(self) -> Array:
-        try:
-            scale = real_array(self.scale)
-        except ValueError:
-            scale = np.empty(0)
+        scale = array_or_nan(self.scale)
         if scale.shape == ():
             scale = np.full(3, float(scale))
         if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):

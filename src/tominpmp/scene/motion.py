@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, real_array, real_number
+from tominpmp.arrays import Array, Record, number_or_nan, real_array
 from tominpmp.exceptions import SceneError, brief
 
 # Two placements at the start that differ by less are one [m, rad].
@@ -121,10 +121,7 @@ def numbers(name: str, value: object) -> Array:
 
 def number(name: str, value: object) -> float:
     """Take a number, which may be infinite."""
-    try:
-        found = real_number(value)
-    except ValueError:
-        found = np.nan
+    found = number_or_nan(value)
     if np.isnan(found):
         raise SceneError(f"motion: {name} is {brief(value)}, expected a number")
     return found

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
+from tominpmp.arrays import Array, Record, array_or_nan, frozen_array, number_or_nan
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.motion import Motion, Placement, Twist
 from tominpmp.scene.pose_function import as_motion
@@ -114,10 +114,7 @@ class Obstacle(Record):
 
     def _triple(self, key: str, content: str) -> Array:
         value = getattr(self, key)
-        try:
-            array = real_array(value)
-        except ValueError:
-            array = np.empty(0)
+        array = array_or_nan(value)
         if array.shape != (3,) or not np.all(np.isfinite(array)):
             raise SceneError(
                 f"obstacle {self.name!r}: {key} is {brief(value)}, expected three "
@@ -127,10 +124,7 @@ class Obstacle(Record):
         return array
 
     def _length(self, key: str, value: object) -> float:
-        try:
-            number = real_number(value)
-        except ValueError:
-            number = np.nan
+        number = number_or_nan(value)
         if not (np.isfinite(number) and number > 0.0):
             raise SceneError(
                 f"obstacle {self.name!r}: {key} is {brief(value)}, expected a positive "

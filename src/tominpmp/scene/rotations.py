@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from tominpmp.arrays import Array, frozen_array, real_array
+from tominpmp.arrays import Array, array_or_nan, frozen_array
 from tominpmp.exceptions import SceneError, brief
 
 
@@ -38,10 +38,7 @@ def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
     """
     if rotation is None:
         return frozen_array(np.eye(3))
-    try:
-        value = real_array(rotation)
-    except ValueError:
-        value = np.empty(0)
+    value = array_or_nan(rotation)
     if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
         raise SceneError(
             f"obstacle {obstacle!r}: rotation is {brief(rotation)}, expected a 3x3 "

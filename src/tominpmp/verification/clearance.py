@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray, real_array
+from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.trajectory import Trajectory
@@ -115,10 +115,7 @@ def prove_clearance(
 
 def _lengths(value: object, name: str, count: int | None) -> Array:
     """Take finite numbers: one, or one for each of so many."""
-    try:
-        array = real_array(value)
-    except ValueError:
-        array = np.full(1, np.nan)
+    array = array_or_nan(value)
     if not np.all(np.isfinite(array)) or array.shape not in ((), (count,)):
         each = "" if count is None else f", or {count} of them"
         raise ProblemError(
