@@ -193,8 +193,11 @@ def load_robot(
     if not joint_names:
         raise RobotLoadError(f"{urdf}: no joint is left that moves", urdf)
     published = source.published(limits)
-    table = _joint_table(source, linkage, joint_names, published).overridden(
-        linkage.reasons(),
+    table = JointTable.from_description(joint_names, source.description.joints, linkage)
+    not_free = linkage.reasons()
+    table = table.overridden(not_free, **_other_values(source, joint_names, published))
+    table = table.overridden(
+        not_free,
         damping=damping,
         armature=armature,
         friction=friction,
@@ -231,19 +234,16 @@ def load_robot(
     return robot
 
 
-def _joint_table(
+def _other_values(
     source: RobotSource,
-    linkage: Linkage,
     joint_names: Sequence[str],
     published: Mapping[str, Mapping[str, float]],
-) -> JointTable:
-    """Values of the joints as the files have them, and published ones over these."""
-    table = JointTable.from_description(joint_names, source.description.joints, linkage)
+) -> dict[str, dict[str, float]]:
+    """Values of the SRDF file, and published ones, by field and joint name."""
     rotors = {} if source.semantics is None else source.semantics.rotor_inertias
     known = {"armature": rotors, **published}
-    values = {
+    return {
         key: {name: known[key][name] for name in joint_names if name in known[key]}
         for key in OVERRIDES
         if key in known
     }
-    return table.overridden(linkage.reasons(), **values)
