@@ -8,14 +8,11 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from tominpmp.arrays import real_array
+from tominpmp.arrays import Array, real_array
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.urdf_syntax import write_numbers
 from tominpmp.exceptions import ProblemError, brief
-
-Array = NDArray[np.float64]
 
 # The link that the bases of several robots are fixed to.
 WORLD = "world"

@@ -11,17 +11,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ScenarioError
+from tominpmp.exceptions import ScenarioError, shortened
 
-# Characters of a key or a value that a message shows.
-SHOWN = 80
 # Characters of a whole message: it may list the joints of a large robot.
 LONGEST = 3000
-
-
-def shown(text: str, most: int = SHOWN) -> str:
-    """Shorten what a message shows: a file may hold anything, of any length."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 @dataclass(frozen=True)
@@ -45,13 +38,12 @@ class Field:
         Raises:
             ScenarioError: Always.
         """
-        where = f"{self.path}: {shown(self.key)}: " if self.key else f"{self.path}: "
-        raise ScenarioError(
-            where + shown(message, LONGEST), self.path, self.key or None
-        )
+        key = f"{shortened(self.key)}: " if self.key else ""
+        text = f"{self.path}: {key}{shortened(message, LONGEST)}"
+        raise ScenarioError(text, self.path, self.key or None)
 
     def _expected(self, what: str) -> NoReturn:
-        self.fail(f"is {shown(repr(self.value))}, expected {what}")
+        self.fail(f"is {shortened(repr(self.value))}, expected {what}")
 
     @property
     def given(self) -> bool:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from tominpmp.arrays import Record, array_or_nan
+from tominpmp.arrays import Array, Record, array_or_nan
 from tominpmp.description.joint_values import (
     JointValues,
     check_order,
@@ -22,15 +22,6 @@ from tominpmp.description.joint_values import (
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.urdf import JointDescription, Mimic
 from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning, brief
-
-Array = NDArray[np.float64]
-
-
-def read_only(values: ArrayLike) -> Array:
-    """Copy into an array that cannot be written to."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
 
 
 @dataclass(frozen=True, eq=False)

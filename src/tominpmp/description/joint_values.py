@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tominpmp.arrays import array_or_nan, real_array
+from tominpmp.arrays import Array, array_or_nan, real_array
 from tominpmp.exceptions import JointNotFound, OptionsError, brief
-
-Array = NDArray[np.float64]
 
 #: One value for all joints, one for each in joint order, or some by joint name.
 JointValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike]

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.description.fields import shown
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.xml_reader import XmlContext
+from tominpmp.exceptions import shortened
 
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
@@ -58,8 +58,8 @@ def _with_file(geometry: Any, where: str, context: XmlContext, find: Finder) -> 
     if path is None:
         remedy = "; give the folder that holds the package in package_dirs"
         context.fail(
-            f"{where}: the mesh {shown(repr(mesh.filename))} is not there; tried "
-            + ", ".join(shown(str(place), LONGEST_PATH) for place in tried)
+            f"{where}: the mesh {shortened(repr(mesh.filename))} is not there; tried "
+            + ", ".join(shortened(str(place), LONGEST_PATH) for place in tried)
             + (remedy if mesh.filename.startswith(("package://", "model://")) else "")
         )
     if path.stat().st_size > MAX_MESH_BYTES:

@@ -10,12 +10,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointTable, example_values
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.urdf import Mimic, UrdfDescription
 from tominpmp.exceptions import RobotLoadError
-
-Array = NDArray[np.float64]
 
 # Below these a mass matrix counts as singular: the least diagonal entry [kg m^2 or kg],
 # and the least eigenvalue once the diagonal is scaled to one. The least of the robots

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.description.fields import Field, shown
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import ProblemError, brief, expect, shortened
 from tominpmp.io.ros import POINT_FIELDS
 from tominpmp.io.ros_reader import find_trajectory
 from tominpmp.sampling import BILLION
@@ -55,7 +55,7 @@ class Refusal:
         if self.point is not None and self.field:
             where += f".{self.field}"
         if self.joint is not None:
-            where += f", joint {shown(self.joint)}"
+            where += f", joint {shortened(self.joint)}"
         return f"{where}: {self.reason}"
 
 

@@ -20,8 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.description.fields import shown
-from tominpmp.exceptions import ScenarioError
+from tominpmp.exceptions import ScenarioError, shortened
 from tominpmp.trajectory import Samples
 
 QUANTITIES = ("q", "v", "a", "u")
@@ -187,7 +186,7 @@ def read_npz(content: bytes, path: Path) -> Samples:
             arrays = {key: _array(archive, key) for key in keys if key in files}
             held = ", ".join(files)[:200] or "nothing"
     except Exception as error:  # a damaged archive may raise anything
-        why = shown(str(error), 300)
+        why = shortened(str(error), 300)
         raise ScenarioError(f"{path} is no NPZ file: {why}", path) from error
     missing = [key for key in ("joint_names", "t", "q") if key not in arrays]
     if missing:

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, comparable
+from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.description.assembly import stack_parts
-from tominpmp.description.joint_table import JointLimits, JointTable, read_only
+from tominpmp.description.joint_table import JointLimits, JointTable
 from tominpmp.description.joint_values import JointValues, check_gravity
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import (
@@ -93,7 +93,7 @@ class Robot(Record):
         for name in ("damping", "armature", "friction", "gravity", *matrices):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, read_only(value))
+                object.__setattr__(self, name, frozen_array(value))
         locked = MappingProxyType(dict(self.locked_joints))
         object.__setattr__(self, "locked_joints", locked)
         if self.motion_limits is not None:

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.description.fields import Field, shown
+from tominpmp.description.fields import Field
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.links import LONGEST_PATH
 from tominpmp.description.paths import checked_path
@@ -27,6 +27,7 @@ from tominpmp.exceptions import (
     SceneError,
     TominpmpWarning,
     brief,
+    shortened,
 )
 from tominpmp.robot import Robot
 from tominpmp.scenario.moveit_keys import SCENE, warn_of_unread
@@ -382,7 +383,7 @@ def _mesh_file(name: Field, frames: Frames) -> Path:
     except RobotLoadError as error:
         name.fail(str(error).removeprefix(f"{name.path}: "))
     if path is None:
-        places = [shown(str(place), LONGEST_PATH) for place in tried[:10]]
-        file = shown(repr(name.value))
+        places = [shortened(str(place), LONGEST_PATH) for place in tried[:10]]
+        file = shortened(repr(name.value))
         name.fail(f"there is no file {file}; tried: {', '.join(places)}")
     return path

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolution
 from tominpmp.solvers.merit import Merit
@@ -43,7 +41,13 @@ class Iterate:
     @property
     def violation(self) -> float:
         """Largest violation of all rows."""
-        return float(np.max(self.merit.rows.violation(self.values), initial=0.0))
+        return self.merit.rows.largest_violation(self.values)
+
+    def better_than(self, best: Iterate | None, feasibility: float) -> Iterate | None:
+        """This iterate if it is feasible and faster than the best one, else that."""
+        if self.violation > feasibility:
+            return best
+        return self if best is None or self.duration < best.duration else best
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,7 +87,7 @@ class PaperSolver:
                 status = Status.NUMERICAL_FAILURE
                 break
             iterate = following
-            best = self.better(best, iterate)
+            best = iterate.better_than(best, self.options.feasibility)
             self.keep(self.nlp, best or iterate)
             record = self.record(len(history), iterate, effort, begin)
             history.append(record)
@@ -118,14 +118,6 @@ class PaperSolver:
         multipliers = np.zeros(nlp.rows.size)
         multipliers[linearization.rows] = solution.row_duals
         return replace(iterate, z=z, values=nlp.evaluate(z), multipliers=multipliers)
-
-    def better(self, best: Iterate | None, iterate: Iterate) -> Iterate | None:
-        """The faster of two iterates without violation."""
-        if iterate.violation > self.options.feasibility:
-            return best
-        if best is None or iterate.duration < best.duration:
-            return iterate
-        return best
 
     def terminate(self, history: list[IterationRecord]) -> Status | None:
         """Status if the iteration is to end, else None."""

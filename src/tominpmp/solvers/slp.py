@@ -108,14 +108,14 @@ class SlpSolver:
             history += after.history
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
             iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
-        former = len(history)
+        former, limit = len(history), self.options.feasibility
         best = self.time_scaled(iterate)
         status = None if best is None else Status.FEASIBLE
         try:
             while status is None:
                 effort = Effort()
                 iterate, outcome = self.step(iterate, effort)
-                best = self.time_scaled(iterate) or self.better(best, iterate)
+                best = self.time_scaled(iterate) or iterate.better_than(best, limit)
                 self.keep(self.nlp, best or iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
@@ -125,14 +125,14 @@ class SlpSolver:
                     status = Status.FEASIBLE
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
-                last = self.better(best, self.feasibility_restored(iterate))
+                last = self.feasibility_restored(iterate).better_than(best, limit)
                 self.keep(self.nlp, last or iterate)
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
             return SlpResult(status, best, best, tuple(history))
         iterate = self.feasibility_restored(iterate)
-        best = self.better(best, iterate)
+        best = iterate.better_than(best, limit)
         if status is Status.CONVERGED and best is None:
             status = Status.INFEASIBLE
         return SlpResult(status, iterate, best, tuple(history))
@@ -205,7 +205,7 @@ class SlpSolver:
         leaves free, with an error of the square of the radius; it is kept below the
         violation, which a step of its size removes.
         """
-        left = self.violation(trial)
+        left = self.nlp.rows.largest_violation(trial.values)
         cost, little = iterate.merit.cost, self.options.tolerance * iterate.duration
         change = abs(float(cost @ trial.z) - iterate.duration)
         small = max(change, abs(float(cost @ step))) <= little
@@ -321,18 +321,6 @@ class SlpSolver:
         values = iterate.values.copy()
         values[program.rows] += program.matrix @ step
         return values
-
-    def violation(self, trial: Trial) -> float:
-        """Largest violation at a trial."""
-        return float(np.max(self.nlp.rows.violation(trial.values), initial=0.0))
-
-    def better(self, best: Iterate | None, iterate: Iterate) -> Iterate | None:
-        """The faster of two iterates without violation."""
-        if iterate.violation > self.options.feasibility:
-            return best
-        if best is None or iterate.duration < best.duration:
-            return iterate
-        return best
 
     def terminate(
         self, iterate: Iterate, outcome: Outcome | None, count: int

@@ -12,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from tominpmp.arrays import Array
 from tominpmp.solvers.iterate import Outcome, Trial
 from tominpmp.solvers.subproblem import Subproblem
@@ -61,10 +59,11 @@ class StepSearch:
                 if that fails.
             enough: Whether a trial, with its violation, needs no correction.
         """
-        frame, z, values = self.frame, origin.z, origin.values
+        frame, rows = self.frame, self.nlp.rows
+        z, values = origin.z, origin.values
         trial = best = self.attempt(z, step)
         for _ in range(self.corrections):
-            left = self.violation(trial)
+            left = rows.largest_violation(trial.values)
             if enough(trial, left):
                 break
             error = trial.values[frame.rows] - (
@@ -75,7 +74,7 @@ class StepSearch:
                 break
             trial = self.attempt(z, again)
             best = min(best, trial, key=lambda trial: trial.merit)
-            if self.violation(trial) > CONTRACTION * left:
+            if rows.largest_violation(trial.values) > CONTRACTION * left:
                 break
         ratio = (origin.merit - best.merit) / max(predicted, 1e-12)
         if ratio < ACCEPT:
@@ -95,7 +94,3 @@ class StepSearch:
         there = z + damping * step
         values = self.nlp.evaluate(there)
         return Trial(there, values, self.merit(there, values), damping)
-
-    def violation(self, trial: Trial) -> float:
-        """Largest violation at a trial."""
-        return float(np.max(self.nlp.rows.violation(trial.values), initial=0.0))

@@ -66,7 +66,7 @@ class TorqueVariationState:
     @property
     def violation(self) -> float:
         """Largest violation of all rows."""
-        return float(np.max(self.merit.rows.violation(self.values), initial=0.0))
+        return self.merit.rows.largest_violation(self.values)
 
 
 @dataclass(frozen=True, eq=False)

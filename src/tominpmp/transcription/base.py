@@ -55,6 +55,10 @@ class Rows:
         excess = np.maximum(self.lower - values, values - self.upper)
         return np.asarray(np.maximum(excess, 0.0))
 
+    def largest_violation(self, values: Array) -> float:
+        """Largest violation of all rows."""
+        return float(np.max(self.violation(values), initial=0.0))
+
     def group_violation(self, values: Array) -> Array:
         """Largest violation in each group, shape (number of groups,)."""
         count = int(self.group.max()) + 1 if self.size else 0
