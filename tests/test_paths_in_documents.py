@@ -70,3 +70,33 @@ def test_the_layers_are_those_that_are_checked() -> None:
     section = contributing.split("## Layers")[1].split("\n- ")[0]
     told = [line for line in section.splitlines() if line.startswith("    ")]
     assert [re.split(r" {2,}", line.strip())[0] for line in told] == checked
+
+
+REFERENCES = re.compile(r":(?:mod|class|func|meth|data|attr):`~?(tominpmp[\w.]*)`")
+
+
+def resolved(name: str) -> bool:
+    """Whether a dotted name is that of a module, or of something in one."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for index, part in enumerate(parts[count:], count):
+            fields = getattr(found, "__annotations__", {})
+            if not hasattr(found, part):
+                return part in fields and index == len(parts) - 1
+            found = getattr(found, part)
+        return True
+    return False
+
+
+def test_references_in_docstrings_are_there() -> None:
+    names = {
+        name
+        for path in SOURCE.rglob("*.py")
+        for name in REFERENCES.findall(path.read_text("utf-8"))
+    }
+    assert len(names) > 20
+    assert {name for name in names if not resolved(name)} == set()
