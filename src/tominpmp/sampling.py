@@ -31,33 +31,18 @@ def check_interpolation(name: object) -> None:
 
 
 def clock(duration: float, period: float) -> Array:
-    """Times of a clock over a motion: 0, period, 2 period, ..., duration.
+    """Times of a clock over a motion [s]: 0, period, 2 period, ..., duration.
 
     Each is the multiple itself, not a sum of periods, and of whole nanoseconds where
-    the period is: the number that one would type.
-
-    Args:
-        duration: Duration of the motion [s].
-        period: Time between ticks [s].
-
-    Returns:
-        Increasing times [s]; the last interval is shorter where the duration is no
-        multiple.
+    the period is: the number that one would type. The last interval is shorter where
+    the duration is no multiple.
     """
     count = int(np.ceil(duration / period * (1.0 - 1e-9)))
     return np.append(multiples(np.arange(count), period), duration)
 
 
 def multiples(ticks: Array | IntArray, period: float) -> Array:
-    """Times of ticks: of whole nanoseconds where the period is.
-
-    Args:
-        ticks: Numbers of the ticks, shape (m,).
-        period: Time between ticks [s].
-
-    Returns:
-        Shape (m,) [s].
-    """
+    """Times of ticks, shape (m,) [s]: of whole nanoseconds where the period is."""
     # Of a period as long as this no double knows the nanoseconds, or it overflows.
     whole = round(period * BILLION) if period < BILLION else 0
     if whole > 0 and whole / BILLION == period:

@@ -100,11 +100,9 @@ class Ways:
 
 
 def signs(v: Array, beside: Array) -> Array:
-    """Signs of velocities at instants.
+    """Signs of velocities at instants, shape (m, n).
 
-    Args:
-        v: Velocities there, shape (m, n) [rad/s or m/s].
-        beside: Those a little aside, which count where a joint stops, shape (m, n).
+    Velocities a little aside of them count where a joint stops.
     """
     still = np.abs(v) <= STANDSTILL
     aside = np.where(np.abs(beside) > STANDSTILL, np.sign(beside), 0.0)
@@ -112,13 +110,9 @@ def signs(v: Array, beside: Array) -> Array:
 
 
 def interval_signs(v: Array) -> tuple[Array, BoolArray]:
-    """Signs on intervals, and where they change within.
+    """Signs on intervals, 0 where they change within, and whether they do, (N, n) each.
 
-    Args:
-        v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
-
-    Returns:
-        Signs, 0 where they change, and whether they do, shape (N, n) each.
+    From the velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
     """
     first, last = signs(v[:-1], v[1:]), signs(v[1:], v[:-1])
     change = first * last < 0.0

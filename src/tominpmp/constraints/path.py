@@ -176,12 +176,7 @@ class FrameConstraint(PathConstraint):
 def rounded(length: Array, limit: float) -> Array:
     """Lengths beyond a limit, rounded off about zero where they have a kink.
 
-    Args:
-        length: Lengths, of any shape.
-        limit: Largest length.
-
-    Returns:
-        sqrt(2 x^2 + 2 L^2) - 2 L, which has the sign of x - L and its slope there.
+    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope there.
     """
     return np.asarray(np.sqrt(2.0 * (length**2 + limit**2)) - 2.0 * limit)
 

@@ -123,9 +123,7 @@ def find_datasheet(
 ) -> Datasheet | None:
     """Find the data sheet of a robot; of several, that with the most joints.
 
-    Args:
-        names: Names of the robot: asked for, in its description, of its file.
-        joint_names: Names of all its joints.
+    Names are those asked for, in its description, and of its file.
     """
     words = [_words(name) for name in names if name]
     fitting = [
@@ -161,12 +159,7 @@ def published_values(
 def published_limits(
     values: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
 ) -> MotionLimits | None:
-    """Accelerations, jerks and torque rates of a data sheet, if it has any.
-
-    Args:
-        values: Values by quantity and joint name.
-        joint_names: Joints that move; those of others are left out.
-    """
+    """Accelerations, jerks and torque rates of a sheet, of joints that move."""
     found: dict[str, Any] = {}
     for quantity in UNITS:
         own = {k: v for k, v in values.get(quantity, {}).items() if k in joint_names}

@@ -54,13 +54,11 @@ class RobotSource:
         return self.files.name, self.description.name, self.files.urdf.stem
 
     def published(self, limits: str | None) -> dict[str, dict[str, float]]:
-        """Values of the maker's data sheet by quantity and joint name.
-
-        Args:
-            limits: "datasheet", or None for none.
+        """Values of the maker's data sheet by quantity and joint name, if asked for.
 
         Raises:
-            OptionsError: If it is neither, or there is no data sheet.
+            OptionsError: If limits are neither "datasheet" nor None, or there is no
+                sheet.
         """
         if limits is None:
             return {}

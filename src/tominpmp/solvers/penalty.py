@@ -80,14 +80,7 @@ class PenaltySolver:
     keep: Keep = keep_nothing
 
     def run(self, z: Array) -> SlpResult:
-        """Minimise with growing weights until the violations are gone.
-
-        Args:
-            z: Initial torques and duration.
-
-        Returns:
-            The outcome.
-        """
+        """Minimise with growing weights until the violations are gone."""
         run = _Run(self, z)
         status = Status.INFEASIBLE
         weight = FIRST_WEIGHT * run.duration

@@ -282,14 +282,9 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
 
 
 def _products(basis: sp.csr_matrix, part: Array) -> sp.csr_matrix:
-    """Rows basis_k times part_k, one beside the other for each control point.
+    """Rows basis_k times part_k, one beside the other for each control point, (k, M n).
 
-    Args:
-        basis: Weights of M control points, shape (k, M).
-        part: Derivatives by n joints, shape (k, n).
-
-    Returns:
-        Shape (k, M n).
+    From weights of M control points, shape (k, M), and derivatives by n joints, (k, n).
     """
     basis = sp.csr_matrix(basis)
     n, counts = part.shape[1], np.diff(basis.indptr)

@@ -37,13 +37,7 @@ def torque_shares(system: System, u: Array) -> Array:
 
 
 def net_torque(system: System, u: Array, v: Array) -> Array:
-    """What dry friction leaves of the torques of motors, shape (N, n) [N m or N].
-
-    Args:
-        system: The problem.
-        u: Torques of the motors, shape (N, n).
-        v: Velocities, shape (N, n).
-    """
+    """What dry friction leaves of the torques of motors, shape (N, n) [N m or N]."""
     if system.friction is None:
         return u
     return np.asarray(u - system.problem.robot.friction * directions(v, 0.0 * v))
@@ -77,12 +71,7 @@ def share_steps(
 def torque_jumps(system: System, count: int) -> sp.csr_matrix:
     """Jumps between neighbouring intervals in full ranges, from torque shares.
 
-    Args:
-        system: Which joints have motors.
-        count: Number of intervals.
-
-    Returns:
-        Matrix of shape ((count - 1) k, count n) for k joints with motors.
+    Matrix of shape ((count - 1) k, count n) for k joints with motors.
     """
     difference = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
     pick = sp.identity(system.n, format="csr")[driven_joints(system)]
@@ -90,16 +79,10 @@ def torque_jumps(system: System, count: int) -> sp.csr_matrix:
 
 
 def driving_torque(system: System, q: Array, v: Array, h: Array) -> Array:
-    """Torques that drive a motion, in the middle of its intervals.
+    """Torques that drive a motion, in the middle of its intervals, shape (N, n).
 
-    Args:
-        system: Dynamics.
-        q: Positions at the nodes, shape (N + 1, n) [rad or m].
-        v: Velocities there, shape (N + 1, n).
-        h: Lengths of the intervals, shape (N,) [s].
-
-    Returns:
-        Torques, shape (N, n), whether within their limits or not.
+    They are not brought within limits. Positions and velocities are those at the nodes,
+    shape (N + 1, n).
     """
     step = h[:, None]
     middle = 0.5 * (q[:-1] + q[1:])
@@ -108,12 +91,7 @@ def driving_torque(system: System, q: Array, v: Array, h: Array) -> Array:
 
 
 def first_ways(system: System, v: Array) -> Ways:
-    """Which way joints move on the intervals of a first motion.
-
-    Args:
-        system: The problem.
-        v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
-    """
+    """Which way joints move on intervals, from velocities at the nodes, shape (N, n)."""
     assert system.friction is not None  # noqa: S101
     sign, change = interval_signs(v)
     ways = Ways.of(system.friction, sign)

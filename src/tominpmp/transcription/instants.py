@@ -40,12 +40,7 @@ class Instants:
 
     @classmethod
     def at_times(cls, times: Array, h: Array) -> Instants:
-        """Instants at times [s], those after the end at the end.
-
-        Args:
-            times: Shape (m,).
-            h: Lengths of the intervals [s], shape (N,).
-        """
+        """Instants at times of shape (m,) [s], those after the end at the end."""
         ends = np.cumsum(h)
         interval = np.minimum(np.searchsorted(ends, times), h.size - 1)
         share = (times - (ends - h)[interval]) / h[interval]
@@ -73,12 +68,7 @@ class Instants:
         return np.asarray(nodes[self.interval] + self.share * h[self.interval])
 
     def over(self, which: IntArray, intervals: int) -> Array:
-        """How the times of some instants depend on the lengths, shape (k, intervals).
-
-        Args:
-            which: The instants, shape (k,).
-            intervals: Number of intervals.
-        """
+        """How the times of k instants depend on the lengths, shape (k, intervals)."""
         lengths, interval = np.arange(intervals), self.interval[which, None]
         before = np.where(interval > lengths, 1.0, 0.0)
         within = np.where(interval == lengths, self.share[which, None], 0.0)

@@ -71,10 +71,8 @@ class DefectJacobians(NamedTuple):
 def stage_weights(share: Array) -> Array:
     """Weights of start, inner stage and end in the states within steps, shape (m, 3).
 
-    Those of the polynomial through them, which a collocation is named for.
-
-    Args:
-        share: Where in the step, from 0 to 1, shape (m,).
+    Those of the polynomial through them, which a collocation is named for, at shares of
+    the steps from 0 to 1, shape (m,).
     """
     s, c = share, NODES[0]
     parts = (

@@ -170,14 +170,9 @@ def _solve_steps(
 
 
 def _follow(parts: Array) -> Array:
-    """Changes of all stages, each step starting where the one before it ends.
+    """Changes of all stages, each step starting where the one before it ends, (M, 2s).
 
-    Args:
-        parts: For each step: change with a fixed start, and its derivative with respect
-            to the start, shape (M, 2s, 1 + s).
-
-    Returns:
-        Shape (M, 2s).
+    From those with a fixed start and their derivatives by it, shape (M, 2s, 1 + s).
     """
     size = parts.shape[2] - 1
     own, by_start = parts[..., 0].copy(), parts[..., 1:]

@@ -142,14 +142,7 @@ def differentiate(spline: Spline) -> SplineDerivatives:
 
 
 def acceleration_jumps(h: Array) -> sp.coo_matrix:
-    """Jumps of the acceleration of one joint at the inner nodes, by its points.
-
-    Args:
-        h: Lengths of the intervals [s], shape (N,).
-
-    Returns:
-        Shape (N - 1, N).
-    """
+    """Jumps of the acceleration of one joint at inner nodes, by its points, (N - 1, N)."""
     N, s = h.size, h[:-1] + h[1:]
     # v at the inner nodes, then a on the intervals, then its jumps.
     v = sp.diags([-2.0 / s, 2.0 / s], [0, 1], shape=(N - 1, N))
@@ -159,14 +152,9 @@ def acceleration_jumps(h: Array) -> sp.coo_matrix:
 
 
 def jumps_by_length(spline: Spline, shares: Array) -> Array:
-    """How jumps of the accelerations at the inner nodes depend on the lengths.
+    """How jumps of the accelerations at inner nodes depend on lengths, (N - 1, n, m).
 
-    Args:
-        spline: The spline.
-        shares: Lengths of the intervals by unknowns, shape (N, m).
-
-    Returns:
-        Derivatives by the unknowns, shape (N - 1, n, m).
+    Shares are lengths of the intervals by the m unknowns, shape (N, m).
     """
     N = shares.shape[0]
     around, by = np.pad(shares, ((1, 1), (0, 0))), differentiate(spline).a_lengths
