@@ -91,7 +91,7 @@ def driving_torque(system: System, q: Array, v: Array, h: Array) -> Array:
 
 
 def first_ways(system: System, v: Array) -> Ways:
-    """Which way joints move on intervals, from velocities at the nodes, shape (N, n)."""
+    """Which way joints move on intervals, from velocities at the nodes, (N, n)."""
     assert system.friction is not None  # noqa: S101
     sign, change = interval_signs(v)
     ways = Ways.of(system.friction, sign)

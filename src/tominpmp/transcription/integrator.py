@@ -132,18 +132,9 @@ def solve_inner_stage(
 def evaluate_defects(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
 ) -> Array:
-    """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})) of intervals.
+    """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})) of m intervals.
 
-    Args:
-        dynamics: Equations of motion.
-        start: x_k, shape (m, 2n).
-        end: x_{k+1}, shape (m, 2n).
-        u: Torques, shape (m, n).
-        h: Lengths, shape (m,) [s].
-        inner: Inner stages, shape (m, 2n), see :func:`solve_inner_stage`.
-
-    Returns:
-        Shape (m, 2n).
+    Shape (m, 2n); for the inner stages X_1 see :func:`solve_inner_stage`.
     """
     m = h.size
     f = dynamics.forward(np.concatenate([inner, end]), np.concatenate([u, u]))
@@ -217,11 +208,9 @@ class Newton:
         self._last = np.full(systems, np.inf)
 
     def settled(self, change: Array, x: Array) -> bool:
-        """Take note of a step; whether the iteration can stop.
+        """Take note of a step of each system; whether the iteration can stop.
 
-        Args:
-            change: Step of each system, shape (m, k).
-            x: Where it led, shape (m, k).
+        The steps, and where they led, have shape (m, k).
         """
         size = np.max(np.abs(change), axis=1) / (1.0 + np.max(np.abs(x), axis=1))
         # Quadratic convergence: the next step is about size^2 / last (times size).

@@ -142,7 +142,7 @@ def differentiate(spline: Spline) -> SplineDerivatives:
 
 
 def acceleration_jumps(h: Array) -> sp.coo_matrix:
-    """Jumps of the acceleration of one joint at inner nodes, by its points, (N - 1, N)."""
+    """Jumps of a joint's acceleration at inner nodes, by its points, (N - 1, N)."""
     N, s = h.size, h[:-1] + h[1:]
     # v at the inner nodes, then a on the intervals, then its jumps.
     v = sp.diags([-2.0 / s, 2.0 / s], [0, 1], shape=(N - 1, N))

@@ -91,11 +91,7 @@ class Columns:
     def around(self, interval: IntArray) -> tuple[IntArray, BoolArray]:
         """Columns of three points and three lengths around intervals.
 
-        Args:
-            interval: Indices, shape (m,).
-
-        Returns:
-            Columns and whether they exist, shapes (m, 3n + 3).
+        And whether they exist: shapes (m, 3n + 3) for m intervals.
         """
         N, n = self.intervals, self.joints
         neighbour = interval[:, None] + np.array([-1, 0, 1])
@@ -164,15 +160,8 @@ def pull_back(
 ) -> sp.csr_matrix:
     """Derivatives by points, lengths and final state from those by states.
 
-    Args:
-        spline: The motion.
-        by: Its derivatives.
-        at: The instants.
-        partials: Partial derivatives of k values by the states there.
-        columns: Where the unknowns stand.
-
-    Returns:
-        Shape (k, columns).
+    Shape (k, columns) from the spline, its derivatives, and partial derivatives of k
+    values by the states at instants.
     """
     n, which = columns.joints, partials.at
     state = StateDerivatives.of(at, by)
