@@ -153,12 +153,8 @@ def _miss(shot: Shot) -> float:
     )
 
 
-def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
-    """Least duration from some unknowns on, with the limits that are watched."""
-    count, size = program.arcs.count, program.size
-    cost = np.concatenate([np.ones(count), np.zeros(size - count)])
-    first = program.shoot(y)
-    assert first is not None  # noqa: S101
+def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
+    """Equations and limits of a program as SLSQP takes them."""
 
     def part(name: str, missing: float) -> Callable[[Array], Array]:
         shape = getattr(first, name).shape
@@ -184,6 +180,15 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
         constraints.append(
             {"type": "ineq", "fun": part("room", -BROKEN), "jac": part("by_room", 0.0)}
         )
+    return constraints
+
+
+def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
+    """Least duration from some unknowns on, with the limits that are watched."""
+    count, size = program.arcs.count, program.size
+    cost = np.concatenate([np.ones(count), np.zeros(size - count)])
+    first = program.shoot(y)
+    assert first is not None  # noqa: S101
     low = np.concatenate([np.zeros(count), -np.ones(size - count)])
     high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
     last, still_steps, paid = y, 0, program.evaluations
@@ -208,7 +213,7 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
             jac=lambda z: cost,
             method="SLSQP",
             bounds=list(zip(low, high, strict=True)),
-            constraints=constraints,
+            constraints=_constraints(program, first),
             callback=follow,
             options={"maxiter": ITERATIONS, "ftol": 1e-11},
         )

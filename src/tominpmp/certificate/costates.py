@@ -2,10 +2,11 @@ r"""Costates, integrated backwards along a motion.
 
 .. math:: \dot p = -f_x^T p
 
-between the instants at which a limit on the state holds; there the costate falls by the
-multiplier times the gradient of the limit. The multipliers of the linear program give
-the costate without this equation: it knows accelerations and the inverse dynamics, this
-one torques and the forward dynamics. That both agree is a check of either.
+between the instants at which a limit on the state holds: the adjoint equation of the
+paper's differentials (equations 12 and 13) in real time. At these instants the costate
+falls by the multiplier times the gradient of the limit. The multipliers of the linear
+program give the costate without this equation: it knows accelerations and the inverse
+dynamics, this one torques and the forward dynamics. That both agree is a check of both.
 """
 
 from __future__ import annotations
