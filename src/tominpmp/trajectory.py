@@ -315,8 +315,8 @@ class Trajectory(Record):
     def _torques(self, times: Array, q: Array, v: Array, a: Array) -> Array:
         """What the dynamics take, with the friction of the way the joints go."""
         assert self.inverse_dynamics is not None  # noqa: S101
-        # Methods of a robot's dynamics can be told the way; other functions make up
-        # their own minds.
+        # Methods of a robot's dynamics can be told the way; other functions decide by
+        # themselves.
         owner = getattr(self.inverse_dynamics, "__self__", None)
         if isinstance(owner, Frictional) and owner.friction is not None:
             return owner.inverse_along(q, v, a, self.turns.at(times))

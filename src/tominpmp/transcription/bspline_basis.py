@@ -1,4 +1,8 @@
-"""Bases of B-splines on a fixed grid, and what their end states fix."""
+"""Bases of B-splines on a fixed grid, and what their end states fix.
+
+Values come from SciPy's ``BSpline.design_matrix``; the matrix from the control points
+of a curve to those of a derivative, which limits of derivatives need, is not in SciPy.
+"""
 
 from __future__ import annotations
 
