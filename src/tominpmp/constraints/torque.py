@@ -243,6 +243,11 @@ class TorqueRate(MotorLimit):
         """One value for each such joint."""
         return int(self.joints.size)
 
+    @property
+    def usable(self) -> Array:
+        """Torque rates may not pass their limits between the instants."""
+        return np.zeros(self.count)
+
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """One either way."""
         ones = np.ones((instants // 2, self.count))

@@ -42,6 +42,9 @@ SPLIT = 4
 # table of instants by values has more numbers: they take memory, and the verification
 # looks again.
 MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
+# Torque rates are taken between such pairs of instants of each interval.
+RATES_INSPECTED = (0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525)
+RATES_INSPECTED += (0.6, 0.65, 0.73, 0.78, 0.85, 0.9)
 # Where nothing is padded, a trace may be missing.
 LEAST = 1e-5
 
@@ -120,6 +123,8 @@ def _violated(
     constraint = block.constraint
     if constraint.usable is None:
         return Instants.none()
+    if constraint.order >= 3:
+        return _rising(constraint, of, motion, overload)
     if constraint.order >= 2:
         return _jumping(constraint, of, motion, overload)
     return _Continuous(constraint, of, motion).violated(block.instants(motion.h))
@@ -159,6 +164,27 @@ def _jumping(
         over = np.max(excess, axis=1) > tolerance
         found |= {(int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
     return _listed(sorted(found))
+
+
+def _rising(
+    constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
+) -> Instants:
+    """Pairs of instants between which rates are too large, the worst of each interval.
+
+    One pair for each interval and value, without repetitions.
+    """
+    pairs = Instants.spread(of.intervals, RATES_INSPECTED)
+    excess = _excess(constraint, of, motion, pairs)
+    excess = excess.reshape(of.intervals, len(RATES_INSPECTED) // 2, -1)
+    worst, over = np.argmax(excess, axis=1), np.max(excess, axis=1) > tolerance
+    found = {(int(k), int(worst[k, j])) for k, j in np.argwhere(over)}
+    return _listed(
+        [
+            (k, share)
+            for k, pair in sorted(found)
+            for share in RATES_INSPECTED[2 * pair : 2 * pair + 2]
+        ]
+    )
 
 
 def _listed(found: list[tuple[int, float]]) -> Instants:
