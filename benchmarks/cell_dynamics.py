@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from benchmarks.cell_arms import Member, inverse
 from benchmarks.cell_movement import Movement
@@ -14,6 +15,9 @@ from benchmarks.exact_geometry import Array
 # Slower joints go where their piece of the motion does; where they accelerate by less
 # than STANDING too [rad/s and rad/s^2], dry friction is what keeps them there.
 SLOW, STANDING = 1e-9, 2e-6
+# Joints that are slower than STANDING for as long as this stand all the time [s]: they
+# have gone by some 1e-9 rad, which rounding may do.
+PAUSE = 1e-3
 # Where a joint turns within this time of an instant, its dry friction is that of either
 # way, or in between, as it is of a joint at rest [s].
 ASIDE = 1e-7
@@ -34,10 +38,26 @@ class Plant:
         self.friction = np.concatenate([m.friction for m in members])
         self.way = np.array([self._goes(p) for p in movement.pieces])
         self._scratch = [member.arm.model.createData() for member in members]
+        self.rests = self._rests()
         # Faster joints do not turn within ASIDE.
         s = np.linspace(0.0, 1.0, 21)
         fastest = [np.abs(movement.state(p, s)[2]).max(0) for p in movement.pieces]
         self._close = SLOW + 2.0 * ASIDE * np.max(fastest, axis=0)
+
+    def _rests(self) -> NDArray[np.bool_]:
+        """Pieces that belong to pauses of joints, shape (P, n)."""
+        move, s = self.movement, np.linspace(0.0, 1.0, 21)
+        fastest = [np.abs(move.state(p, s)[1]).max(axis=0) for p in move.pieces]
+        slow, lasts = np.array(fastest) < STANDING, np.diff(move.breaks)
+        out = np.zeros_like(slow)
+        for joint in range(slow.shape[1]):
+            begin = 0
+            for p in range(len(slow) + 1):
+                if p < len(slow) and slow[p, joint]:
+                    continue
+                out[begin:p, joint] = lasts[begin:p].sum() >= PAUSE
+                begin = p + 1
+        return out
 
     def _goes(self, p: int) -> Array:
         """Which way joints go in a piece; where it is too short, in its interval."""
@@ -52,12 +72,13 @@ class Plant:
     ) -> Array:
         """Dry friction at shares s of a piece.
 
-        That of the way it goes, or what holds joints at rest; where a joint turns, what
-        the torques leave of the range between the one and the other.
+        That of the way it goes, or what holds joints that stand; where a joint turns,
+        what the torques leave of the range between the one and the other.
         """
         _, v, a = state
         way = np.where(np.abs(v) > SLOW, np.sign(v), self.way[p])
         stands = (np.abs(v) < STANDING) & (np.abs(a) < STANDING) | (way == 0.0)
+        stands |= self.rests[p]
         low, high = np.where(stands, -1.0, way), np.where(stands, 1.0, way)
         close = (np.abs(v) <= self._close) & (self.friction > 0.0)
         if np.any(close):

@@ -28,6 +28,9 @@ RESTING = 1e-10
 # Instants as close as this are one, as shares of the duration: floats can hardly tell
 # what is between them.
 SAME = 1e-12
+# Joints that are slower than STANDSTILL for longer than this are at rest, whatever they
+# accelerate by: it is rounding [s].
+PAUSE = 2e-3
 # Halvings of an interval until a zero is known to the last bit.
 HALVINGS = 54
 
@@ -75,6 +78,8 @@ class Turns:
         """
         h = np.diff(t)
         first = _one_way(velocity)
+        rests = _rests(velocity, h)
+        first[rests] = 0.0
         k, joint = np.nonzero(np.isnan(first))
         begins, sign, moves = _stretches(velocity[k, joint], SAME * t[-1] / h[k])
         # Stretches that are none have the way of the last one that is, or the next.
@@ -84,7 +89,6 @@ class Turns:
         for i in range(way.shape[1] - 2, -1, -1):
             way[:, i] = np.where(way[:, i] == 0.0, way[:, i + 1], way[:, i])
         first[k, joint] = way[:, 0]
-        _let_rest(first, velocity, h)
         row, after = np.nonzero(way[:, 1:] != way[:, :-1])
         times = t[k[row]] + h[k[row]] * begins[row, after + 1]
         order = np.argsort(times, kind="stable")
@@ -135,20 +139,55 @@ def _one_way(velocity: Array) -> Array:
     """Ways on intervals where a bound tells them; NaN where joints may turn."""
     bounds = _bernstein(velocity)
     low, high = bounds.min(axis=-1), bounds.max(axis=-1)
-    way = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
-    # All along at rest, but that it may set out, stop or turn: as where it is fastest.
-    slow = np.maximum(high, -low) <= STANDSTILL
-    return np.where(slow, np.where(high >= -low, 1.0, -1.0), way)
+    return np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
 
 
-def _let_rest(first: Array, velocity: Array, h: Array) -> None:
-    """Note in ``first`` which joints rest all along their intervals."""
+def _rests(velocity: Array, h: Array) -> BoolArray:
+    """Which joints rest all along intervals, shape (N, n).
+
+    Slow ones do that do not accelerate, and those that stay slow for a while: what is
+    left of zero at the nodes may have any sign. Before and after that a joint may come
+    to rest, or set out, as softly as its jerk is limited.
+    """
     slow = np.abs(_bernstein(velocity)).max(axis=-1) <= STANDSTILL
     slope = velocity[..., 1:] * np.arange(1.0, velocity.shape[-1])
-    if slope.shape[-1]:
-        a = np.abs(_bernstein(slope)).max(axis=-1) / h[:, None]
-        slow &= a <= STEADY
-    first[slow] = 0.0
+    a = np.abs(_bernstein(slope)).max(axis=-1) / h[:, None]
+    rests: BoolArray = slow & (a <= STEADY)
+    for joint in np.flatnonzero(slow.any(axis=0)).tolist():
+        edges = np.flatnonzero(np.diff(slow[:, joint].astype(int), prepend=0, append=0))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            some = _pause(velocity[:, joint], begin, end)
+            rests[some, joint] |= h[some].sum() >= PAUSE
+    return rests
+
+
+def _pause(velocity: Array, begin: int, end: int) -> slice:
+    """Slow intervals but for those in which a movement dies away or sets in.
+
+    Args:
+        velocity: Polynomials of one joint, shape (N, K).
+        begin: The first slow interval.
+        end: The one after the last.
+    """
+    first, last = velocity[:, 0], velocity.sum(axis=1)
+    x = np.linspace(0.0, 0.5, 6)
+
+    def towards(k: int, near: Array, far: Array, sign: float) -> bool:
+        return bool(sign * near[k] > sign * far[k] >= 0.0)
+
+    if begin > 0:
+        sign = _sign_of_largest(_values(velocity[begin - 1 : begin], 1.0 - x[None]))
+        while begin < end and towards(begin, first, last, sign):
+            begin += 1
+    if end < len(velocity):
+        sign = _sign_of_largest(_values(velocity[end : end + 1], x[None]))
+        while begin < end and towards(end - 1, last, first, sign):
+            end -= 1
+    return slice(begin, end)
+
+
+def _sign_of_largest(values: Array) -> float:
+    return float(np.sign(values.flat[np.argmax(np.abs(values))]))
 
 
 def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
@@ -159,9 +198,9 @@ def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
         least: Shortest stretch that counts, shape (m,).
 
     Returns:
-        Where they begin, the sign of each, and whether it is a movement, longer than
-        that and faster than rest, or the fastest of a polynomial that is at rest all
-        along; shape (m, K) each. Of length 0 are those that a polynomial does not have.
+        Where they begin, the sign of each, and whether it is a movement: longer than
+        that, and faster than rest; where none is, faster than rounding; where none is,
+        the fastest. Shape (m, K) each; those of length 0 a polynomial does not have.
     """
     zeros = _sign_changes(c)
     turning = _sign_changes(c[:, 1:] * np.arange(1.0, c.shape[1]))
@@ -175,6 +214,8 @@ def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
     sign = np.where(np.take_along_axis(values, fastest, axis=1) < 0.0, -1.0, 1.0)
     long = ends - begins > least[:, None]
     moves = (size > STANDSTILL) & long
+    slower = (size > RESTING) & long
+    moves = np.where(moves.any(axis=1)[:, None], moves, slower)
     none = ~moves.any(axis=1)
     moves[none, np.argmax(size[none], axis=1)] = True
     return begins, sign, moves

@@ -107,6 +107,33 @@ def test_a_joint_that_comes_to_rest_at_a_node(table: tm.Robot, left: float) -> N
     assert torque_breaks(motion, table.friction).tolist() == motion.t.tolist()
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_a_joint_that_rests_has_no_friction_of_traces(
+    table: tm.Robot, degree: int
+) -> None:
+    """It was tossed to and fro by velocities of 1e-8 rad/s while a joint rested."""
+    traces = np.array([3e-9, -1e-8, 1.9e-8, 1e-9, -2e-9, 0.0, 2e-8, -2e-8])
+    t = np.concatenate([[0.0, 0.1], 0.1 + 0.004 * np.arange(1, 9), [0.2, 0.3]])
+    v = np.concatenate([[-1.0, 1e-9], traces, [0.0, 1.0]])
+    motion = motion_of(table, t, np.column_stack([v, 0.0 * v + 1.0]), degree)
+    dense = np.linspace(0.1001, 0.1319, 500)
+    assert np.all(np.abs(dry(table, motion, dense)[:, 0]) < 1e-6)
+    assert torque_breaks(motion, table.friction).tolist() == motion.t.tolist()
+    for time, way in ((0.05, -1.0), (0.0999999, -1.0), (0.21, 1.0)):
+        assert np.allclose(dry(table, motion, np.array([time]))[:, 0], way, atol=1e-6)
+
+
+def test_brief_intervals_within_a_turn_do_not_rest(table: tm.Robot) -> None:
+    """Nodes may be microseconds apart; the joint passes through rest, and turns."""
+    t = np.array([0.0, 0.1, 0.1 + 1e-6, 0.1 + 2e-6, 0.2])
+    v = np.array([-1.0, -8e-7, 2e-7, 9e-7, 1.0])
+    motion = motion_of(table, t, np.column_stack([v, -v]), 2)
+    zero = 0.1 + 0.8e-6
+    assert np.allclose(reversals(motion, table.friction), zero, atol=1e-15)
+    way = dry(table, motion, np.array([0.1 - 1e-9, zero - 1e-9, zero + 1e-9]))
+    assert np.allclose(way, np.outer([-1, -1, 1], [1, -1]), atol=1e-6)
+
+
 @pytest.mark.parametrize("left", LEFT)
 @pytest.mark.parametrize("degree", DEGREES)
 def test_ends_at_rest_have_one_way(table: tm.Robot, degree: int, left: float) -> None:

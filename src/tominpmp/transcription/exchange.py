@@ -43,8 +43,10 @@ SPLIT = 4
 # looks again.
 MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
 # Torque rates are taken between such pairs of instants of each interval.
-RATES_INSPECTED = (0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525)
-RATES_INSPECTED += (0.6, 0.65, 0.73, 0.78, 0.85, 0.9)
+RATES_INSPECTED = (
+    *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
+    *(0.6, 0.65, 0.73, 0.78, 0.85, 0.9),
+)
 # Where nothing is padded, a trace may be missing.
 LEAST = 1e-5
 
