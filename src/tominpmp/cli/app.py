@@ -10,11 +10,11 @@ import typer
 
 from tominpmp.cli.option_fields import command
 from tominpmp.cli.options import (
-    Asked,
     LimitOptions,
     PlannerOptions,
     PlanOptions,
     PlayOptions,
+    ProblemArguments,
     ProblemOptions,
     ReportOptions,
     RobotOptions,
@@ -134,7 +134,7 @@ def plan(
     problem: ProblemOptions,
     limits: LimitOptions,
     options: PlannerOptions,
-    said: PlanOptions,
+    args: PlanOptions,
 ) -> int:
     """Plan the fastest motion from a start to a goal and write it to a file.
 
@@ -146,7 +146,7 @@ def plan(
     """
     from tominpmp.cli.plan import run_plan
 
-    return run_plan(Asked(robot, problem, limits), options, said)
+    return run_plan(ProblemArguments(robot, problem, limits), options, args)
 
 
 @command(
@@ -160,7 +160,7 @@ def verify(
     changes: ProblemOptions,
     limits: LimitOptions,
     tolerances: ToleranceOptions,
-    said: VerifyOptions,
+    args: VerifyOptions,
 ) -> int:
     """Judge a motion: does it reach the goal, keep all limits and stay clear?
 
@@ -170,15 +170,17 @@ def verify(
     """
     from tominpmp.cli.verify import run_verify
 
-    return run_verify(Asked(problem, changes, limits), motion, tolerances, said)
+    return run_verify(
+        ProblemArguments(problem, changes, limits), motion, tolerances, args
+    )
 
 
 @command(app, short_help="Show a motion from a file in the browser.")
-def play(motion: RecordedMotion, said: PlayOptions) -> None:
+def play(motion: RecordedMotion, args: PlayOptions) -> None:
     """Show a motion in the browser, or write a page that plays it without network."""
     from tominpmp.cli.play import run_play
 
-    typer.echo(f"page  {run_play(motion, said)}")
+    typer.echo(f"page  {run_play(motion, args)}")
 
 
 @command(app, short_help="Show the joints, limits and frames of a robot.")

@@ -24,7 +24,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
 
     Infinite limits are None.
     """
-    limits, beyond, said = robot.limits, robot.motion_limits, robot.srdf
+    limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
     columns = {item.name: getattr(limits, item.name) for item in fields(limits)}
     columns |= {key: getattr(robot, key) for key in ("damping", "armature", "friction")}
@@ -34,7 +34,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
     data = {
         "name": robot.name,
         "urdf": robot.urdf_path,
-        "srdf": None if said is None else said.path,
+        "srdf": None if semantics is None else semantics.path,
         "gravity": robot.gravity,
         "joints": [
             {"name": name, "kind": kinds[name]}
@@ -49,22 +49,22 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         ],
         "passive_joints": robot.passive_joints,
         "groups": {}
-        if said is None
-        else {name: group.joints for name, group in said.groups.groups.items()},
-        "group_states": {} if said is None else said.group_states,
+        if semantics is None
+        else {name: group.joints for name, group in semantics.groups.groups.items()},
+        "group_states": {} if semantics is None else semantics.group_states,
         "frames": robot.frame_names,
         "collision_geometries": int(robot.collision_model.ngeoms),
     }
     return cast("dict[str, Any]", plain(data))
 
 
-def run_info(robot: str, said: RobotOptions, as_json: bool) -> None:
+def run_info(robot: str, args: RobotOptions, as_json: bool) -> None:
     """Show a robot.
 
     Raises:
         TominpmpError: If it cannot be loaded.
     """
-    data = robot_data(load_changed_robot(robot, said))
+    data = robot_data(load_changed_robot(robot, args))
     typer.echo(json_text(data) if as_json else _text(data))
 
 

@@ -147,8 +147,8 @@ class ProblemOptions(SceneOptions):
     motion_limits: Path | None = field(default=None, metadata=ROBOT)
 
 
-class Asked(NamedTuple):
-    """A problem as it was asked for.
+class ProblemArguments(NamedTuple):
+    """Arguments of a command that make a problem.
 
     Attributes:
         robot: Name or path of the robot; or a scenario file.

@@ -92,12 +92,12 @@ class OutputFiles:
             What was written, by what it holds; and what the file of the motion was
             found to do, None if there is none.
         """
-        said, found = self.options, None
+        args, found = self.options, None
         files = {
             "motion": self.motion,
-            "plot": said.plot,
-            "page": said.html,
-            "certificate plot": said.certificate,
+            "plot": args.plot,
+            "page": args.html,
+            "certificate plot": args.certificate,
         }
         if self.motion is not None:
             with self._rescued(solution, self.motion):
@@ -105,12 +105,12 @@ class OutputFiles:
         elif self.to_stdout:
             with self._rescued(solution, Path(DEFAULT_MOTION)):
                 found = self._stream(solution)
-        if said.plot is not None:
-            solution.plot(said.plot)
-        if said.html is not None:
-            solution.play(said.html)
-        if said.certificate is not None:
-            solution.plot_certificate(said.certificate)
+        if args.plot is not None:
+            solution.plot(args.plot)
+        if args.html is not None:
+            solution.play(args.html)
+        if args.certificate is not None:
+            solution.plot_certificate(args.certificate)
         return {k: str(path) for k, path in files.items() if path is not None}, found
 
     @contextmanager
@@ -147,12 +147,12 @@ class OutputFiles:
         return None
 
     def _write_motion(self, solution: Solution, path: Path) -> Path:
-        said = self.options
+        args = self.options
         return solution.export(
             path,
-            dt=said.dt,
-            with_effort=said.with_effort,
-            message=said.ros_message,
+            dt=args.dt,
+            with_effort=args.with_effort,
+            message=args.ros_message,
             verify=False,
         )
 

@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 from tominpmp.cli.json_text import json_text
-from tominpmp.cli.options import Asked, PlanOptions
+from tominpmp.cli.options import PlanOptions, ProblemArguments
 from tominpmp.cli.output_files import OutputFiles
 from tominpmp.cli.progress import Progress
 from tominpmp.cli.report import report_data, report_text
@@ -32,9 +32,9 @@ LEAST_TIME = 1e-3
 
 
 def run_plan(
-    asked: Asked,
+    problem_args: ProblemArguments,
     options: Mapping[str, Any],
-    said: PlanOptions,
+    args: PlanOptions,
 ) -> int:
     """Plan and report.
 
@@ -42,11 +42,11 @@ def run_plan(
         TominpmpError: If anything given is wrong.
     """
     begin = time.perf_counter()
-    files = OutputFiles.of(said)
+    files = OutputFiles.of(args)
     with heeded_signals() as signals:
         try:
-            with logged(said.verbose, error_console()):
-                solution = _solve(asked, options, said, begin, signals)
+            with logged(args.verbose, error_console()):
+                solution = _solve(problem_args, options, args, begin, signals)
             signals.writing()
             sound = _write(solution, files)
         except KeyboardInterrupt:
@@ -60,9 +60,9 @@ def run_plan(
 
 
 def _solve(
-    asked: Asked,
+    problem_args: ProblemArguments,
     options: Mapping[str, Any],
-    said: PlanOptions,
+    args: PlanOptions,
     begin: float,
     signals: Signals,
 ) -> Solution:
@@ -73,14 +73,14 @@ def _solve(
     from tominpmp.planner.planning import plan
     from tominpmp.scenario.scenario import save_scenario
 
-    with Progress(error_console(), quiet=said.quiet, verbose=said.verbose) as progress:
-        progress.phase(f"loading {asked.robot}")
-        problem, chosen = load_problem(asked, options)
-        if said.save_scenario is not None:
-            save_scenario(said.save_scenario, problem, chosen)
+    with Progress(error_console(), quiet=args.quiet, verbose=args.verbose) as progress:
+        progress.phase(f"loading {problem_args.robot}")
+        problem, chosen = load_problem(problem_args, options)
+        if args.save_scenario is not None:
+            save_scenario(args.save_scenario, problem, chosen)
         chosen = _with_callback(chosen, progress, time.perf_counter() - begin)
         former = (
-            {} if said.start_from is None else {"start": load_motion(said.start_from)}
+            {} if args.start_from is None else {"start": load_motion(args.start_from)}
         )
         progress.phase("planning")
         signals.check()
@@ -112,10 +112,10 @@ def _write(solution: Solution, files: OutputFiles) -> bool:
 
 
 def _report(solution: Solution, files: OutputFiles, data: Mapping[str, Any]) -> None:
-    said = files.options
-    if said.json:
+    args = files.options
+    if args.json:
         typer.echo(json_text(data))
-    elif not said.quiet:
+    elif not args.quiet:
         typer.echo(report_text(data), err=files.to_stdout)
     elif not solution.success:
         typer.echo(solution.message, err=True)

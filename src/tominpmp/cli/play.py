@@ -14,16 +14,16 @@ from tominpmp.sampled_motion import recorded_motion
 from tominpmp.viz.playback import play
 
 
-def run_play(motion: Path, said: PlayOptions) -> Path:
+def run_play(motion: Path, args: PlayOptions) -> Path:
     """Show the motion in a file.
 
     Raises:
         TominpmpError: If anything given is wrong or does not fit together.
     """
-    if said.output is not None:
-        check_target(said.output, "--output", PAGE_ENDINGS)
+    if args.output is not None:
+        check_target(args.output, "--output", PAGE_ENDINGS)
     samples = load_motion(motion)
-    arm, scene = load_scene(said)
+    arm, scene = load_scene(args)
     trajectory = recorded_motion(samples, arm, motion)
     problem = Problem(
         arm,
@@ -32,4 +32,4 @@ def run_play(motion: Path, said: PlayOptions) -> Path:
         scene=scene,
         v_start=trajectory.v[0],
     )
-    return Path(play(problem, trajectory, path=said.output))
+    return Path(play(problem, trajectory, path=args.output))

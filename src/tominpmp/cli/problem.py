@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.cli.options import (
-    Asked,
     PlayOptions,
+    ProblemArguments,
     ProblemOptions,
     RobotOptions,
     SceneOptions,
@@ -46,42 +46,44 @@ GOALS = ("goal", "goal_position", "goal_pose")
 
 
 def load_problem(
-    asked: Asked, options: Mapping[str, Any] | None = None
+    problem_args: ProblemArguments, options: Mapping[str, Any] | None = None
 ) -> tuple[Problem, Options]:
     """Load or make the problem that was asked for, and the options to plan it with.
 
     Args:
-        asked: The problem.
+        problem_args: The problem.
         options: Options of the planner that were given; they go before those of a
             scenario.
 
     Raises:
         TominpmpError: If anything given is wrong or contradicts something else.
     """
-    given, said = dict(options or {}), asked.options
+    given, args = dict(options or {}), problem_args.options
     chosen = Options(**given)  # a wrong one is told of before a robot is loaded
     beside = {
-        name: getattr(said, name)
+        name: getattr(args, name)
         for name in ("margin", "self_collision")
-        if getattr(said, name) is not None
+        if getattr(args, name) is not None
     }
-    asked_for = tuple(constraint(text) for text in said.constraint or ())
-    if is_scenario(asked.robot):
-        _refuse("a scenario file", said, KEPT)
-        scenario = load_scenario(asked.robot)
+    asked_for = tuple(constraint(text) for text in args.constraint or ())
+    if is_scenario(problem_args.robot):
+        _refuse("a scenario file", args, KEPT)
+        scenario = load_scenario(problem_args.robot)
         problem, chosen = scenario.problem, replace(scenario.options, **given)
-    elif said.request is not None:
-        if said.scene is None:
+    elif args.request is not None:
+        if args.scene is None:
             raise ProblemError("--request needs a --scene that it belongs to", "scene")
         own = (f.name for f in fields(RobotOptions) if f.name != "group")
-        _refuse("--request", said, ("scene", "request", *KEPT, *own))
-        source = read_source(asked.robot, said.package_dir or (), said.srdf)
-        arm = load_changed_robot(asked.robot, said, request_locks(source, said.request))
-        problem, beside = load_moveit(arm, said.scene, said.request, **beside), {}
+        _refuse("--request", args, ("scene", "request", *KEPT, *own))
+        source = read_source(problem_args.robot, args.package_dir or (), args.srdf)
+        arm = load_changed_robot(
+            problem_args.robot, args, request_locks(source, args.request)
+        )
+        problem, beside = load_moveit(arm, args.scene, args.request, **beside), {}
     else:
         beside["constraints"] = asked_for
-        return _typed_problem(asked, beside), chosen
-    limits = _limits(asked, problem.robot)
+        return _typed_problem(problem_args, beside), chosen
+    limits = _limits(problem_args, problem.robot)
     if limits is not None:
         own_limits = problem.motion_limits
         beside["motion_limits"] = limits.over(own_limits, problem.robot.joint_names)
@@ -90,80 +92,82 @@ def load_problem(
     return replace(problem, **beside) if beside else problem, chosen
 
 
-def _limits(asked: Asked, robot: Robot) -> MotionLimits | None:
+def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
     """The motion limits of the command line over those of its file."""
-    path, limits = asked.options.motion_limits, None
+    path, limits = problem_args.options.motion_limits, None
     if path is not None:
         limits = load_motion_limits(path, robot)
-    if not asked.limits:
+    if not problem_args.limits:
         return limits
     typed: dict[str, Any] = {
         name: joint_values(text, _flag(name)) if isinstance(text, str) else text
-        for name, text in asked.limits.items()
+        for name, text in problem_args.limits.items()
     }
     return MotionLimits(**typed).over(limits, robot.joint_names)
 
 
 def load_changed_robot(
-    robot: str, said: RobotOptions, resting: Mapping[str, float] | None = None
+    robot: str, args: RobotOptions, resting: Mapping[str, float] | None = None
 ) -> Robot:
     """Load a robot with what is said to be different, and with resting joints locked.
 
     Raises:
         TominpmpError: If anything in it is wrong.
     """
-    locked = joint_pairs(said.lock or (), "--lock")
+    locked = joint_pairs(args.lock or (), "--lock")
     changes: dict[str, Any] = {
-        name: joint_values(getattr(said, name), _flag(name))
+        name: joint_values(getattr(args, name), _flag(name))
         for name in OVERRIDES
-        if getattr(said, name) is not None
+        if getattr(args, name) is not None
     }
-    if said.gravity is not None:
-        changes["gravity"] = vector(said.gravity, "--gravity")
-    file = said.joint_limits
+    if args.gravity is not None:
+        changes["gravity"] = vector(args.gravity, "--gravity")
+    file = args.joint_limits
     return load_limited_robot(
         None if file is None else load_joint_limits(file),
         robot,
         changes,
-        package_dirs=said.package_dir or (),
-        srdf=said.srdf,
-        group=said.group,
-        limits=said.limits,
+        package_dirs=args.package_dir or (),
+        srdf=args.srdf,
+        group=args.group,
+        limits=args.limits,
         locked_joints={**(resting or {}), **locked},
     )
 
 
-def load_scene(said: PlayOptions) -> tuple[Robot, Scene]:
+def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
     """Load a robot and the obstacles around it, from a scenario or the command line.
 
     Raises:
         TominpmpError: If anything given is wrong or contradicts something else.
     """
-    if is_scenario(said.robot):
-        _refuse("a scenario file", said, ("robot", "output"))
-        problem = load_scenario(said.robot).problem
+    if is_scenario(args.robot):
+        _refuse("a scenario file", args, ("robot", "output"))
+        problem = load_scenario(args.robot).problem
         return problem.robot, problem.scene
-    arm = load_changed_robot(said.robot, said)
-    return arm, _obstacles(said, arm)
+    arm = load_changed_robot(args.robot, args)
+    return arm, _obstacles(args, arm)
 
 
-def _obstacles(said: SceneOptions, robot: Robot) -> Scene:
-    found = [obstacle(text) for text in said.obstacle or ()]
-    if said.scene is not None:
-        found += load_moveit_scene(said.scene, robot)
+def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
+    found = [obstacle(text) for text in args.obstacle or ()]
+    if args.scene is not None:
+        found += load_moveit_scene(args.scene, robot)
     return Scene(found)
 
 
-def _typed_problem(asked: Asked, beside: Mapping[str, Any]) -> Problem:
+def _typed_problem(
+    problem_args: ProblemArguments, beside: Mapping[str, Any]
+) -> Problem:
     """The problem of a command line that names no file with one."""
-    said = asked.options
-    robot = load_changed_robot(asked.robot, said)
-    if said.start is None:
+    args = problem_args.options
+    robot = load_changed_robot(problem_args.robot, args)
+    if args.start is None:
         raise ProblemError(
             "there is no start: give --start, or a --scene and a --request", "start"
         )
     flags = [_flag(name) for name in GOALS]
-    values = [getattr(said, name) for name in GOALS]
+    values = [getattr(args, name) for name in GOALS]
     given = [f for f, value in zip(flags, values, strict=True) if value is not None]
     if not given:
         raise ProblemError(f"there is no goal: give {' or '.join(flags)}", "goal")
@@ -171,37 +175,37 @@ def _typed_problem(asked: Asked, beside: Mapping[str, Any]) -> Problem:
         raise ProblemError(
             f"{' and '.join(given)} are given, expected one of them", "goal"
         )
-    scene = _obstacles(said, robot)
-    q_start = positions(said.start, "--start", robot, degrees=said.degrees)
+    scene = _obstacles(args, robot)
+    q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = None
-    if said.start_velocity is not None:
+    if args.start_velocity is not None:
         v_start = velocities(
-            said.start_velocity, "--start-velocity", robot, degrees=said.degrees
+            args.start_velocity, "--start-velocity", robot, degrees=args.degrees
         )
     return Problem(
         robot,
         q_start,
-        _goal(said, robot, q_start),
+        _goal(args, robot, q_start),
         scene,
         v_start=v_start,
-        motion_limits=_limits(asked, robot),
+        motion_limits=_limits(problem_args, robot),
         **beside,
     )
 
 
-def _goal(said: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
-    name, text = "--goal-velocity", said.goal_velocity
-    if said.goal is not None:
-        q = positions(said.goal, "--goal", robot, base=q_start, degrees=said.degrees)
+def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
+    name, text = "--goal-velocity", args.goal_velocity
+    if args.goal is not None:
+        q = positions(args.goal, "--goal", robot, base=q_start, degrees=args.degrees)
         if text is None:
             return JointGoal(q)
-        return JointGoal(q, velocities(text, name, robot, degrees=said.degrees))
+        return JointGoal(q, velocities(text, name, robot, degrees=args.degrees))
     v = None if text is None else np.array(vector(text, name))
-    if said.goal_position is not None:
-        frame, *point = said.goal_position
+    if args.goal_position is not None:
+        frame, *point = args.goal_position
         return PositionGoal(frame, np.array(point), v)
-    assert said.goal_pose is not None  # noqa: S101
-    frame, *numbers = said.goal_pose
+    assert args.goal_pose is not None  # noqa: S101
+    frame, *numbers = args.goal_pose
     return PoseGoal(frame, _placement(numbers), v)
 
 
@@ -218,10 +222,10 @@ def _placement(numbers: Sequence[float]) -> pin.SE3:
     return pin.SE3(pin.Quaternion(quaternion / length).matrix(), point)
 
 
-def _refuse(what: str, said: RobotOptions, keep: Collection[str] = ()) -> None:
+def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:
     """Refuse options that say again, or otherwise, what a file says."""
-    for field in fields(said):
-        if field.name not in keep and getattr(said, field.name) != field.default:
+    for field in fields(args):
+        if field.name not in keep and getattr(args, field.name) != field.default:
             raise OptionsError(
                 f"{_flag(field.name)} contradicts {what}, which holds the whole "
                 "problem",

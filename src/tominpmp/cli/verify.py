@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from tominpmp.cli.json_text import json_text, plain
-from tominpmp.cli.options import Asked, VerifyOptions, is_scenario
+from tominpmp.cli.options import ProblemArguments, VerifyOptions, is_scenario
 from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED
@@ -23,12 +23,15 @@ SHOWN = 5
 
 
 def run_verify(
-    asked: Asked, path: Path, tolerances: Mapping[str, Any], how: VerifyOptions
+    problem_args: ProblemArguments,
+    path: Path,
+    tolerances: Mapping[str, Any],
+    how: VerifyOptions,
 ) -> int:
     """Judge a motion and report.
 
     Args:
-        asked: What it is to solve.
+        problem_args: What it is to solve.
         path: File that holds the motion.
         tolerances: What it may be off by, as options of a plan; those that are not
             given are the scenario's.
@@ -37,14 +40,18 @@ def run_verify(
     Raises:
         TominpmpError: If a file is wrong or they do not belong together.
     """
-    said = asked.options
-    if not is_scenario(asked.robot) and said.request is None and said.start is None:
+    args = problem_args.options
+    if (
+        not is_scenario(problem_args.robot)
+        and args.request is None
+        and args.start is None
+    ):
         raise ProblemError(
-            f"{asked.robot!r} is no scenario file (.toml): expected one, or a robot "
-            "with --scene and --request, or with --start and a goal",
+            f"{problem_args.robot!r} is no scenario file (.toml): expected one, or a "
+            "robot with --scene and --request, or with --start and a goal",
             "scenario",
         )
-    problem, options = load_problem(asked, tolerances)
+    problem, options = load_problem(problem_args, tolerances)
     found = check_file(
         problem,
         path,
