@@ -57,7 +57,6 @@ class Rows:
             problem.scene,
             self_collision=problem.checker.self_collision,
         )
-        self._caches: dict[int, Any] = {}
 
     def dynamics_rows(self, q: Any, v: Any, a: Any) -> Any:
         """Torques and their derivatives."""
@@ -66,11 +65,9 @@ class Rows:
 
     def distance_rows(self, q: Any, v: Any, a: Any) -> Any:
         """Distances, and gradients of the short ones."""
-        if len(q) not in self._caches:
-            self._caches[len(q)] = self.checker.cache(len(q))
-        distances = self._caches[len(q)].distances(q, CUTOFF)
+        distances = self.checker.distances(q, CUTOFF)
         instants, pairs = np.nonzero(distances < CUTOFF)
-        return distances, self.checker.gradients_at(q, instants, pairs)
+        return distances, self.checker.derivatives_at(q, instants, pairs).gradients
 
     def compute(self, work: str, q: Any, v: Any, a: Any) -> Any:
         """The rows of one kind, or of both."""

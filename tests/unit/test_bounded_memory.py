@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -78,15 +78,16 @@ def test_instants_between_the_rows_are_bounded_in_number() -> None:
         assert instants.size <= 1.1 * MOST_SAMPLES
 
 
-def test_what_is_remembered_of_pairs_far_away_takes_four_bytes() -> None:
+def test_distances_of_pairs_far_away_take_little_memory() -> None:
     arm = tm.load_robot("ur5")
     far = [tm.Sphere(f"s{k}", radius=0.1, position=(5 + k, 0, 0)) for k in range(40)]
     checker = tm.Problem(
         arm, np.full(6, 0.1), tm.JointGoal(np.zeros(6)), scene=tm.Scene(far)
     ).checker
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    cache = checker.cache(4000)
     assert len(checker.pairs) > 500
-    del cache
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert (after - before) * 1024 < 6 * 4000 * len(checker.pairs) + 20_000_000
+    q = np.full((4000, 6), 0.1)
+    tracemalloc.start()
+    distances = checker.distances(q, 0.05)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < distances.nbytes + 40 * 1024 * len(checker.pairs) + 20_000_000

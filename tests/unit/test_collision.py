@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from distance_gradients import gradients
 from robot_samples import (
     INERTIAL,
     joint,
@@ -310,7 +311,7 @@ def test_gradient_is_finite_where_centres_coincide(case: str, tmp_path: Path) ->
     arm = load(tmp_path, text.replace('axis xyz="0 0 1"', 'axis xyz="1 0 0"'))
     checker = CollisionChecker(arm, Scene([overlap.obstacle]))
     assert checker.distances(np.zeros((1, 1)))[0, 0] < -0.1
-    gradient = checker.gradients(np.zeros(1), np.zeros(1, dtype=np.int64))
+    gradient = gradients(checker, np.zeros(1), np.zeros(1, dtype=np.int64))
     assert np.all(np.isfinite(gradient))
     assert abs(gradient[0, 0]) <= 1.0 + 1e-6
 
@@ -326,7 +327,7 @@ def test_axes_that_cross_are_parted(tmp_path: Path) -> None:
     pill = Capsule("o", radius=0.2, length=1.0, position=(1.3, 0, 0), rotation=lying)
     checker = CollisionChecker(arm, Scene([pill]))
     assert checker.distances(np.zeros((1, 1)))[0, 0] == pytest.approx(-0.3, abs=1e-9)
-    gradient = checker.gradients(np.zeros(1), np.zeros(1, dtype=np.int64))
+    gradient = gradients(checker, np.zeros(1), np.zeros(1, dtype=np.int64))
     np.testing.assert_allclose(gradient, [[-1.0]])  # away from the obstacle at x > 1
 
 
@@ -346,7 +347,7 @@ def test_exact_contact(kind: str, gap: float, tmp_path: Path) -> None:
     }[kind]()
     checker = CollisionChecker(arm, Scene([obstacle]))
     assert checker.distances(np.zeros((1, 1)))[0, 0] == pytest.approx(gap, abs=1e-8)
-    gradient = checker.gradients(np.zeros(1), np.zeros(1, dtype=np.int64))
+    gradient = gradients(checker, np.zeros(1), np.zeros(1, dtype=np.int64))
     np.testing.assert_allclose(gradient, [[-1.0]], atol=1e-5)
 
 
@@ -365,7 +366,7 @@ def test_failed_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     found = checker.distances(q[None])
     assert not np.array_equal(found, expected)  # the tolerance was another
     np.testing.assert_allclose(found, expected, atol=1e-5)
-    assert np.all(np.isfinite(checker.gradients(q, np.arange(7))))
+    assert np.all(np.isfinite(gradients(checker, q, np.arange(7))))
     monkeypatch.setattr(narrow, "FAILED", 1e100)
     np.testing.assert_allclose(checker.distances(q[None]), expected, atol=2e-6)
 
@@ -390,7 +391,7 @@ def test_no_failure_gets_through(
         )
         checker = CollisionChecker(arm, Scene([can]), geometry="hull")
         assert np.abs(checker.distances(q[None])).max() < 1.0
-        assert np.all(np.isfinite(checker.gradients(q, np.arange(7))))
+        assert np.all(np.isfinite(gradients(checker, q, np.arange(7))))
 
 
 # Pairs
@@ -450,7 +451,7 @@ def test_without_obstacles_there_are_no_pairs(planar3r: Robot) -> None:
     checker = CollisionChecker(planar3r, Scene())
     assert checker.pairs == ()
     assert checker.distances(Q[None]).shape == (1, 0)
-    assert checker.gradients(Q, np.zeros(0, dtype=np.int64)).shape == (0, 3)
+    assert gradients(checker, Q, np.zeros(0, dtype=np.int64)).shape == (0, 3)
     assert checker.closest(Q) is None
     assert ClearanceConstraint(checker, 0.0, 1.0).count == 0
 
@@ -526,10 +527,10 @@ def test_rows_do_not_know_of_each_other(
 
 def test_some_gradients(planar3r: Robot) -> None:
     checker = CollisionChecker(planar3r, scene_of_four())
-    every = checker.gradients(Q, np.arange(12))
+    every = gradients(checker, Q, np.arange(12))
     assert every.shape == (12, 3)
     some = np.array([7, 0, 11])
-    np.testing.assert_allclose(checker.gradients(Q, some), every[some], atol=1e-4)
+    np.testing.assert_allclose(gradients(checker, Q, some), every[some], atol=1e-4)
     # The first link does not feel the other joints.
     assert not np.any(every[0::3, 1:])
 
@@ -555,7 +556,7 @@ def test_clearance_is_negative_where_it_is_kept(planar3r: Robot) -> None:
     assert np.array_equal(values <= 0.0, distances >= 0.1)
     some = np.array([5, 2])
     np.testing.assert_allclose(
-        6.0 * constraint.gradients(Q, some), -checker.gradients(Q, some), atol=1e-4
+        6.0 * gradients(constraint, Q, some), -gradients(checker, Q, some), atol=1e-4
     )
 
 

@@ -91,6 +91,10 @@ class ArcTranscription:
         )
         return StepBounds(lower, upper)
 
+    def near(self, z: Array) -> ArcTranscription:
+        """The same."""
+        return self
+
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques from arc to arc, in full ranges."""
         arcs = self.program.unpack(z)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from tominpmp.collision.bodies import Approximation, approximations
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.contact import Contact, Derivatives
-from tominpmp.collision.distance_cache import DistanceCache
 from tominpmp.collision.enclosure import Enclosure, enclosure
 from tominpmp.collision.shapes import obstacle_shape
 
@@ -20,7 +19,6 @@ __all__ = [
     "CollisionChecker",
     "Contact",
     "Derivatives",
-    "DistanceCache",
     "Enclosure",
     "approximations",
     "enclosure",

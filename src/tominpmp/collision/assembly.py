@@ -14,7 +14,6 @@ from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.query import DistanceQuery
 from tominpmp.collision.selection import links_of, own_pairs, scene_pairs
-from tominpmp.collision.shapes import is_convex
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
@@ -69,11 +68,9 @@ class Assembly:
         )
         narrow = NarrowPhase(robot.model, bodies, first, second, obstacles)
         query = DistanceQuery(
-            robot,
             Placements(robot.model),
             BroadPhase(bodies, first, second),
             narrow,
-            np.array([is_convex(body.shape) for body in bodies], dtype=bool),
             obstacles,
         )
         joint = np.array([body.joint for body in bodies], dtype=np.int64)

@@ -11,7 +11,6 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.assembly import Assembly
 from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
 from tominpmp.collision.contact import Contact, Derivatives
-from tominpmp.collision.distance_cache import DistanceCache
 from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import Guard, NarrowPhase
 from tominpmp.collision.query import Count, DistanceQuery
@@ -26,9 +25,8 @@ CHUNK = 1024
 class CollisionChecker:
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
-    A query begins where the one before it ended, which is faster along a motion; the
-    answers depend on former queries within the tolerances of Coal. Pairs are put
-    together when they are first asked for, as cutting meshes may take long.
+    Pairs are put together when they are first asked for, as cutting meshes may take
+    long.
 
     Attributes:
         robot: The robot.
@@ -98,14 +96,6 @@ class CollisionChecker:
         )
         return make, (self.robot, self.scene)
 
-    def forget(self) -> None:
-        """Forget former queries, on which answers depend within the tolerances."""
-        if "_parts" in self.__dict__:
-            self._narrow.forget()
-        self._guard = None
-        for variant in self._variants.values():
-            variant.forget()
-
     @property
     def lone(self) -> bool:
         """Whether only the links of one robot are watched, as convex pieces."""
@@ -124,12 +114,6 @@ class CollisionChecker:
                 cut=cut,
             )
         return self._variants[cut]
-
-    def anew(self) -> CollisionChecker:
-        """The same, which knows of no former queries."""
-        make, given = self.__reduce__()
-        made: CollisionChecker = make(*given)
-        return made
 
     def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:
         """Whether the links of a lone robot are clear even as one hull each.
@@ -212,9 +196,10 @@ class CollisionChecker:
         if cutoff is not None:
             for begin in range(0, len(q), CHUNK):
                 part = slice(begin, begin + CHUNK)
-                cache = DistanceCache(self._query, len(q[part]))
                 when = None if times is None else times[part]
-                out[part] = cache.distances(q[part], cutoff, when)
+                out[part] = self._query.distances(
+                    self.robot.expand(q[part]), cutoff, when
+                )
             return out
         if not self.pairs:
             return out
@@ -270,43 +255,6 @@ class CollisionChecker:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
             self._guard = margin, self._narrow.guard(limit)
         return self._guard[1].is_free(self.robot.expand(q), time)
-
-    def cache(self, instants: int) -> DistanceCache:
-        """A memory for distances at so many configurations that change little."""
-        return DistanceCache(self._query, instants)
-
-    def gradients(self, q: Array, pairs: IntArray) -> Array:
-        """Gradients of some distances at one configuration.
-
-        Args:
-            q: Configuration, shape (n,) [rad or m].
-            pairs: Indices of the pairs, shape (k,).
-
-        Returns:
-            Gradients, shape (k, n) [m/rad or m/m].
-        """
-        pairs = np.asarray(pairs, dtype=np.int64)
-        return self.gradients_at(q[None], np.zeros(pairs.size, dtype=np.int64), pairs)
-
-    def gradients_at(
-        self,
-        q: Array,
-        instants: IntArray,
-        pairs: IntArray,
-        times: Array | None = None,
-    ) -> Array:
-        """Gradients of some distances at several configurations.
-
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            instants: Index of the configuration of each gradient, shape (k,).
-            pairs: Index of its pair, shape (k,).
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            Gradients, shape (k, n) [m/rad or m/m].
-        """
-        return self.derivatives_at(q, instants, pairs, times).gradients
 
     def derivatives_at(
         self,

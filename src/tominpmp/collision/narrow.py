@@ -43,8 +43,8 @@ class Witnesses(NamedTuple):
 class NarrowPhase:
     """Distances of pairs at one configuration after the other.
 
-    A query begins where the one before it ended, which is faster along a motion; the
-    answers depend on former queries within the tolerances above.
+    Answers do not depend on former queries: each begins anew. To begin where the one
+    before it ended is no faster, along a motion either.
     """
 
     def __init__(
@@ -74,18 +74,7 @@ class NarrowPhase:
         self._geometry = geometry
         self._first, self._second = first, second
         self._shifter = Shifter(geometry, bodies, model.njoints, obstacles)
-        self._asked = True
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget where former queries ended: answers are as if nothing was asked."""
-        if not self._asked:
-            return  # making them anew takes milliseconds where there are many pairs
-        self._asked = False
-        self._results = self._geometry.createData()
-        for request in self._results.distanceRequests:
-            request.gjk_tolerance = GJK_TOLERANCE
-            request.epa_tolerance = EPA_TOLERANCE
+        self._results = _results(geometry)
 
     def place(
         self, q: Array, time: float = 0.0, obstacles: tuple[Array, Array] | None = None
@@ -108,7 +97,6 @@ class NarrowPhase:
     def all(self, q: Array, time: float = 0.0) -> Array:
         """Signed distances of all pairs at a configuration of the model [m]."""
         check()
-        self._asked = True
         self._shifter.shift(time)
         pin.computeDistances(self._model, self._data, self._geometry, self._results, q)
         out = np.array([r.min_distance for r in self._results.distanceResults])
@@ -116,30 +104,19 @@ class NarrowPhase:
             out[index] = self._query_loosely(index).min_distance
         return out
 
-    def planes(self, pairs: Sequence[int]) -> tuple[list[float], list[Any]]:
-        """Distances and normals of some pairs, as Coal gives them.
-
-        Returns:
-            Signed distances [m], and normals from the first body to the second; zeros
-            where Coal knows none.
-        """
-        self._asked = True
+    def distances(self, pairs: Sequence[int]) -> list[float]:
+        """Signed distances of some pairs [m]."""
         geometry, results = self._geometry, self._results
-        compute, distances, normals = pin.computeDistance, [], []
+        compute, distances = pin.computeDistance, []
         for index in pairs:
-            result = compute(geometry, results, index)
-            distance = result.min_distance
+            distance = compute(geometry, results, index).min_distance
             if abs(distance) > FAILED:
-                distances.append(self._query_loosely(index).min_distance)
-                normals.append(np.zeros(3))
-            else:
-                distances.append(distance)
-                normals.append(result.normal.copy())  # the next query writes there
-        return distances, normals
+                distance = self._query_loosely(index).min_distance
+            distances.append(distance)
+        return distances
 
     def witnesses(self, pairs: Sequence[int]) -> Witnesses:
         """Where some pairs come closest; a normal is found for all of them."""
-        self._asked = True
         geometry, results = self._geometry, self._results
         distances, normals, first, second = [], [], [], []
         for index in pairs:
@@ -156,7 +133,6 @@ class NarrowPhase:
 
     def overlaps(self, q: Array) -> list[bool]:
         """Which pairs overlap at a configuration of the model."""
-        self._asked = True
         pin.computeCollisions(
             self._model, self._data, self._geometry, self._results, q, False
         )
@@ -168,12 +144,9 @@ class NarrowPhase:
 
     def _query_loosely(self, index: int) -> Any:
         """Result of a pair that failed, with the tolerances that Coal takes."""
-        request, default = self._results.distanceRequests[index], coal.DistanceRequest()
-        request.gjk_tolerance = default.gjk_tolerance
-        request.epa_tolerance = default.epa_tolerance
+        self._results.distanceRequests[index] = coal.DistanceRequest()
         result = pin.computeDistance(self._geometry, self._results, index)
-        request.gjk_tolerance = GJK_TOLERANCE
-        request.epa_tolerance = EPA_TOLERANCE
+        self._results.distanceRequests[index] = _distance_request()
         return result
 
     def _normal(self, index: int, result: Any) -> Array:
@@ -190,6 +163,24 @@ class NarrowPhase:
         if length < 1e-9:
             return np.array([1.0, 0.0, 0.0])
         return np.asarray((second - first) / length)
+
+
+def _distance_request() -> coal.DistanceRequest:
+    request = coal.DistanceRequest()
+    request.gjk_tolerance = GJK_TOLERANCE
+    request.epa_tolerance = EPA_TOLERANCE
+    return request
+
+
+def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
+    """Where results go; Pinocchio's own requests begin where the last query ended."""
+    results, request = geometry.createData(), _distance_request()
+    for index in range(len(geometry.collisionPairs)):
+        results.distanceRequests[index] = request
+        results.collisionRequests[index] = coal.CollisionRequest(
+            coal.CollisionRequestFlag.NO_REQUEST, 1
+        )
+    return results
 
 
 class Shifter:
@@ -235,7 +226,7 @@ class Guard:
         shifter: Shifter,
     ) -> None:
         self._model, self._data, self._shifter = model, data, shifter
-        self._results = geometry.createData()
+        self._results = _results(geometry)
         for request, value in zip(
             self._results.collisionRequests, margin.tolist(), strict=True
         ):

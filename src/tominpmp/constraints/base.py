@@ -113,7 +113,7 @@ class Constraint(ABC):
         Args:
             states: The states at m instants.
             attention: Values below their bound by more than this need not be exact, as
-                long as they stay below it by that much.
+                long as they stay below it by that much and depend on the states alone.
         """
 
     @abstractmethod

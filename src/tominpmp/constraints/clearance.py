@@ -7,19 +7,13 @@ is db/dT = db/dt * tau.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision import CollisionChecker, Derivatives, DistanceCache
+from tominpmp.collision import CollisionChecker, Derivatives
 from tominpmp.constraints.base import Constraint, Partials, States
 
-# Numbers of instants for which distances are remembered: a transcription looks at the
-# instants of its rows, and at those between them.
-CACHES = 3
-# Pairs at instants beyond which nothing is remembered, as that would take memory.
-MOST_KEPT = 4_000_000
 # Share of the padding that may be used up between the instants, the same where
 # obstacles move, and what may be missing without any padding, in units of the length.
 GRAZE, GRAZE_MOVING = 0.8, 0.5
@@ -35,9 +29,6 @@ class ClearanceConstraint(Constraint):
         checker: Distances of the pairs.
         margin: Distance to keep [m], one for all pairs or by pair.
         length: Length that the values are divided by [m].
-        attention: Values below minus this need not be exact: there is more room than
-            anyone asks for, and a bound on it is enough, which is faster. In units of
-            the length; infinite for exact values throughout.
         padding: What the margin contains beyond what has to be kept, in units of the
             length, one for all pairs or by pair.
     """
@@ -51,23 +42,11 @@ class ClearanceConstraint(Constraint):
         checker: CollisionChecker,
         margin: float | Array,
         length: float,
-        attention: float = math.inf,
         padding: float | Array = 0.0,
     ) -> None:
         self.checker, self.margin, self.length = checker, margin, length
-        self.attention = attention
         self.padding = np.broadcast_to(padding, len(checker.pairs))
         self.moving = checker.moving
-        self._caches: dict[int, DistanceCache] = {}
-
-    def forget(self) -> None:
-        """Forget former queries, on which values depend within the tolerances."""
-        self._caches.clear()
-        self.checker.forget()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Pickle without what is remembered."""
-        return {**self.__dict__, "_caches": {}}
 
     @property
     def count(self) -> int:
@@ -88,61 +67,29 @@ class ClearanceConstraint(Constraint):
         return np.asarray(self.checker.obstacle_speeds(begin, end)[0] / self.length)
 
     def values(
-        self, q: Array, attention: float | None = None, times: Array | None = None
+        self, q: Array, attention: float = math.inf, times: Array | None = None
     ) -> Array:
         """Missing clearance in units of the length.
 
         Args:
-            q: Configurations, shape (m, n) [rad or m]. Calls with as many of them are
-                taken for the same instants of a motion that changes a little.
-            attention: Instead of the attribute.
+            q: Configurations, shape (m, n) [rad or m].
+            attention: There is more room than anyone asks for where the value is below
+                minus this, in units of the length.
             times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
             Shape (m, count). Values above minus the attention are exact; the others
             may be upper bounds, which are not above it either.
         """
-        attention = self.attention if attention is None else attention
         if math.isinf(attention):
             found = self.checker.distances(q, times=times)
             return (self.margin - found) / self.length
         cutoff = self.margin + attention * self.length
-        if len(q) * self.count > MOST_KEPT:
-            found = self.checker.distances(q, cutoff, times)
-        else:
-            found = self._cache(len(q)).distances(q, cutoff, times)
-        return (self.margin - found) / self.length
+        return (self.margin - self.checker.distances(q, cutoff, times)) / self.length
 
     def is_kept(self, q: Array) -> bool:
         """Whether the margin is kept at one configuration; faster than the values."""
         return self.checker.is_free(q, self.margin)
-
-    def _cache(self, instants: int) -> DistanceCache:
-        # The one that was not used for longest is the first.
-        found = self._caches.pop(instants, None)
-        if found is None:
-            found = self.checker.cache(instants)
-            if len(self._caches) >= CACHES:
-                del self._caches[next(iter(self._caches))]
-        self._caches[instants] = found
-        return found
-
-    def gradients(self, q: Array, which: IntArray) -> Array:
-        """Gradients of some values at one configuration, shape (k, n)."""
-        return -self.checker.gradients(q, which) / self.length
-
-    def gradients_at(self, q: Array, instants: IntArray, which: IntArray) -> Array:
-        """Gradients of some values at several configurations.
-
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            instants: Index of the configuration of each gradient, shape (k,).
-            which: Index of its pair, shape (k,).
-
-        Returns:
-            Shape (k, n).
-        """
-        return self.derivatives_at(q, instants, which).gradients
 
     def derivatives_at(
         self, q: Array, instants: IntArray, which: IntArray, times: Array | None = None

@@ -115,7 +115,6 @@ def make_attempts(
     """
     if former is not None:
         watch.begin()
-        system.forget()
         solve = partial(solve_from_former, system, options, former, watch)
         attempt = guarded(system.problem, options, watch, former.name, solve)
         yield _noted(watch, attempt)
@@ -194,13 +193,11 @@ class _Source:
 
     def next(self, ahead: int) -> Guess | None:
         """The next guess; None if there are no more."""
-        self.system.forget()
         return next(self.guesses, None)
 
     def solve(self, number: int, guess: Guess) -> Attempt | None:
         """What a guess leads to."""
         self.watch.begin()
-        self.system.forget()
         solve = partial(solve_and_verify, self.system, self.options, guess, self.watch)
         problem = self.system.problem
         return guarded(problem, self.options, self.watch, guess.name, solve)
@@ -298,7 +295,6 @@ def solve_alone(
         options = replace(options, max_planning_time=left)
     watch = Watch(options, first=number, asked=asked_to_stop)
     watch.begin()
-    system.forget()
     solve = partial(solve_and_verify, system, options, guess, watch)
     with watch.stopper.in_force():
         attempt = guarded(system.problem, options, watch, guess.name, solve)

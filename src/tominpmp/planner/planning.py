@@ -167,7 +167,6 @@ def continued(
             continue  # its torques switch exactly: there is nothing left to gain
         q, v = former.trajectory.q[-1], former.trajectory.v[-1]
         system = System.of(problem.alternative_at(q, v))
-        system.forget()
         watch.share(1)
         watch.begin()
         solve = partial(

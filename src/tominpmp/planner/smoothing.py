@@ -103,7 +103,6 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
 
     reached = problem.alternative_at(former.q[-1], former.v[-1])
     complete = System.of(reached)
-    complete.forget()
     system = complete.first_tried
     guess = former_motion(system, former)
     before = roughness(former, problem.robot.limits)

@@ -53,7 +53,6 @@ def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt | 
         if number >= wanted and watch.best < np.inf:
             return
         watch.begin()
-        system.forget()
         first = random_torques(system, options, rng) if number else None
         solve = partial(solve_by_shooting, system, options, watch, first)
         attempt = guarded(system.problem, options, watch, "shooting", solve)

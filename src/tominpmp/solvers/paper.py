@@ -74,7 +74,7 @@ class PaperSolver:
             Stop: If it was told to; what it had is kept.
         """
         begin = time.perf_counter()
-        iterate = self.init(z)
+        iterate, solver = self.init(z), self
         self.keep(self.nlp, iterate)
         best: Iterate | None = None
         history: list[IterationRecord] = []
@@ -82,7 +82,8 @@ class PaperSolver:
         while status is None:
             check()
             effort = Effort()
-            following = self.step(iterate, effort)
+            solver = replace(solver, nlp=solver.nlp.near(iterate.z))
+            following = solver.step(iterate, effort)
             if following is None:
                 status = Status.NUMERICAL_FAILURE
                 break

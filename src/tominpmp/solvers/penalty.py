@@ -190,6 +190,7 @@ class _Run:
         known = np.array_equal(z, self.trial[0])
         values = self.trial[1] if known else self.nlp.evaluate(z)
         self.iterate = iterate = self.make(z, values)
+        self.nlp = self.nlp.near(z)
         if iterate.violation <= solver.options.feasibility and (
             self.best is None or iterate.duration < self.best.duration
         ):

@@ -108,14 +108,15 @@ class SlpSolver:
             history += after.history
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
             iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
-        former, limit = len(history), self.options.feasibility
+        former, limit, solver = len(history), self.options.feasibility, self
         best = self.time_scaled(iterate)
         status = None if best is None else Status.FEASIBLE
         try:
             while status is None:
                 effort = Effort()
-                iterate, outcome = self.step(iterate, effort)
-                best = self.time_scaled(iterate) or iterate.better_than(best, limit)
+                solver = replace(solver, nlp=solver.nlp.near(iterate.z))
+                iterate, outcome = solver.step(iterate, effort)
+                best = solver.time_scaled(iterate) or iterate.better_than(best, limit)
                 self.keep(self.nlp, best or iterate)
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
@@ -125,13 +126,13 @@ class SlpSolver:
                     status = Status.FEASIBLE
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
-                last = self.feasibility_restored(iterate).better_than(best, limit)
+                last = solver.feasibility_restored(iterate).better_than(best, limit)
                 self.keep(self.nlp, last or iterate)
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
             return SlpResult(status, best, best, tuple(history))
-        iterate = self.feasibility_restored(iterate)
+        iterate = solver.feasibility_restored(iterate)
         best = iterate.better_than(best, limit)
         if status is Status.CONVERGED and best is None:
             status = Status.INFEASIBLE

@@ -80,6 +80,8 @@ class AdjointTranscription(Transcription[Shot]):
         substeps: Integration steps an interval.
         ways: Which way joints with dry friction move on the intervals; None without
             friction, and at first, when it is left out.
+        centre: An iterate and its motion, with which integrations begin; None to begin
+            anew at every step, which takes several times as long.
 
     Torques are those that dry friction leaves of the motors'.
     """
@@ -95,13 +97,14 @@ class AdjointTranscription(Transcription[Shot]):
         *,
         substeps: int = 1,
         ways: Ways | None = None,
+        centre: tuple[Array, Shot] | None = None,
     ) -> None:
         self.system, self.shares, self.duration = system, shares, duration
-        self.substeps, self.ways = substeps, ways
+        self.substeps, self.ways, self.centre = substeps, ways, centre
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
-        self._last: tuple[Array, Shot] | None = None
+        self._last = centre  # the last motion asked for: it is asked for many times
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -138,19 +141,35 @@ class AdjointTranscription(Transcription[Shot]):
     def motion(self, z: Array) -> Shot:
         """The motion of an iterate, integrated forward.
 
-        Newton's iteration begins with the last motion that was asked for and goes on to
-        rounding, so that the outcome is the same.
+        Newton's iteration begins with the motion of the centre.
         """
-        if self._last is not None and np.array_equal(self._last[0], z):
-            return self._last[1]
+        for known in (self.centre, self._last):
+            if known is not None and np.array_equal(known[0], z):
+                return known[1]
         u, h = self.split(z)
-        guess = None if self._last is None else self._last[1].rollout
+        guess = None if self.centre is None else self.centre[1].rollout
         dynamics = self.system.dynamics
         steps = rollout(dynamics, self._start, u, h, self.substeps, guess)
         motion = Shot(dynamics, steps, u, h)
         if motion.finite:
             self._last = z.copy(), motion
         return motion
+
+    def near(self, z: Array) -> AdjointTranscription:
+        """The same with the motion of an iterate as centre."""
+        motion = self.motion(z)
+        if not motion.finite:
+            return self
+        return type(self)(
+            *(self.system, self.shares, self.duration),
+            substeps=self.substeps,
+            ways=self.ways,
+            centre=(z.copy(), motion),
+        )
+
+    def scaled_at(self, z: Array) -> AdjointTranscription:
+        """There are no scales, but a centre."""
+        return self.near(z)
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within the torque limits: a share of the whole range."""

@@ -172,6 +172,9 @@ class Program(Protocol):
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Box of steps: the trust region of a radius [rad] within the bounds of z."""
 
+    def near(self, z: Array) -> Program:
+        """The same program, quicker to evaluate near z; values differ by rounding."""
+
     def variation(self, z: Array) -> Variation:
         """Differences of the controls, as a linear function near z."""
 
@@ -348,6 +351,10 @@ class Transcription(ABC, Generic[M]):
 
     def scaled_at(self, z: Array) -> Transcription[M]:
         """The same with scales of the controls from a motion."""
+        return self
+
+    def near(self, z: Array) -> Transcription[M]:
+        """The same, quicker to evaluate near z; motions differ by rounding."""
         return self
 
     def turned(self, z: Array) -> tuple[Transcription[M], Array] | None:

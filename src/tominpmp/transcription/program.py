@@ -90,6 +90,11 @@ class NonlinearProgram:
         )
         return replace(self, transcription=of, blocks=blocks)
 
+    def near(self, z: Array) -> NonlinearProgram:
+        """The same program, quicker to evaluate near z; values differ by rounding."""
+        of = self.transcription.near(z)
+        return self if of is self.transcription else replace(self, transcription=of)
+
     # -- what solvers see --------------------------------------------------------------
 
     @property

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision import CollisionChecker
 from tominpmp.constraints import (
     AccelerationLimit,
     ClearanceConstraint,
@@ -52,9 +51,7 @@ class Watched:
     @cached_property
     def room(self) -> Array:
         """Clearance to ask for beyond the margin, by pair [m]."""
-        checker = self._problem.checker
-        # When it is asked for shall not change what former queries have left behind.
-        return _padding(self._problem, checker.anew() if checker.lone else checker)
+        return _padding(self._problem)
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
@@ -66,15 +63,10 @@ class Watched:
         padding = self.room / self._reach
         return ClearanceConstraint(checker, margin, self._reach, padding=padding)
 
-    def forget(self) -> None:
-        """Forget former queries of distances, if there were any."""
-        if isinstance(self.__dict__.get("clearance"), ClearanceConstraint):
-            self.__dict__["clearance"].forget()
 
-
-def _padding(problem: Problem, checker: CollisionChecker) -> Array:
+def _padding(problem: Problem) -> Array:
     """Clearance beyond the margin to ask for, by pair [m]."""
-    ends = [problem.q_start]
+    checker, ends = problem.checker, [problem.q_start]
     if problem.goal.configuration is not None:
         ends.append(problem.goal.configuration)
     # No more room than this matters.
@@ -160,16 +152,6 @@ class System:
             return self
         scene = scene.resting() if time is None else scene.at(time)
         return System.of(self.problem.with_scene(scene))
-
-    def forget(self) -> None:
-        """Forget former queries of distances.
-
-        What an attempt leads to shall not depend on those before it, down to the last
-        digit, nor on the process that makes it.
-        """
-        self.problem.checker.forget()
-        if self.watched is not None:
-            self.watched.forget()
 
     @cached_property
     def motors(self) -> Motors:

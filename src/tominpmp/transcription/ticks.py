@@ -152,6 +152,10 @@ class ClockedTranscription:
         lower[-1] = min(max(lower[-1], self.ticks.duration - z[-1]), 0.0)
         return bounds._replace(lower=lower)
 
+    def near(self, z: Array) -> ClockedTranscription:
+        """The same."""
+        return self
+
     def variation(self, z: Array) -> Variation:
         """Differences of the controls."""
         return self.inner.variation(z)
