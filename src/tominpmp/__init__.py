@@ -73,6 +73,7 @@ if TYPE_CHECKING:
         Sphere,
         Waypoints,
     )
+    from tominpmp.segments import Segment
     from tominpmp.solution import Solution
     from tominpmp.status import IterationRecord, Status
     from tominpmp.trajectory import Samples, State, Trajectory
@@ -169,6 +170,7 @@ _HOMES = {
         "Waypoints",
     ),
     "planner.smoothing": ("smooth",),
+    "segments": ("Segment",),
     "solution": ("Solution",),
     "status": (
         "IterationRecord",
@@ -237,6 +239,7 @@ __all__ = [
     "ScenarioError",
     "Scene",
     "SceneError",
+    "Segment",
     "Solution",
     "SolverNotFound",
     "Sphere",

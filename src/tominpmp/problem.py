@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import warnings
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,15 +17,19 @@ from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
-from tominpmp.goals import AnyGoal, Goal
+from tominpmp.goals import AnyGoal, Goal, PassedGoal, passed
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
+from tominpmp.segments import Segment, check_names, checked_pairs, checked_segments
+from tominpmp.trajectory import Trajectory
 
 # A start or goal that is this little outside a limit is taken to be on it (positions in
 # rad or m, velocities in rad/s or m/s): encoders and files round.
 SNAP = 1e-6
+# More choices of goals than this are not tried one by one.
+MOST_ALTERNATIVES = 256
 UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 
 
@@ -34,7 +40,8 @@ class Problem(Record):
     Attributes:
         robot: The robot.
         q_start: Positions at the start, shape (n,) [rad or m].
-        goal: What must hold at the end.
+        goal: What must hold at the end; left out where there are segments, whose last
+            goal it is.
         scene: The obstacles.
         margin: Distance that the links keep from them, and several robots from each
             other [m].
@@ -45,6 +52,9 @@ class Problem(Record):
         self_collision: Whether the links keep clear of each other, and of what is fixed
             to the base, too, without a margin; None for yes. False is for robots whose
             description is wrong about their shapes.
+        segments: Goals that are passed one after the other, each with what holds on the
+            way to it, see :class:`Segment`; empty for a motion to one goal.
+        may_touch: Pairs of names of links and obstacles that may touch.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
@@ -54,13 +64,15 @@ class Problem(Record):
 
     robot: Robot
     q_start: Array
-    goal: Goal
+    goal: Goal = None  # type: ignore[assignment]
     scene: Scene = field(default_factory=Scene)
     margin: float = 0.0
     v_start: Array | None = None
     motion_limits: MotionLimits | None = None
     self_collision: bool | None = None
     constraints: tuple[PathConstraint, ...] = ()
+    segments: Sequence[Segment] = ()
+    may_touch: Sequence[tuple[str, str]] = ()
 
     def __post_init__(self) -> None:
         """Check everything that can be told without planning."""
@@ -70,6 +82,7 @@ class Problem(Record):
                 "(see load_robot)",
                 "robot",
             )
+        self._take_segments()
         if not isinstance(self.goal, Goal):
             raise ProblemError(
                 f"goal is a {type(self.goal).__name__}, expected a JointGoal, "
@@ -103,13 +116,18 @@ class Problem(Record):
             object.__setattr__(self, "motion_limits", limits)
         else:
             object.__setattr__(self, "motion_limits", self.robot.motion_limits)
-        self.goal.validate(self.robot)
+        check_names(self.may_touch, self.robot, scene)
+        if not self.segments:
+            self.goal.validate(self.robot)
         object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
         snapped = self._snap_start()
         self._check_clear(self.q_start, "start")
         self._check_kept(self.q_start, self.v_start, "start", "q_start")
-        goal, of_goal = self._checked_goal(self.goal)
-        object.__setattr__(self, "goal", goal)
+        if self.segments:
+            _, of_goal = self._phases
+        else:
+            goal, of_goal = self._checked_goal(self.goal)
+            object.__setattr__(self, "goal", goal)
         for message in (*snapped, *of_goal):
             # Past this method and the generated __init__, to whoever makes the problem.
             warnings.warn(message, TominpmpWarning, stacklevel=3)
@@ -121,13 +139,17 @@ class Problem(Record):
         more = f", {count} obstacle{'s' if count > 1 else ''}" if count else ""
         more += f", margin {self.margin:g} m" if self.margin else ""
         more += ", motion limits" if self.motion_limits is not None else ""
+        more += f", {len(self.segments)} segments" if self.segments else ""
         return f"<Problem of {robot}: {brief(self.goal)}{more}>"
 
     @cached_property
     def checker(self) -> CollisionChecker:
         """Distances of the links to the obstacles and to each other."""
         own = self.self_collision is not False
-        return CollisionChecker(self.robot, self.scene, self_collision=own)
+        may_touch = frozenset(map(frozenset, self.may_touch))
+        return CollisionChecker(
+            self.robot, self.scene, self_collision=own, may_touch=may_touch
+        )
 
     @cached_property
     def margins(self) -> Array:
@@ -138,6 +160,101 @@ class Problem(Record):
     def ready_constraints(self) -> tuple[PathConstraint, ...]:
         """The constraints, ready to be evaluated."""
         return tuple(item.on(self.robot) for item in self.constraints)
+
+    @property
+    def phases(self) -> tuple[Problem, ...]:
+        """The problems of the segments, one after the other; itself if there are none.
+
+        Each has the robot, the scene and the limits of its segment, and at its end the
+        goal, which is passed or where the arm stops. Where it starts is only known if
+        the goal before it is a configuration; else ``q_start`` is that of the whole.
+        """
+        return self._phases[0] if self.segments else (self,)
+
+    @cached_property
+    def _phases(self) -> tuple[tuple[Problem, ...], list[str]]:
+        """The problems of the segments, and what to warn of."""
+        found: list[Problem] = []
+        messages: list[str] = []
+        q = self.q_start
+        for number, segment in enumerate(self.segments):
+            try:
+                phase, more = self._phase(segment, number, q)
+            except ProblemError as error:
+                raise ProblemError(
+                    f"segment {number + 1} of {len(self.segments)}: {error}",
+                    f"segments[{number}].{error.field or 'goal'}",
+                ) from error
+            q = q if phase.goal.configuration is None else phase.goal.configuration
+            found.append(phase)
+            messages += [f"segment {number + 1}: {text}" for text in more]
+        return tuple(found), messages
+
+    def _phase(
+        self, segment: Segment, number: int, q_start: Array
+    ) -> tuple[Problem, list[str]]:
+        """The problem of one segment, and what to warn of."""
+        robot = segment.robot(self.robot)
+        own = segment.motion_limits
+        limits = self.motion_limits
+        if own is not None:
+            own.check(robot.joint_names)
+            limits = own if limits is None else own.over(limits, robot.joint_names)
+        scene = self.scene if segment.scene is None else segment.scene
+        changes = {
+            "robot": robot,
+            "q_start": q_start,
+            "v_start": self.v_start if number == 0 else None,
+            "scene": scene,
+            "motion_limits": limits,
+            "constraints": self.constraints + checked(segment.constraints, robot),
+            "may_touch": (*self.may_touch, *segment.may_touch),
+            "segments": (),
+        }
+        phase = copy.copy(self)
+        for name, value in changes.items():
+            object.__setattr__(phase, name, value)
+        check_names(segment.may_touch, robot, scene)
+        same = robot is self.robot and scene is self.scene and not segment.may_touch
+        for name in ("checker", "margins"):
+            phase.__dict__.pop(name, None)
+            if same:
+                phase.__dict__[name] = getattr(self, name)
+        for name in ("ready_constraints", "_phases"):
+            phase.__dict__.pop(name, None)
+        last = number == len(self.segments) - 1
+        goal = segment.goal if last else segment.goal_on_the_way()
+        goal.validate(robot)
+        if number and not same:
+            phase._check_clear(q_start, "start")
+        if number == 0:
+            phase._check_kept(phase.q_start, phase.v_start, "start", "q_start")
+        rests = goal is segment.goal
+        checked_goal, messages = phase._checked_goal(segment.goal, rests)
+        if not rests:
+            checked_goal = passed(checked_goal)
+        object.__setattr__(phase, "goal", checked_goal)
+        return phase, messages
+
+    def _take_segments(self) -> None:
+        """Check the segments, whose last goal is that of the problem."""
+        pairs = checked_pairs(self.may_touch, "may_touch")
+        object.__setattr__(self, "may_touch", pairs)
+        segments = checked_segments(self.segments)
+        object.__setattr__(self, "segments", segments)
+        if not segments:
+            if self.goal is None:
+                raise ProblemError(
+                    "neither goal nor segments is given, expected one of them", "goal"
+                )
+            return
+        if self.goal is not None and self.goal is not segments[-1].goal:
+            raise ProblemError(
+                "goal and segments are given, expected one or the other: the last "
+                "segment's goal is that of the problem",
+                "goal",
+            )
+        object.__setattr__(self, "goal", segments[-1].goal)
 
     def _checked_margin(self) -> float:
         try:
@@ -164,7 +281,43 @@ class Problem(Record):
     @property
     def alternatives(self) -> tuple[Problem, ...]:
         """Problems of which any will do: one for each alternative of the goal."""
-        return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
+        if not self.segments:
+            return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
+        each = [phase.goal.alternatives for phase in self.phases]
+        if math.prod(map(len, each)) == 1:
+            return (self,)
+        count = math.prod(map(len, each))
+        if count > MOST_ALTERNATIVES:
+            raise ProblemError(
+                f"segments: their goals can be chosen in {count} ways, expected no "
+                f"more than {MOST_ALTERNATIVES}",
+                "segments",
+            )
+        return tuple(self._with_goals(goals) for goals in itertools.product(*each))
+
+    def alternative_of(self, trajectory: Trajectory) -> Problem:
+        """The problem with those of its goals that a motion meets, or comes nearest."""
+        if not self.segments:
+            return self.alternative_at(trajectory.q[-1], trajectory.v[-1])
+        ends = trajectory(np.array(trajectory.segment_ends))
+        goals = [
+            phase.goal.nearest(RobotKinematics(phase.robot), q, v)
+            for phase, q, v in zip(self.phases, ends.q, ends.v, strict=True)
+        ]
+        return self._with_goals(goals)
+
+    def _with_goals(self, goals: Sequence[Goal]) -> Problem:
+        """The same with one goal for each segment, which were checked before."""
+        other = self._with_goal(goals[-1])
+        parts = [p._with_goal(g) for p, g in zip(self.phases, goals, strict=True)]
+        other = copy.copy(other)
+        other.__dict__["_phases"] = tuple(parts), []
+        segments = tuple(
+            replace(segment, goal=goal.goal if isinstance(goal, PassedGoal) else goal)
+            for segment, goal in zip(self.segments, goals, strict=True)
+        )
+        object.__setattr__(other, "segments", segments)
+        return other
 
     def alternative_at(self, q: Array, v: Array) -> Problem:
         """The problem with the one of its goals that a final state is nearest to.
@@ -196,16 +349,17 @@ class Problem(Record):
         object.__setattr__(other, "scene", scene)
         return other
 
-    def _checked_goal(self, goal: Goal) -> tuple[Goal, list[str]]:
+    def _checked_goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
         """Check a goal that belongs to the robot; what to warn of is returned too."""
         if goal.alternatives[0] is not goal:
-            return self._checked_set(goal.alternatives)
+            return self._checked_set(goal.alternatives, rests)
         if goal.configuration is not None:
             v = goal.final_velocity(self.robot.n)
             q, of_q = self._snap("position", goal.configuration, "goal.q")
             v, of_v = self._snap("velocity", v, "goal.v")
             self._check_clear(q, "goal")
-            self._check_hold(q, v)
+            if rests:
+                self._check_hold(q, v)
             self._check_kept(q, v, "goal", "goal")
             return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
         for item in goal.members:
@@ -213,12 +367,14 @@ class Problem(Record):
             self._check_room(item)
         return goal, []
 
-    def _checked_set(self, goals: tuple[Goal, ...]) -> tuple[Goal, list[str]]:
+    def _checked_set(
+        self, goals: tuple[Goal, ...], rests: bool
+    ) -> tuple[Goal, list[str]]:
         """Leave out the goals that cannot be reached, as long as there are others."""
         kept, messages, wrong = [], [], []
         for number, goal in enumerate(goals, 1):
             try:
-                checked, snapped = self._checked_goal(goal)
+                checked, snapped = self._checked_goal(goal, rests)
             except ProblemError as error:
                 wrong.append(f"goal {number} of {len(goals)}: {error}")
             else:

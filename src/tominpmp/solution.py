@@ -20,6 +20,7 @@ from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, b
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
+from tominpmp.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 
@@ -119,6 +120,13 @@ class Solution:
         if not self.success or bound is None or not bound.T > 0.0:
             return None
         return self.T / bound.T - 1.0
+
+    @cached_property
+    def segments(self) -> tuple[SegmentOfMotion, ...]:
+        """The segments of the motion, one after the other; none without a motion."""
+        if self.trajectory is None:
+            return ()
+        return segments_of(self.trajectory, self.problem.segments)
 
     @property
     def roughness(self) -> float:

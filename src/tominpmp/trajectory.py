@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import (
     Array,
     BoolArray,
+    IntArray,
     Record,
     in_brief,
     number_or_nan,
@@ -186,6 +187,11 @@ class Trajectory(Record):
             of a motion with constant acceleration; without it the torque is constant.
         holding: The same function for a motion whose torques are given: what holds the
             arm before and after it.
+        segment_ends: Times at which the segments of the motion end [s], increasing to
+            T, shape (k,), with the time the arm stays there; each is a node. None for
+            one segment.
+        segment_dynamics: Functions as ``inverse_dynamics``, one for each segment, where
+            the arm carries something else on each; empty else.
     """
 
     joint_names: tuple[str, ...]
@@ -198,6 +204,10 @@ class Trajectory(Record):
         default=None, repr=False, compare=False
     )
     holding: InverseDynamics | None = field(default=None, repr=False, compare=False)
+    segment_ends: Array | None = None
+    segment_dynamics: tuple[InverseDynamics, ...] = field(
+        default=(), repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
@@ -226,6 +236,25 @@ class Trajectory(Record):
         if self.a is not None and self.a.shape != (nodes, n):
             layout = "one row an interval or node, one column a joint"
             _check_shape(self, "a", (nodes - 1, n), layout)
+        if self.segment_ends is not None:
+            self._check_segments()
+
+    def _check_segments(self) -> None:
+        object.__setattr__(self, "segment_ends", _numbers("segment_ends", self))
+        ends = np.asarray(self.segment_ends)
+        good = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t[1:]))
+        if not (good and np.all(np.diff(ends) > 0.0) and ends[-1] == self.t[-1]):
+            raise ProblemError(
+                f"trajectory field 'segment_ends' is {brief(self.segment_ends)}, "
+                f"expected times of nodes that increase to T = {self.t[-1]:g} s",
+                "segment_ends",
+            )
+
+    def segment_at(self, times: Array) -> IntArray:
+        """Index of the segment at times, the later one where one ends, shape (m,)."""
+        if self.segment_ends is None:
+            return np.zeros(times.size, dtype=np.int64)
+        return np.searchsorted(self.segment_ends[:-1], times, side="right")
 
     @property
     def duration(self) -> float:
@@ -283,7 +312,7 @@ class Trajectory(Record):
             )
         state = self._evaluate(np.clip(row, 0.0, self.t[-1]))
         if np.any(outside):
-            state = self._held(state, outside)
+            state = self._held(state, outside, row)
         if times.ndim == 0:
             return State(*(part[0] for part in state))
         return state
@@ -293,15 +322,16 @@ class Trajectory(Record):
         slack = ROUNDING * max(1.0, self.duration)
         return np.asarray((times < -slack) | (times > self.duration + slack))
 
-    def _held(self, state: State, outside: BoolArray) -> State:
+    def _held(self, state: State, outside: BoolArray, times: Array) -> State:
         """The states, at rest where they are those of an end that is held."""
         q, v, a, u = map(np.array, state)
         v[outside] = a[outside] = 0.0
+        rest = q[outside], v[outside], a[outside]
         dynamics = self.inverse_dynamics or self.holding
-        if dynamics is None:
-            u[outside] = np.nan
-        else:
-            u[outside] = dynamics(q[outside], v[outside], a[outside])
+        u[outside] = np.nan if dynamics is None else dynamics(*rest)
+        for k, load in enumerate(self.segment_dynamics):
+            mine = np.flatnonzero(outside & (self.segment_at(times) == k))
+            u[mine] = load(q[mine], v[mine], a[mine])
         return State(q, v, a, u)
 
     def _evaluate(self, times: Array) -> State:
@@ -314,26 +344,50 @@ class Trajectory(Record):
 
     def _torques(self, times: Array, q: Array, v: Array, a: Array) -> Array:
         """What the dynamics take, with the friction of the way the joints go."""
-        assert self.inverse_dynamics is not None  # noqa: S101
+        if not self.segment_dynamics:
+            return self._torques_of(self.inverse_dynamics, times, q, v, a)
+        out, segment = np.empty_like(q), self.segment_at(times)
+        for k in np.unique(segment).tolist():
+            mine, dynamics = segment == k, self.segment_dynamics[k]
+            rows = times[mine], q[mine], v[mine], a[mine]
+            out[mine] = self._torques_of(dynamics, *rows)
+        return out
+
+    def _torques_of(
+        self,
+        dynamics: InverseDynamics | None,
+        times: Array,
+        q: Array,
+        v: Array,
+        a: Array,
+    ) -> Array:
+        assert dynamics is not None  # noqa: S101
         # Methods of a robot's dynamics can be told the way; other functions decide by
         # themselves.
-        owner = getattr(self.inverse_dynamics, "__self__", None)
+        owner = getattr(dynamics, "__self__", None)
         if isinstance(owner, Frictional) and owner.friction is not None:
             return owner.inverse_along(q, v, a, self.turns.at(times))
-        return self.inverse_dynamics(q, v, a)
+        return dynamics(q, v, a)
 
     @cached_property
     def turns(self) -> Turns:
         """Which way the joints go, and when they turn."""
         return Turns.of(self.t, velocities(self.t, self.q, self.v, self.a))
 
-    def with_torques(self, inverse_dynamics: InverseDynamics) -> Trajectory:
+    def with_torques(
+        self,
+        inverse_dynamics: InverseDynamics,
+        segment_dynamics: tuple[InverseDynamics, ...] = (),
+    ) -> Trajectory:
         """The same movement with the torques that it takes.
 
         Args:
             inverse_dynamics: What they follow from, see the attribute.
+            segment_dynamics: What they follow from on each segment.
         """
-        found = replace(self, inverse_dynamics=inverse_dynamics)
+        found = replace(
+            self, inverse_dynamics=inverse_dynamics, segment_dynamics=segment_dynamics
+        )
         a = states(self.t, self.q, self.v, self.a, self.t)[2]
         return replace(found, u=found._torques(self.t, self.q, self.v, a))
 

@@ -67,10 +67,25 @@ def lower_bound(problem: Problem) -> LowerBound:
         The largest bound that was found.
     """
     expect(problem, Problem, "problem", "a Problem")
+    if problem.segments:
+        return _of_segments(problem)
     return min(
         (_of_goal(problem, goal) for goal in problem.goal.alternatives),
         key=lambda bound: bound.T,
     )
+
+
+def _of_segments(problem: Problem) -> LowerBound:
+    """The speed limits on each segment between two configurations, and all stays."""
+    total, known = 0.0, True
+    for phase, segment in zip(problem.phases, problem.segments, strict=True):
+        total += segment.dwell
+        q = phase.goal.configuration
+        if known and q is not None:
+            found = _speed_bounds(phase, np.abs(q - phase.q_start))
+            total += max((bound.T for bound in found), default=0.0)
+        known = q is not None
+    return LowerBound(total, "joints at full speed on each segment, and all stays")
 
 
 def _of_goal(problem: Problem, goal: Goal) -> LowerBound:

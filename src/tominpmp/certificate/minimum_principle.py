@@ -36,7 +36,7 @@ from tominpmp.certificate.optimality_report import (
     name_of,
 )
 from tominpmp.certificate.task import Task
-from tominpmp.exceptions import expect
+from tominpmp.exceptions import ProblemError, expect
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
 from tominpmp.trajectory import Samples, Trajectory
@@ -75,10 +75,17 @@ def certify(
         The certificate.
 
     Raises:
-        ProblemError: If the motion is one of other joints, or has no numbers.
+        ProblemError: If the motion is one of other joints, or has no numbers, or the
+            problem has several segments.
     """
     begin = time.perf_counter()
     expect(problem, Problem, "problem", "a Problem")
+    if problem.segments:
+        raise ProblemError(
+            f"problem has {len(problem.segments)} segments, expected one: motions of "
+            "several have no certificate yet",
+            "segments",
+        )
     if verification is not None:
         expect(verification, Verification, "verification", "a Verification or None")
     expect(tolerance, (int, float, np.number), "tolerance", "a share of the duration")

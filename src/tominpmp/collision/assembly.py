@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,15 +52,16 @@ class Assembly:
         self_collision: bool,
         geometry: Geometry,
         cut: frozenset[str] | None,
+        may_touch: frozenset[frozenset[str]] = frozenset(),
     ) -> Assembly:
         """Put it together; see :class:`~tominpmp.collision.CollisionChecker`."""
         watching = self_collision or len(scene)
         links = links_of(robot, geometry, cut) if watching else ()
         bodies = [*links, *scene_bodies(scene, obstacles.first)]
-        first, second = scene_pairs(bodies, len(links))
+        first, second = _parted(*scene_pairs(bodies, len(links)), bodies, may_touch)
         obstacle_pairs = int(first.size)
         if self_collision:
-            own = own_pairs(robot, geometry, cut)
+            own = _parted(*own_pairs(robot, geometry, cut), bodies, may_touch)
             first = np.concatenate([first, own[0]])
             second = np.concatenate([second, own[1]])
         pairs = tuple(
@@ -130,3 +132,22 @@ class Assembly:
             farthest = self.query.broad.farthest[body]
             out[:, moving] = linear[:, number] + angular[:, number] * farthest
         return out
+
+
+def _parted(
+    first: IntArray,
+    second: IntArray,
+    bodies: Sequence[Body],
+    may_touch: frozenset[frozenset[str]],
+) -> tuple[IntArray, IntArray]:
+    """Pairs without those that may touch."""
+    if not may_touch:
+        return first, second
+    kept = np.array(
+        [
+            frozenset((bodies[i].name, bodies[k].name)) not in may_touch
+            for i, k in zip(first.tolist(), second.tolist(), strict=True)
+        ],
+        dtype=bool,
+    )
+    return first[kept], second[kept]

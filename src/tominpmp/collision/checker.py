@@ -35,6 +35,7 @@ class CollisionChecker:
             is fixed to the base.
         geometry: What meshes of the links are taken as.
         cut: Names of the links whose meshes are taken as that; None for all.
+        may_touch: Pairs of bodies that are not watched.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class CollisionChecker:
         self_collision: bool = False,
         geometry: Geometry = "convex",
         cut: frozenset[str] | None = None,
+        may_touch: frozenset[frozenset[str]] = frozenset(),
     ) -> None:
         """Find what there is.
 
@@ -59,12 +61,14 @@ class CollisionChecker:
             cut: Names of the links whose meshes are taken as that; None for all. The
                 meshes of the others are taken as one hull each, from which distances
                 are never larger; they are not cut into pieces for it.
+            may_touch: Pairs of names of bodies that are not watched.
 
         Raises:
             SceneError: If there are obstacles, but no geometry on moving links.
         """
         self.robot, self.scene, self.geometry = robot, scene, geometry
         self.self_collision, self.cut = self_collision, cut
+        self.may_touch = may_touch
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
             raise SceneError(
@@ -86,13 +90,17 @@ class CollisionChecker:
             self.self_collision,
             self.geometry,
             self.cut,
+            self.may_touch,
         )
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is built again."""
-        own = self.self_collision
         make = partial(
-            CollisionChecker, self_collision=own, geometry=self.geometry, cut=self.cut
+            CollisionChecker,
+            self_collision=self.self_collision,
+            geometry=self.geometry,
+            cut=self.cut,
+            may_touch=self.may_touch,
         )
         return make, (self.robot, self.scene)
 
@@ -112,6 +120,7 @@ class CollisionChecker:
                 self_collision=self.self_collision,
                 geometry=self.geometry,
                 cut=cut,
+                may_touch=self.may_touch,
             )
         return self._variants[cut]
 

@@ -8,6 +8,7 @@ ends at rest unless a final velocity is given.
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, FrameGoal, PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.passing import PassedGoal, passed
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place
 from tominpmp.goals.region import RegionGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
@@ -24,8 +25,10 @@ __all__ = [
     "JointRegionGoal",
     "Label",
     "Miss",
+    "PassedGoal",
     "Place",
     "PoseGoal",
     "PositionGoal",
     "RegionGoal",
+    "passed",
 ]

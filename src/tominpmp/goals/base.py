@@ -80,6 +80,10 @@ class Goal(ABC):
         """Final joint velocity if it is known beforehand, else zero, shape (n,)."""
         return np.zeros(n)
 
+    def speed_count(self, n: int) -> int:
+        """How many numbers of the residual, the last ones, are about the velocity."""
+        return n if self.fixes_velocity else 3
+
     def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
         """Bounds within which the residual is where the goal is reached.
 
@@ -92,7 +96,7 @@ class Goal(ABC):
         """
         n = kinematics.robot.n
         place = self.place(kinematics, np.zeros(n))
-        speed = np.zeros(n if self.fixes_velocity else 3)
+        speed = np.zeros(self.speed_count(n))
         return (
             np.concatenate([place.lower, speed]),
             np.concatenate([place.upper, speed]),
@@ -114,7 +118,7 @@ class Goal(ABC):
         """
         amounts = np.abs(self.excess(kinematics, q, v)).tolist()
         labels = self.labels(kinematics)
-        speeds = kinematics.robot.n if self.fixes_velocity else 3
+        speeds = self.speed_count(kinematics.robot.n)
         return [
             Miss(label.name, amount, label.unit, i >= len(amounts) - speeds)
             for i, (amount, label) in enumerate(zip(amounts, labels, strict=True))

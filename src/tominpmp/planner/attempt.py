@@ -127,6 +127,10 @@ class Attempt:
 
     def _may_wait(self, problem: Problem, options: Options) -> bool:
         motion = self.trajectory
-        if motion.inverse_dynamics is None or not motion.duration <= LONGEST:
+        if (
+            problem.segments
+            or motion.inverse_dynamics is None
+            or not motion.duration <= LONGEST
+        ):
             return False
         return keeps_clear(problem, motion, options.tolerances.contact)

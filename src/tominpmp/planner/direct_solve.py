@@ -10,6 +10,11 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.segments import (
+    SegmentedGuess,
+    at_rest_on_the_way,
+    solved_guess,
+)
 from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
@@ -17,14 +22,19 @@ from tominpmp.planner.attempt import REFINEMENTS, Attempt
 from tominpmp.planner.refinement import refine, unrefined
 from tominpmp.planner.watch import Watch
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers.rounds import Solve, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED
 from tominpmp.transcription.base import Program, Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
+from tominpmp.transcription.bspline_segments import SegmentedBSpline
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
-from tominpmp.transcription.grid import delayed_shares, interval_shares
+from tominpmp.transcription.grid import (
+    delayed_shares,
+    interval_shares,
+    segmented_shares,
+)
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
@@ -38,6 +48,8 @@ NEARLY = 1e-2
 # A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
 # admissible.
 GUESS_STRETCH = 1.02
+# Iterations for a motion whose accelerations jump, from which a smooth one begins.
+FIRST_ITERATIONS = 10
 # The same for motions whose accelerations must not jump.
 SMOOTH_STRETCH = 1.3
 
@@ -50,7 +62,7 @@ def solve_and_verify(
     def solve(tried: System, former: Attempt | None) -> Attempt:
         first = guess
         if former is not None:
-            first = replace(former_motion(tried, former.trajectory), name=former.name)
+            first = _guess_of(tried, former)
         return _solve_and_verify(tried, options, first, watch)
 
     return with_rows_where_needed(system, watch, solve)
@@ -76,6 +88,14 @@ def with_rows_where_needed(
     return solve(system, attempt).after(attempt)
 
 
+def _guess_of(system: System, attempt: Attempt) -> Guess:
+    """What an attempt led to, as a guess."""
+    motion = attempt.trajectory
+    if system.parts:
+        return solved_guess(attempt.name, motion, system.problem.segments)
+    return replace(former_motion(system, motion), name=attempt.name)
+
+
 def _solve_and_verify(
     system: System, options: Options, guess: Guess, watch: Watch
 ) -> Attempt:
@@ -92,7 +112,7 @@ def _solve_and_verify(
             break  # nor does it make a motion short enough to be replayed
         # Nor will the first motion do on the finer grid: it was too rough.
         options = replace(options, intervals=2 * options.intervals, objective="time")
-        guess = replace(former_motion(system, attempt.trajectory), name=attempt.name)
+        guess = _guess_of(system, attempt)
         finer = solve_from_guess(system, options, guess, watch)
         finer = finer.verified(problem, options)
         if not finer.feasible:
@@ -120,7 +140,7 @@ def solve_from_guess(
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * guess.duration
-    lp = make_solver(options.lp_solver)
+    lp, smooth = make_solver(options.lp_solver), options.control in DEGREES
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
 
@@ -130,13 +150,40 @@ def solve_from_guess(
         solver = make_slp(program, options, smoothing, lp, watch)
         return solver.run(z, after=after)
 
+    if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
+        program, start = _smooth_start(system, options, guess, solve)
     solved = solve_in_rounds(program, start, options, solve)
-    if options.control in DEGREES and options.method != "collocation":
+    if system.parts or (smooth and options.method != "collocation"):
         found: tuple[Program, SlpResult]
         found = solved[0], unrefined(options, solved[1])
     else:
         found = refine(system, options, *solved, lp, watch)
     return Attempt.of(guess.name, found[0], initial, found[1])
+
+
+def _smooth_start(
+    system: System, options: Options, guess: SegmentedGuess, solve: Solve
+) -> tuple[NonlinearProgram, Array]:
+    """Program with continuous accelerations for a guess, and where to begin.
+
+    Where goals are passed, the corners of a guess are far from any such motion: it is
+    begun with a motion that stops there, or with one whose accelerations may jump.
+    """
+    few = replace(options, max_iterations=FIRST_ITERATIONS)
+    if guess.stops:
+        program, start = first_program(at_rest_on_the_way(system), options, guess)
+        stopping = solve(program, start, few, None).best
+        program, start = first_program(system, options, guess)
+        start = start if stopping is None else stopping.z
+        return program.at(start), start
+    jumping = replace(few, control="constant")
+    program, start = first_program(system.without_smooth_limits(), jumping, guess)
+    found = solve(program, start, jumping, None).best
+    if found is not None:
+        motion = program.trajectory(found.z)
+        better = solved_guess(guess.name, motion, system.problem.segments)
+        guess = replace(better, solved=False)
+    return first_program(system, options, guess)
 
 
 def first_program(
@@ -148,6 +195,8 @@ def first_program(
     shares = guess_shares(options, guess)
     timed = GUESS_STRETCH if guess.timed else 1.0
     transcription: Transcription[Any]
+    if isinstance(guess, SegmentedGuess):
+        return segmented_program(system, options, guess)
     if options.method == "collocation":
         if former is not None:
             return former.lifted_program(system, *grid)
@@ -172,6 +221,31 @@ def first_program(
             # Rows between the nodes that the motion rests on, which it had before.
             return exchanged(program, start, -NEARLY) or program, start
         transcription = jumping = InverseTranscription(system, shares, guess.duration)
+        start = jumping.start(guess.position, timed * guess.duration)
+    return NonlinearProgram.of(transcription).at(start), start
+
+
+def segmented_program(
+    system: System, options: Options, guess: SegmentedGuess
+) -> tuple[NonlinearProgram, Array]:
+    """Program for a guess of several segments, and the guess as its iterate."""
+    N = options.intervals
+    smooth = options.control in DEGREES
+    shares = segmented_shares(options.grid, N, guess.durations, smooth)
+    ends = tuple(N * (k + 1) for k in range(len(system.parts)))
+    transcription: Transcription[Any]
+    if smooth:
+        transcription = spline = SegmentedBSpline(
+            system, shares, DEGREES[options.control], ends
+        )
+        stretch = 1.0 if guess.solved else SMOOTH_STRETCH
+        eta = np.full(len(ends), stretch * guess.duration)
+        start = spline.start(lambda share: guess.position(share * guess.duration), eta)
+    else:
+        transcription = jumping = InverseTranscription(
+            system, shares, guess.duration, segment_ends=ends
+        )
+        timed = GUESS_STRETCH if guess.timed else 1.0
         start = jumping.start(guess.position, timed * guess.duration)
     return NonlinearProgram.of(transcription).at(start), start
 

@@ -27,6 +27,7 @@ from tominpmp.initial_guess.parallel import (
     run_parallel,
 )
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
+from tominpmp.initial_guess.segments import segmented_guesses, unreached
 from tominpmp.initial_guess.warm_start import FormerMotion
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -36,10 +37,13 @@ from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import shots
 from tominpmp.planner.watch import Watch
 from tominpmp.stopping import Stop
+from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.system import System
 
 # Guesses for a goal on a frame, whose final configuration is free.
 FRAME_STARTS = 4
+# Guesses for several segments whose accelerations are continuous.
+SEGMENTED_STARTS = 2
 # Guesses where obstacles move, which may be let pass or be passed, and those that are
 # made while none has led to a motion.
 MOVING_STARTS = 3
@@ -91,6 +95,8 @@ class Count(NamedTuple):
         if options.objective == "time":
             usual = FRAME_STARTS if system.final_configuration is None else 1
             usual = max(usual, MOVING_STARTS) if moving else usual
+            if system.parts:
+                usual = SEGMENTED_STARTS if options.control in DEGREES else 1
         swings = may_swing(system)
         rescues = SWINGERS_RESCUE_STARTS if swings else RESCUE_STARTS
         rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
@@ -133,6 +139,8 @@ def _from_guesses(
     rng = np.random.default_rng(options.seed)
     count = Count.of(system, options)
     make = guesses_among_moving if system.problem.scene.moving else initial_guesses
+    if system.parts:
+        make = partial(segmented_guesses, smooth=options.control in DEGREES)
     guesses = make(system, count.most, rng, options.initial_duration, watch.deadline)
     source: _Source = _Source(system, options, watch, guesses)
     left = watch.left
@@ -303,6 +311,11 @@ def solve_alone(
 
 def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
     """Error for a goal that no configuration was found to reach."""
+    where = ""
+    if system.parts:
+        number, reached = unreached(system, rng)
+        where = f"segment {number + 1} of {len(system.parts)}: "
+        system = reached
     goal = system.problem.goal
     _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
     what = (
@@ -311,7 +324,7 @@ def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
         else f"brings frame {goal.frame_name!r} there"
     )
     return ProblemError(
-        f"goal: no configuration within the position limits {what}; the nearest one "
-        f"found misses it by {least:.4g} (m, rad)",
+        f"{where}goal: no configuration within the position limits {what}; the nearest "
+        f"one found misses it by {least:.4g} (m, rad)",
         "goal",
     )

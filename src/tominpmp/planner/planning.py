@@ -127,6 +127,11 @@ def _attempts(
 ) -> Iterator[Attempt]:
     """One attempt after the other."""
     former = None if start is None else motion_of(start)
+    if former is not None and problem.segments:
+        raise ProblemError(
+            "start: a motion of several segments does not begin with a former one",
+            "start",
+        )
     make = partial(make_attempts, options=options, watch=watch)
     attempts: list[Attempt] = []
     for attempt in attempts_of_alternatives(problem, make, watch, former):
@@ -156,7 +161,7 @@ def continued(
     From the fastest motion, and from all that were the fastest when they were found:
     fewer starts would have gone on from one of them, and might have come farther.
     """
-    if options.control != "auto":
+    if options.control != "auto" or problem.segments:
         return
     records: list[Attempt] = []
     for attempt in attempts:
@@ -165,8 +170,7 @@ def continued(
     for former in reversed(records):
         if options.refine == "switching" and not former.remark:
             continue  # its torques switch exactly: there is nothing left to gain
-        q, v = former.trajectory.q[-1], former.trajectory.v[-1]
-        system = System.of(problem.alternative_at(q, v))
+        system = System.of(problem.alternative_of(former.trajectory))
         watch.share(1)
         watch.begin()
         solve = partial(
@@ -200,6 +204,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     robot = problem.robot
     method = options.method
     check_clock(problem, options)
+    check_segments(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:
@@ -224,6 +229,30 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             "initial_control",
         )
     return replace(options, method=method, lp_solver=lp_solver, control=control)
+
+
+def check_segments(problem: Problem, options: Options) -> None:
+    """Refuse options that are not for motions of several segments.
+
+    Raises:
+        OptionsError: If there is one.
+    """
+    if not problem.segments:
+        return
+    known = {
+        "method": ("auto", "inverse"),
+        "refine": (None,),
+        "slack": (None,),
+        "control_period": (None,),
+    }
+    for name, allowed in known.items():
+        value = getattr(options, name)
+        if value not in allowed:
+            raise OptionsError(
+                f"{name} is {value!r}, and the problem has several segments: expected "
+                f"{' or '.join(map(repr, allowed))}",
+                name,
+            )
 
 
 def resolve_control(problem: Problem, options: Options, method: str) -> Control:

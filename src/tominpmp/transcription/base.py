@@ -9,9 +9,11 @@ of 1 means about "by 100 %". The solvers know nothing else of robots.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -235,6 +237,8 @@ class Transcription(ABC, Generic[M]):
             between its rows, by parts of an interval.
         highest: Highest order of constraints that can be kept: 3 where accelerations
             do not jump.
+        segment_ends: Number of intervals up to the end of each segment, shape (k,);
+            None for one segment.
     """
 
     system: System
@@ -243,11 +247,27 @@ class Transcription(ABC, Generic[M]):
     by_component: bool = False
     inspected: tuple[tuple[float, ...], ...] = ()
     highest: int = 2
+    segment_ends: tuple[int, ...] | None = None
 
     @property
     @abstractmethod
     def size(self) -> int:
         """Number of unknowns."""
+
+    @property
+    def segments(self) -> list[tuple[int, int]]:
+        """First interval of each segment, and the one after its last."""
+        ends = self.segment_ends or (self.intervals,)
+        return list(itertools.pairwise((0, *ends)))
+
+    @cached_property
+    def delays(self) -> Array:
+        """What has been waited in all before each interval [s], shape (N,)."""
+        out = np.zeros(self.intervals)
+        stays = (segment.dwell for segment in self.system.problem.segments)
+        for (_, end), dwell in zip(self.segments, stays, strict=False):
+            out[end:] += dwell
+        return out
 
     @property
     def intervals(self) -> int:
@@ -310,8 +330,16 @@ class Transcription(ABC, Generic[M]):
         t = np.concatenate([[0.0], np.cumsum(self.motion(z).h)])
         return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
 
-    def hull(self, limit: JointLimit) -> Hull[M] | None:
-        """Rows that keep a joint limit at all times, if it has any."""
+    def hull(
+        self, limit: JointLimit, within: tuple[int, int] | None = None
+    ) -> Hull[M] | None:
+        """Rows that keep a joint limit at all times, if it has any.
+
+        Args:
+            limit: The limit.
+            within: First interval of the segment on which it holds, and the one after
+                its last; None for all.
+        """
         return None
 
     @property

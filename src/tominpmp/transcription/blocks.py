@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,6 +15,7 @@ from tominpmp.constraints import Constraint, JointLimit, Partials, States
 from tominpmp.exceptions import OptionsError
 from tominpmp.transcription.base import Hull, Motion, Transcription
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +66,21 @@ class Sampled:
     Attributes:
         constraint: The constraint, with what it takes for granted at the instants.
         fixed: Instants at shares of intervals. Those at which the constraint has kinks
-            in real time come on top of them.
+            in real time come on top of them, if it holds all the time.
+        within: First interval of the segment on which it holds, and the one after its
+            last; None for all.
+        suffix: What its name ends with.
     """
 
     constraint: Constraint
     fixed: Instants
+    within: tuple[int, int] | None = None
+    suffix: str = ""
 
     @property
     def name(self) -> str:
-        """Name of the constraint."""
-        return self.constraint.name
+        """Name of the constraint, with the segment that it holds on."""
+        return self.constraint.name + self.suffix
 
     @property
     def gradual(self) -> bool:
@@ -87,7 +94,7 @@ class Sampled:
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
-        return self.constraint.bounds(self.fixed.size + self.constraint.kinks.size)
+        return self.constraint.bounds(self.fixed.size + self.kinks.size)
 
     @property
     def lower(self) -> Array:
@@ -108,19 +115,23 @@ class Sampled:
             return np.zeros(rows * count, dtype=np.int64)
         return np.repeat(np.arange(rows), count)
 
-    def instants(self, h: Array) -> Instants:
+    @property
+    def kinks(self) -> Array:
+        """Times of the kinks that are instants [s], shape (k,)."""
+        return self.constraint.kinks if self.within is None else np.zeros(0)
+
+    def instants(self, of: Transcription[Any], h: Array) -> Instants:
         """The instants on intervals of given lengths [s], shape (N,).
 
         Those that are due after the end of the motion are at its end.
         """
-        kinks = self.constraint.kinks
-        return (
-            self.fixed.joined(Instants.at_times(kinks, h)) if kinks.size else self.fixed
-        )
+        if not self.kinks.size:
+            return self.fixed
+        return self.fixed.joined(Instants.at_times(self.kinks, h, of.delays))
 
     def states(self, of: Transcription[Any], motion: Motion) -> tuple[Instants, States]:
         """The instants, and the states there."""
-        at = self.instants(motion.h)
+        at = self.instants(of, motion.h)
         return at, of.states(motion, at, self.constraint.order)
 
     def values(self, of: Transcription[Any], motion: Motion) -> Array:
@@ -161,10 +172,8 @@ class Sampled:
         it when the duration changes; a row at that very instant stays there, and the
         path shifts under it.
         """
-        kinks = self.constraint.kinks
-        due = np.concatenate(
-            [np.zeros(self.fixed.size, dtype=bool), kinks < motion.h.sum()]
-        )
+        end = motion.h.sum() + of.delays[-1]
+        due = np.concatenate([np.zeros(self.fixed.size, dtype=bool), self.kinks < end])
         pinned: BoolArray = due[partials.at]
         if not pinned.any() or partials.by_q is None or partials.by_t is None:
             return partials
@@ -194,8 +203,56 @@ def assumed(
     return constraint.assumed(of.states(motion, at, constraint.order), beside)
 
 
-def block_of(of: Transcription[Any], constraint: Constraint) -> Block | None:
-    """Rows of a constraint; None where bounds of the unknowns keep it."""
+def blocks_of(of: Transcription[Any]) -> list[Block]:
+    """Rows of all constraints along the motion of a problem.
+
+    Those of the arm hold on all segments, and so do those that all segments share;
+    others hold on theirs.
+    """
+    parts = of.system.segments
+    if len(parts) == 1:
+        found = [block_of(of, constraint) for constraint in of.system.constraints]
+        return [block for block in found if block is not None]
+    found = []
+    for constraint in parts[0].constraints:
+        if constraint.field in ("q", "v") or _shared(constraint, parts):
+            found.append(block_of(of, constraint))
+    for number, (part, within) in enumerate(zip(parts, of.segments, strict=True)):
+        for constraint in part.constraints:
+            if constraint.field not in ("q", "v") and not _shared(constraint, parts):
+                found.append(block_of(of, constraint, within, number))
+    return [block for block in found if block is not None]
+
+
+def _shared(constraint: Constraint, parts: Sequence[System]) -> bool:
+    """Whether a constraint holds on all segments."""
+    return all(any(_same(constraint, c) for c in part.constraints) for part in parts)
+
+
+def _same(one: Constraint, other: Constraint) -> bool:
+    if not (isinstance(one, JointLimit) and isinstance(other, JointLimit)):
+        return one is other
+    return one.name == other.name and all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("joints", "lower", "upper", "scale")
+    )
+
+
+def block_of(
+    of: Transcription[Any],
+    constraint: Constraint,
+    within: tuple[int, int] | None = None,
+    segment: int = 0,
+) -> Block | None:
+    """Rows of a constraint; None where bounds of the unknowns keep it.
+
+    Args:
+        of: The parameterisation.
+        constraint: The constraint.
+        within: First interval of the segment on which it holds, and the one after its
+            last; None for all.
+        segment: Number of that segment.
+    """
     if constraint.field in of.kept:
         return None
     if constraint.order > of.highest:
@@ -204,8 +261,31 @@ def block_of(of: Transcription[Any], constraint: Constraint) -> Block | None:
             "control 'linear' or 'spline'",
             "control",
         )
+    suffix = "" if within is None else f" on segment {segment + 1}"
     if isinstance(constraint, JointLimit):
-        hull = of.hull(constraint)
+        hull = of.hull(constraint, within)
         if hull is not None:
-            return Always(constraint.name, hull, curable=constraint.curable)
-    return Sampled(constraint, of.instants(constraint.order, constraint.field))
+            name = constraint.name + suffix
+            return Always(name, hull, curable=constraint.curable)
+    at = of.instants(constraint.order, constraint.field)
+    if within is not None:
+        at = _on_segment(at.within(*within), constraint, within)
+    return Sampled(constraint, at, within, suffix)
+
+
+def _on_segment(
+    at: Instants, constraint: Constraint, within: tuple[int, int]
+) -> Instants:
+    """Instants on a segment, with its beginning and its end."""
+    if constraint.order > 2:  # pairs of instants
+        return at
+    first, end = within
+    known = set(zip(at.interval.tolist(), at.share.tolist(), strict=True))
+    ends = [(first, 0.0)] if first else []
+    missing = [one for one in (*ends, (end - 1, 1.0)) if one not in known]
+    return at.joined(
+        Instants(
+            np.array([k for k, _ in missing], dtype=np.int64),
+            np.array([share for _, share in missing]),
+        )
+    )

@@ -202,7 +202,7 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
             if part is None:
                 continue
             basis = self._basis_at(at, order)
-            by_points = by_points + _products(basis[which], part / T**order)
+            by_points = by_points + products(basis[which], part / T**order)
             if order:
                 here = np.asarray(basis @ motion.points)[which] / T**order
                 by_time -= order * np.einsum("kj,kj->k", part, here) / T
@@ -216,7 +216,9 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         time = (by_time, (np.arange(count), np.full(count, last)))
         return by_points @ self.map + sp.csr_matrix(time, shape=(count, self.size))
 
-    def hull(self, limit: JointLimit) -> Hull[BSplineMotion] | None:
+    def hull(
+        self, limit: JointLimit, within: tuple[int, int] | None = None
+    ) -> Hull[BSplineMotion] | None:
         """Derivatives are in the convex hull of their control points."""
         return DerivativeHull(self, limit)
 
@@ -281,7 +283,7 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         ).with_torques(self.system.motor_dynamics.inverse)
 
 
-def _products(basis: sp.csr_matrix, part: Array) -> sp.csr_matrix:
+def products(basis: sp.csr_matrix, part: Array) -> sp.csr_matrix:
     """Rows basis_k times part_k, one beside the other for each control point, (k, M n).
 
     From weights of M control points, shape (k, M), and derivatives by n joints, (k, n).

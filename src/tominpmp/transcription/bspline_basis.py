@@ -31,8 +31,8 @@ class Basis:
 
     @classmethod
     def on(cls, nodes: Array, degree: int) -> Basis:
-        """Basis on nodes from 0 to 1, shape (N + 1,)."""
-        ends = np.zeros(degree), np.ones(degree)
+        """Basis on nodes that increase from 0, shape (N + 1,)."""
+        ends = np.zeros(degree), np.full(degree, nodes[-1])
         return cls(degree, np.concatenate([ends[0], nodes, ends[1]]))
 
     @property

@@ -115,7 +115,8 @@ def _exchanged(
     more = _violated(block, of, motion, overload)
     if more.size:
         constraint = constraint.joined(assumed(constraint, of, motion, more))
-    return Sampled(constraint, block.fixed.joined(more)), count + more.size
+    block = replace(block, constraint=constraint, fixed=block.fixed.joined(more))
+    return block, count + more.size
 
 
 def _violated(
@@ -128,8 +129,9 @@ def _violated(
     if constraint.order >= 3:
         return _rising(constraint, of, motion, overload)
     if constraint.order >= 2:
-        return _jumping(constraint, of, motion, overload)
-    return _Continuous(constraint, of, motion).violated(block.instants(motion.h))
+        return _jumping(constraint, of, motion, overload, block.within)
+    known = block.instants(of, motion.h)
+    return _Continuous(constraint, of, motion, block.within).violated(known)
 
 
 def _excess(
@@ -150,7 +152,11 @@ def _excess(
 
 
 def _jumping(
-    constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
+    constraint: Constraint,
+    of: Transcription[Any],
+    motion: Motion,
+    tolerance: float,
+    within: tuple[int, int] | None,
 ) -> Instants:
     """Instants for what may jump at the nodes: torques, and what depends on them.
 
@@ -158,13 +164,14 @@ def _jumping(
     without repetitions.
     """
     found: set[tuple[int, float]] = set()
+    first, end = within or (0, of.intervals)
     for shares in of.inspected:
-        at = Instants.spread(of.intervals, shares)
+        at = Instants.spread(of.intervals, shares).within(first, end)
         excess = _excess(constraint, of, motion, at)
-        excess = excess.reshape(of.intervals, len(shares), -1)
+        excess = excess.reshape(end - first, len(shares), -1)
         worst = np.argmax(excess, axis=1)
         over = np.max(excess, axis=1) > tolerance
-        found |= {(int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
+        found |= {(first + int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
     return _listed(sorted(found))
 
 
@@ -200,9 +207,14 @@ class _Continuous:
     """Looks for the instants at which something continuous is violated."""
 
     def __init__(
-        self, constraint: Constraint, of: Transcription[Any], motion: Motion
+        self,
+        constraint: Constraint,
+        of: Transcription[Any],
+        motion: Motion,
+        within: tuple[int, int] | None = None,
     ) -> None:
         self._constraint, self._of, self._motion = constraint, of, motion
+        self._within = within or (0, of.intervals)
         assert constraint.usable is not None  # noqa: S101
         self._usable = constraint.usable
         self._close = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
@@ -214,7 +226,7 @@ class _Continuous:
         Those near others are left out.
         """
         h, moving = self._motion.h, self._constraint.moving
-        regular = _samples(h, self._most)
+        regular = _samples(h, self._most).within(*self._within)
         at, missing = self._closer(regular)
         if moving:
             more, there = self._finer(regular)
@@ -268,7 +280,7 @@ class _Continuous:
         """
         h = self._motion.h
         width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
-        rises = self._constraint.rises(float(h.sum()))
+        rises = self._constraint.rises(float(h.sum() + self._of.delays[-1]))
         rise = float(np.max(rises, initial=0.0))
         room = FINE * float(np.max(self._constraint.room, initial=0.0)) + LEAST
         longest = float(np.max(width * h[at.interval]))

@@ -67,5 +67,50 @@ def delayed_shares(intervals: int, delay: float) -> Array:
     return out
 
 
+def segmented_shares(
+    kind: str, intervals: int, durations: Array, smooth: bool
+) -> Array:
+    """A grid for a motion of several segments, each of which may take longer by itself.
+
+    Intervals are short at both ends of each, where torques are apt to switch; if
+    accelerations are continuous, at both ends of the whole motion only. The shortest
+    ones are at these too: where the position is free, they make the linear programs
+    ill-conditioned.
+
+    Args:
+        kind: "uniform" or "cosine".
+        intervals: Number N of intervals of each segment.
+        durations: Durations of the segments, in any unit, shape (k,).
+        smooth: Whether accelerations are continuous.
+
+    Returns:
+        Lengths of the intervals for the unit of time, shape (k N, k).
+    """
+    count = durations.size
+    out = np.zeros((count * intervals, count))
+    for k, share in enumerate(durations / durations.sum()):
+        outer = (k == 0, k == count - 1)
+        if kind == "uniform" or count == 1:
+            shares = interval_shares(kind, intervals)[:, 0]
+        elif smooth and not any(outer):
+            shares = interval_shares("uniform", intervals)[:, 0]
+        elif smooth:
+            shares = delayed_shares(intervals, 0.0)[-intervals:, 1]
+            shares = shares[::-1] if k == 0 else shares
+        else:
+            shares = _cosine_shares(intervals, *outer)
+        out[k * intervals : (k + 1) * intervals, k] = share * shares
+    return out
+
+
+def _cosine_shares(intervals: int, first: bool, last: bool) -> Array:
+    """Cosine grid whose first and last interval are split again, where asked for."""
+    extra = len(END_NODES)
+    inner = _cosine_nodes(max(intervals - extra * (first + last), 2))
+    ends = inner[1] * np.array(END_NODES)
+    parts = [inner, *([ends] if first else []), *([1.0 - ends] if last else [])]
+    return np.diff(np.sort(np.concatenate(parts)))
+
+
 def _cosine_nodes(intervals: int) -> Array:
     return 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, intervals + 1)))

@@ -39,9 +39,20 @@ class Instants:
         return cls(np.array([intervals - 1]), np.ones(1))
 
     @classmethod
-    def at_times(cls, times: Array, h: Array) -> Instants:
-        """Instants at times of shape (m,) [s], those after the end at the end."""
-        ends = np.cumsum(h)
+    def ends_of(cls, intervals: Sequence[int]) -> Instants:
+        """The ends of some intervals."""
+        return cls(np.array(intervals, dtype=np.int64), np.ones(len(intervals)))
+
+    @classmethod
+    def at_times(cls, times: Array, h: Array, delays: float | Array = 0.0) -> Instants:
+        """Instants at times [s], those after the end at the end.
+
+        Args:
+            times: Shape (m,).
+            h: Lengths of the intervals [s], shape (N,).
+            delays: What has been waited in all before each interval [s].
+        """
+        ends = np.cumsum(h) + delays
         interval = np.minimum(np.searchsorted(ends, times), h.size - 1)
         share = (times - (ends - h)[interval]) / h[interval]
         return cls(interval, np.clip(share, 0.0, 1.0))
@@ -50,6 +61,11 @@ class Instants:
     def size(self) -> int:
         """Number of instants."""
         return int(self.interval.size)
+
+    def within(self, first: int, end: int) -> Instants:
+        """Those in the intervals from one to before another."""
+        mine = (self.interval >= first) & (self.interval < end)
+        return Instants(self.interval[mine], self.share[mine])
 
     def joined(self, other: Instants) -> Instants:
         """These instants and others."""

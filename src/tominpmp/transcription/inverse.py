@@ -21,6 +21,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.segmented import trajectory_of_segments
 from tominpmp.transcription.spline import (
     Spline,
     SplineDerivatives,
@@ -100,6 +101,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         acceleration_range: What the full torque range of each joint can bring about,
             shape (n,), which controls are measured in; None before a motion was looked
             at.
+        segment_ends: Number of intervals up to the end of each segment; None for one.
     """
 
     inspected = ((0.2, 0.35, 0.5, 0.65, 0.8),)
@@ -110,8 +112,10 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         shares: Array,
         duration: float,
         acceleration_range: Array | None = None,
+        segment_ends: tuple[int, ...] | None = None,
     ) -> None:
         self.system, self.shares, self.duration = system, shares, duration
+        self.segment_ends = segment_ends
         self.acceleration_range = acceleration_range
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
@@ -200,7 +204,8 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
 
     def states(self, motion: SplineMotion, at: Instants, order: int) -> States:
         """States at instants."""
-        return states_at(motion, at)
+        found = states_at(motion, at)
+        return found._replace(t=found.t + self.delays[at.interval])
 
     def pull_back(
         self, motion: SplineMotion, at: Instants, partials: Partials
@@ -209,7 +214,9 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         matrix = pull_back(motion, motion.derivatives, at, partials, self.columns)
         return matrix @ motion.chain
 
-    def hull(self, limit: JointLimit) -> Hull[SplineMotion] | None:
+    def hull(
+        self, limit: JointLimit, within: tuple[int, int] | None = None
+    ) -> Hull[SplineMotion] | None:
         """Positions are held by the points, velocities by the nodes between them."""
         if limit.order == 0:
             return EndPoints(self, limit)
@@ -237,7 +244,9 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         drag = np.abs(np.einsum("mii->mi", by.tau_v)) * spline.h[at.interval, None]
         mean = np.mean(mass + drag, axis=0) / self.system.effort_half
         scale = 2.0 / np.maximum(mean, 1e-12)
-        return InverseTranscription(self.system, self.shares, self.duration, scale)
+        return InverseTranscription(
+            self.system, self.shares, self.duration, scale, self.segment_ends
+        )
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the accelerations between intervals, in full ranges."""
@@ -277,7 +286,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         """The motion of an iterate; its torque follows from the inverse dynamics."""
         spline = self.motion(z)
         q, v, a = spline.q, spline.v, spline.a
-        return Trajectory(
+        motion = Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=np.concatenate([[0.0], np.cumsum(spline.h)]),
             q=q,
@@ -285,6 +294,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
             u=0.0 * q,
             a=a,
         ).with_torques(self.system.motor_dynamics.inverse)
+        return trajectory_of_segments(self, motion)
 
 
 class EndPoints(Hull[SplineMotion]):

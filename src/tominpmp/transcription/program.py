@@ -23,7 +23,7 @@ from tominpmp.transcription.base import (
     Transcription,
     Variation,
 )
-from tominpmp.transcription.blocks import Always, Block, Sampled, block_of
+from tominpmp.transcription.blocks import Always, Block, Sampled, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.system import System
 
@@ -60,10 +60,8 @@ class NonlinearProgram:
         blocks: list[Block] = []
         if transcription.equations is not None:
             blocks.append(Always("dynamics", transcription.equations))
-        for constraint in system.constraints:
-            block = block_of(transcription, constraint)
-            if block is not None and block.lower.size:
-                blocks.append(block)
+        blocks += [block for block in blocks_of(transcription) if block.lower.size]
+        blocks += _goals_on_the_way(transcription)
         scale = transcription.goal_scale
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
@@ -232,3 +230,17 @@ class NonlinearProgram:
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
         return self.transcription.trajectory(z)
+
+
+def _goals_on_the_way(of: Transcription[Any]) -> list[Block]:
+    """Rows of the goals of all segments but the last."""
+    found: list[Block] = []
+    for number, (part, (first, end)) in enumerate(
+        zip(of.system.segments[:-1], of.segments[:-1], strict=True)
+    ):
+        scale = np.ones(part.goal_bounds[0].size)
+        goal = GoalReached(part.problem.goal, part.kinematics, scale)
+        suffix = f" of segment {number + 1}"
+        at = Instants.ends_of([end - 1])
+        found.append(Sampled(goal, at, (first, end), suffix))
+    return found

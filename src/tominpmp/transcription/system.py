@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -93,6 +94,7 @@ class System:
         ways: Which way each joint moves all the time, 1, -1 or 0 for at rest, where
             that is taken for granted: torques are those that dry friction leaves, and
             their limits are shifted by it; None else, shape (n,).
+        parts: The functions of each segment; empty where there is one only.
     """
 
     problem: Problem
@@ -101,10 +103,27 @@ class System:
     reach: float
     watched: Watched | None
     ways: Array | None = None
+    parts: tuple[System, ...] = ()
 
     @classmethod
     def of(cls, problem: Problem) -> System:
         """Build the functions of a problem."""
+        whole = cls._of(problem)
+        if not problem.segments:
+            return whole
+        parts: list[System] = []
+        for phase in problem.phases:
+            part = cls._of(phase)
+            for known in (whole, *parts):
+                # One set of rows for the same pairs, on all segments at once.
+                if phase.checker is known.problem.checker:
+                    part = replace(part, watched=known.watched)
+                    break
+            parts.append(part)
+        return replace(whole, parts=tuple(parts))
+
+    @classmethod
+    def _of(cls, problem: Problem) -> System:
         kinematics = RobotKinematics(problem.robot)
         reach = max(kinematics.reach(), 1e-3)
         dynamics = RobotDynamics(problem.robot, dry=False)
@@ -129,8 +148,15 @@ class System:
     @property
     def alone(self) -> bool:
         """Whether an arm has nothing in its way but itself."""
-        problem = self.problem
-        return not len(problem.scene) and len(problem.robot.parts) <= 1
+        return all(
+            not len(phase.scene) and len(phase.robot.parts) <= 1
+            for phase in self.problem.phases
+        )
+
+    @property
+    def segments(self) -> tuple[System, ...]:
+        """The functions of each segment; itself where there is one only."""
+        return self.parts or (self,)
 
     @property
     def first_tried(self) -> System:
@@ -139,7 +165,25 @@ class System:
         They hardly ever do, and the verification tells where they do. Rows for them
         would take more time than all the rest.
         """
-        return replace(self, watched=None) if self.alone else self
+        if not self.alone:
+            return self
+        parts = tuple(replace(part, watched=None) for part in self.parts)
+        return replace(self, watched=None, parts=parts)
+
+    def without_smooth_limits(self) -> System:
+        """The same problem without limits that need continuous accelerations."""
+
+        def loosened(system: System) -> System:
+            limits = system.problem.motion_limits
+            if limits is None or not limits.continuous:
+                return system
+            problem = copy.copy(system.problem)
+            loose = replace(limits, jerk=None, effort_rate=None)
+            object.__setattr__(problem, "motion_limits", loose)
+            return replace(system, problem=problem)
+
+        parts = tuple(loosened(part) for part in self.parts)
+        return replace(loosened(self), parts=parts)
 
     def resting(self, time: float | None = None) -> System:
         """The same problem without the obstacles that move.

@@ -18,15 +18,15 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.limit_violations import LimitViolation, limit_violations
-from tominpmp.verification.nearest import closest
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import (
     TIME_STEP,
     Replay,
     planned,
     torque_pieces,
 )
-from tominpmp.verification.verdict import arrival
+from tominpmp.verification.stages import Stage, stages_of
+from tominpmp.verification.verdict import judge
 
 # How a search ends that was cut short.
 GAVE_UP = {
@@ -92,31 +92,36 @@ def explain(
     begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
     if not found:
         return f"{begin}; the best motion is within 0.1 % of what is allowed."
-    clauses = [_clause(problem, least.trajectory, item) for item in found]
-    everywhere = _everywhere(problem, outcomes, found)
+    everywhere = _everywhere(problem, outcomes, [item for _, item in found])
     clauses = [
-        clause + (" in every start tried" if item.name in everywhere else "")
-        for clause, item in zip(clauses, found, strict=True)
+        _on(stage)
+        + _clause(stage.problem, least.trajectory, item)
+        + (" in every start tried" if item.name in everywhere else "")
+        for stage, item in found
     ]
-    needed = _joined([_relaxation(item) for item in found])
+    needed = _joined([_relaxation(item) for _, item in found])
     return (
         f"{begin}: {'; '.join(clauses)}. The nearest motion found would need {needed}."
     )
 
 
-def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolation]:
-    """What a planned motion violates, the worst first."""
+def _violations_of(
+    problem: Problem, trajectory: Trajectory
+) -> list[tuple[Stage, LimitViolation]]:
+    """What a planned motion violates, the worst first, and on which segment."""
     motion = _look(trajectory)
-    found = [*arrival(problem, motion, STRICT)]
     torque = torque_pieces(problem.robot, trajectory)
-    found += limit_violations(problem, motion, torque, STRICT.limits)
-    near = closest(problem, motion, problem.checker, STRICT.contact)
-    if near is not None:
-        found.append(near.violation)
+    found: list[tuple[Stage, LimitViolation]] = []
+    for stage in stages_of(problem, trajectory):
+        alone = [stage], motion, torque, STRICT, [stage.problem.checker]
+        found += [(stage, item) for item in judge(*alone).violations]
     measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
-    found = [item for item in found if item.violated]
-    found.sort(key=lambda item: -item.share / measure.get(item.kind, STRICT.limits))
+    found.sort(key=lambda one: -one[1].share / measure.get(one[1].kind, STRICT.limits))
     return found[:MOST]
+
+
+def _on(stage: Stage) -> str:
+    return f"on segment {stage.number + 1}, " if stage.count > 1 else ""
 
 
 def _look(trajectory: Trajectory) -> Replay:
@@ -131,7 +136,7 @@ def _everywhere(
 ) -> set[str]:
     """Names of the pairs that are too close in every start."""
     names = {item.name for item in found if item.kind == "clearance"}
-    if not names or len(outcomes) < 2:
+    if not names or len(outcomes) < 2 or problem.segments:
         return set()
     checker = problem.checker
     for outcome in outcomes:

@@ -10,6 +10,7 @@ as any other; the feedback may take only a small share of the limits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,7 @@ from tominpmp.verification.replay import (
     Integrator,
     Replay,
 )
+from tominpmp.verification.stages import PlantOfStages, Stage
 
 # The feedback is faster than the instability by this, and at least this fast [1/s].
 FASTER = 4.0
@@ -100,7 +102,7 @@ class Tracking(Integration):
     """Integration of the torques of a trajectory with feedback.
 
     Args:
-        robot: The robot.
+        stages: The segments of the motion, with their robots.
         trajectory: The plan.
         rate: How fast the feedback is [1/s].
         integrator: Which integrator to use.
@@ -108,11 +110,12 @@ class Tracking(Integration):
 
     def __init__(
         self,
-        robot: Robot,
+        stages: Sequence[Stage],
         trajectory: Trajectory,
         rate: float,
         integrator: Integrator | None = None,
     ) -> None:
+        robot = stages[0].problem.robot
         breaks = torque_breaks(trajectory, robot.friction)
 
         def curve(times: Array) -> Array:
@@ -120,8 +123,17 @@ class Tracking(Integration):
             return np.concatenate([found.u, found.q, found.v], axis=1)
 
         pieces = Pieces.of(curve, breaks)
-        self._tracking = TrackingPlant(robot, rate)
-        super().__init__(robot, trajectory, pieces, integrator, plant=self._tracking)
+        self._stages = stages
+        self._plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
+        ends = np.array([stage.end for stage in stages])
+        plant = self._plants[0] if len(stages) == 1 else None
+        super().__init__(
+            robot,
+            trajectory,
+            pieces,
+            integrator,
+            plant=plant or PlantOfStages(self._plants, ends),
+        )
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u has the feedback too."""
@@ -132,18 +144,21 @@ class Tracking(Integration):
         """Torque of the feedback at the times of a replay, shape (m, n) [N m or N]."""
         n = found.q.shape[1]
         plan = self.pieces(found.t)[:, n:]
-        demand = self._tracking.demand(np.hstack([found.q, found.v]), plan)
-        inverse = self._tracking.dynamics.inverse
-        return inverse(found.q, found.v, demand) - inverse(
-            found.q, found.v, np.zeros_like(demand)
-        )
+        demand = self._plants[0].demand(np.hstack([found.q, found.v]), plan)
+        out = np.zeros_like(demand)
+        for plant, stage in zip(self._plants, self._stages, strict=True):
+            rows = (found.t >= stage.begin) & (found.t <= stage.end)
+            q, v, inverse = found.q[rows], found.v[rows], plant.dynamics.inverse
+            rest = inverse(q, v, np.zeros_like(q))
+            out[rows] = inverse(q, v, demand[rows]) - rest
+        return out
 
 
-def amplification(robot: Robot, trajectory: Trajectory) -> float:
+def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
     """How much larger a small error gets along a motion, at the most.
 
     Args:
-        robot: The robot.
+        stages: Its segments, with their robots.
         trajectory: The motion.
 
     Returns:
@@ -151,12 +166,15 @@ def amplification(robot: Robot, trajectory: Trajectory) -> float:
         positions, and velocities times a tenth of a second. Infinite where numbers
         overflow.
     """
-    n = robot.n
-    plant = Plant(robot)
-    t = trajectory.t
-    middle = trajectory(0.5 * (t[1:] + t[:-1]))
+    n, t = trajectory.n, trajectory.t
+    times = 0.5 * (t[1:] + t[:-1])
+    middle = trajectory(times)
     states = np.concatenate([middle.q, middle.v], axis=1)
-    slopes = plant.dynamics.forward_jacobians(states, middle.u).f_x
+    slopes = np.zeros((times.size, 2 * n, 2 * n))
+    for stage in stages:
+        rows = (times >= stage.begin) & (times <= stage.end)
+        dynamics = Plant(stage.problem.robot).dynamics
+        slopes[rows] = dynamics.forward_jacobians(states[rows], middle.u[rows]).f_x
     scale = np.concatenate([np.ones(n), np.full(n, 0.1)])
     with np.errstate(all="ignore"):
         moves = expm(slopes * np.diff(t)[:, None, None])

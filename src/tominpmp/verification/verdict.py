@@ -7,6 +7,7 @@ margins on the way, every millisecond.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, get_args
 
@@ -41,6 +42,7 @@ from tominpmp.verification.replay import (
     planned,
     torque_pieces,
 )
+from tominpmp.verification.stages import Stage, plant_of, stages_of, with_segments
 
 # Longer motions are not replayed, which would take too many steps [s].
 LONGEST = 1e4
@@ -158,43 +160,45 @@ def verify(
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     if trajectory.duration > LONGEST:
         return _too_long(trajectory, tolerances, begin)
+    trajectory = with_segments(problem, trajectory, tolerances)
+    stages = stages_of(problem, trajectory)
     torque = torque_pieces(robot, trajectory)
-    integration = Integration(robot, trajectory, torque, integrator)
+    plant = plant_of(stages)
+    integration = Integration(robot, trajectory, torque, integrator, plant)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
     start = np.concatenate([problem.q_start, v_start])
-    if checker is None:
-        checker = _checker(problem, geometry)
-    growth = amplification(robot, trajectory)
+    checkers = _checkers(stages, checker, geometry)
+    growth = amplification(stages, trajectory)
     alone, findings, feedback, defect = None, None, None, None
     if not hopeless(growth, tolerances.goal):
         replayed = integration.run(start)
-        alone = findings = judge(problem, replayed, torque, tolerances, checker)
+        alone = findings = judge(stages, replayed, torque, tolerances, checkers)
     # Errors of the integration may also lead a motion to its goal.
     if (
         alone is None
         or alone.violations
-        or not _counts(problem, trajectory, integration, alone, growth, tolerances)
+        or not _counts(stages, trajectory, integration, alone, growth, tolerances)
     ):
         rate = feedback_rate(growth, trajectory.duration, tolerances.goal)
         if rate is not None:
-            tracking = Tracking(robot, trajectory, rate, integrator)
+            tracking = Tracking(stages, trajectory, rate, integrator)
             tracked = tracking.run(start)
             trace = tracking.feedback(tracked)
             feedback = frozen_array(np.max(np.abs(trace), axis=0))
-            findings = judge(problem, tracked, torque, tolerances, checker)
+            findings = judge(stages, tracked, torque, tolerances, checkers)
             findings.limits.append(needed(robot, tracked.t, trace, tolerances.limits))
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
         defect = float(np.max(np.where(np.isfinite(gaps), gaps, np.inf)))
-    replayed, (end, speed), nearest = findings.replay, findings.end, findings.nearest
+    replayed, nearest = findings.replay, findings.nearest
     # Without the torques, which take most of the time of an evaluation.
     plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
     return Verification(
         ok=not findings.violations,
-        goal_error=end.amount,
-        speed_error=speed.amount,
-        worst={item.kind: item for item in findings.limits},
+        goal_error=findings.worst_end("goal"),
+        speed_error=findings.worst_end("speed"),
+        worst=findings.worst,
         violations=findings.violations,
         min_clearance=np.inf if nearest is None else nearest.distance,
         deviation=frozen_array(np.max(np.abs(replayed.q - plan), axis=0)),
@@ -237,7 +241,7 @@ def _too_long(
 
 
 def _counts(
-    problem: Problem,
+    stages: Sequence[Stage],
     trajectory: Trajectory,
     first: Integration,
     alone: Findings,
@@ -254,8 +258,9 @@ def _counts(
         return True
     replay = alone.replay
     start = np.concatenate([replay.q[0], replay.v[0]])
+    robot, plant = stages[0].problem.robot, plant_of(stages)
     again = Integration(
-        problem.robot, trajectory, first.pieces, first.integrator, tightness=TIGHTER
+        robot, trajectory, first.pieces, first.integrator, plant, tightness=TIGHTER
     )
     return settled(replay, again.run(start, np.inf), tolerances)
 
@@ -265,13 +270,13 @@ class Findings(NamedTuple):
 
     Attributes:
         replay: The replay.
-        end: Where it ends: place and velocity.
+        end: Where it ends, and its segments: places and velocities.
         limits: The worst of each kind of limit, clearance among them.
         nearest: The pair with the least room; None without pairs.
     """
 
     replay: Replay
-    end: tuple[LimitViolation, LimitViolation]
+    end: tuple[LimitViolation, ...]
     limits: list[LimitViolation]
     nearest: Nearest | None
 
@@ -280,41 +285,102 @@ class Findings(NamedTuple):
         """What is not within the tolerances."""
         return tuple(item for item in (*self.end, *self.limits) if item.violated)
 
+    @property
+    def worst(self) -> dict[str, LimitViolation]:
+        """The worst of each kind of limit, on all segments."""
+        found: dict[str, LimitViolation] = {}
+        for item in self.limits:
+            known = found.get(item.kind)
+            if known is None or item.share > known.share:
+                found[item.kind] = item
+        return found
+
+    def worst_end(self, kind: str) -> float:
+        """How far a segment ends from its goal or velocity, at the most."""
+        amounts = (item.amount for item in self.end if item.kind == kind)
+        return max(amounts, default=0.0)
+
 
 def judge(
-    problem: Problem,
+    stages: Sequence[Stage],
     replay: Replay,
     torque: Pieces,
     tolerances: Tolerances,
-    checker: CollisionChecker,
+    checkers: Sequence[CollisionChecker],
 ) -> Findings:
-    """Hold a replay against the goal, the limits and the obstacles."""
-    limits = limit_violations(problem, replay, torque, tolerances.limits)
-    nearest = closest(problem, replay, checker, tolerances.contact)
-    if nearest is not None:
-        limits.append(nearest.violation)
-    return Findings(replay, arrival(problem, replay, tolerances), limits, nearest)
+    """Hold a replay against the goals, the limits and the obstacles."""
+    limits: list[LimitViolation] = []
+    ends: list[LimitViolation] = []
+    nearest: Nearest | None = None
+    for stage, checker in zip(stages, checkers, strict=True):
+        problem, part = stage.problem, stage.of_replay(replay, torque)
+        if not part.t.size:
+            ends.append(_unreached(stage, replay))
+            continue
+        pieces = stage.of_torque(torque)
+        limits += limit_violations(problem, part, pieces, tolerances.limits)
+        near = closest(problem, part, checker, tolerances.contact)
+        if near is not None:
+            limits.append(near.violation)
+            if nearest is None or near.distance < nearest.distance:
+                nearest = near
+        ends += arrival(stage, part, tolerances)
+    return Findings(replay, tuple(ends), limits, nearest)
+
+
+def _unreached(stage: Stage, replay: Replay) -> LimitViolation:
+    name = f"segment {stage.number + 1}"
+    return LimitViolation(
+        "goal", name, replay.duration, np.inf, "m or rad", np.inf, True
+    )
+
+
+def _checkers(
+    stages: Sequence[Stage], checker: CollisionChecker | None, geometry: Geometry
+) -> list[CollisionChecker]:
+    if checker is not None and len(stages) == 1:
+        return [checker]
+    return [_checker(stage.problem, geometry) for stage in stages]
 
 
 def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
     if geometry == "convex":
         return problem.checker
-    own = problem.checker.self_collision
     return CollisionChecker(
-        problem.robot, problem.scene, self_collision=own, geometry=geometry
+        problem.robot,
+        problem.scene,
+        self_collision=problem.checker.self_collision,
+        geometry=geometry,
+        may_touch=problem.checker.may_touch,
     )
 
 
 def arrival(
-    problem: Problem, replay: Replay, tolerances: Tolerances
-) -> tuple[LimitViolation, LimitViolation]:
-    """Where the motion ends: place and velocity."""
-    q, v = replay.q[-1], replay.v[-1]
+    stage: Stage, replay: Replay, tolerances: Tolerances
+) -> list[LimitViolation]:
+    """Where a segment ends, and where the arm is before it stays there."""
+    rows = [replay.t.size - 1]
+    if stage.dwell > 0.0:
+        stays = replay.t[-1] - stage.dwell
+        rows.append(int(np.argmin(np.abs(replay.t - stays))))
+    found = [_arrival(stage, replay, row, tolerances) for row in rows]
+    return [
+        max(both, key=lambda item: item.amount) for both in zip(*found, strict=True)
+    ]
+
+
+def _arrival(
+    stage: Stage, replay: Replay, row: int, tolerances: Tolerances
+) -> list[LimitViolation]:
+    """Place and velocity at a row; no velocity where any will do."""
+    problem, q, v = stage.problem, replay.q[row], replay.v[row]
     kinematics = RobotKinematics(problem.robot)
     misses = problem.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
 
-    def worst(kind: str, moving: bool, tolerance: float) -> LimitViolation:
+    def worst(kind: str, moving: bool, tolerance: float) -> LimitViolation | None:
         found = [miss for miss in misses if miss.moving is moving]
+        if not found:
+            return None
         miss = max(found, key=lambda miss: miss.amount)
         amount = miss.amount if replay.complete else np.inf
         time, violated = replay.duration, not amount <= tolerance
@@ -322,7 +388,8 @@ def arrival(
             kind, miss.name, time, amount, miss.unit, amount, violated
         )
 
-    return (
+    both = (
         worst("goal", False, tolerances.goal),
         worst("speed", True, tolerances.speed),
     )
+    return [item for item in both if item is not None]

@@ -1,0 +1,163 @@
+"""Initial guesses for motions of several segments: from goal to goal, at rest there.
+
+Each begins where the one before it ends. That it stops there is none of the optimiser's
+concern: like every guess it need satisfy nothing but its ends.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals import Goal, PassedGoal
+from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.path_velocity import guesses_among_moving
+from tominpmp.problem import Problem
+from tominpmp.segments import Segment, segments_of
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.system import System
+
+# Samples of each segment of a motion that was found before.
+SAMPLES = 800
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SegmentedGuess(Guess):
+    """A path over time through the goals of all segments.
+
+    Attributes:
+        ends: Times at which the segments end [s], without what is stayed there, shape
+            (k,).
+        solved: Whether it is a motion that was found before.
+        stops: Whether to look for a motion that stops at all goals before one that
+            passes them.
+    """
+
+    ends: Array
+    solved: bool = False
+    stops: bool = False
+
+    @property
+    def durations(self) -> Array:
+        """How long each segment takes [s], shape (k,)."""
+        return np.diff(np.concatenate([[0.0], self.ends]))
+
+
+def segmented_guesses(
+    system: System,
+    count: int,
+    rng: np.random.Generator,
+    duration: float | None = None,
+    deadline: float | None = None,
+    *,
+    smooth: bool = False,
+) -> Iterator[SegmentedGuess]:
+    """Guesses through the goals of all segments; see :func:`initial_guesses`.
+
+    The first joins the first guesses of all segments, the second the second ones, where
+    there are so many. If accelerations are continuous each of them comes twice where
+    goals are passed, to pass them at once and to stop there first: which leads to the
+    better motion is not known beforehand.
+    """
+    share = None if duration is None else duration / len(system.parts)
+    twice = smooth and at_rest_on_the_way(system) is not system
+    for number in range(count):
+        known = number % 2 and twice
+        if not known:
+            place = number // 2 if twice else number
+            guess = _guess(system, place, rng, share, deadline)
+        if guess is None:
+            return
+        yield replace(guess, stops=True) if known else guess
+
+
+def _guess(
+    system: System,
+    number: int,
+    rng: np.random.Generator,
+    duration: float | None,
+    deadline: float | None,
+) -> SegmentedGuess | None:
+    """One guess; None if a goal cannot be reached."""
+    found: list[Guess] = []
+    q = system.problem.q_start
+    for part in system.parts:
+        alone = _from(part, q)
+        make = guesses_among_moving if part.problem.scene.moving else initial_guesses
+        guesses = make(alone, number + 1, rng, duration, deadline)
+        made = [*itertools.islice(guesses, number + 1)]
+        if not made:
+            return None
+        found.append(made[-1])
+        final = alone.problem.goal.configuration
+        q = made[-1].q[-1] if final is None else final
+    t, positions, begin = [np.zeros(1)], [found[0].q[:1]], 0.0
+    for guess in found:
+        t.append(begin + guess.t[1:])
+        positions.append(guess.q[1:])
+        begin += guess.duration
+    return SegmentedGuess(
+        found[0].name if len({guess.name for guess in found}) == 1 else "segments",
+        np.concatenate(t),
+        np.concatenate(positions),
+        all(guess.timed for guess in found),
+        ends=np.cumsum([guess.duration for guess in found]),
+    )
+
+
+def solved_guess(
+    name: str, motion: Trajectory, segments: Sequence[Segment]
+) -> SegmentedGuess:
+    """A motion of several segments as a guess, without what it stays anywhere."""
+    t, q, ends = [np.zeros(1)], [motion.q[:1]], [0.0]
+    for part in segments_of(motion, segments):
+        times = np.linspace(0.0, part.arrival - part.begin, SAMPLES)[1:]
+        t.append(ends[-1] + times)
+        q.append(replace(motion, inverse_dynamics=None)(part.begin + times).q)
+        ends.append(ends[-1] + float(times[-1]))
+    whole = np.concatenate(t), np.concatenate(q)
+    return SegmentedGuess(name, *whole, False, ends=np.array(ends[1:]), solved=True)
+
+
+def unreached(system: System, rng: np.random.Generator) -> tuple[int, System]:
+    """The first segment whose goal no guess reaches, from where the others end.
+
+    Returns:
+        Its number, from 0, and its functions.
+    """
+    q = system.problem.q_start
+    for number, part in enumerate(system.parts):
+        alone = _from(part, q)
+        guess = next(initial_guesses(alone, 1, rng), None)
+        if guess is None:
+            return number, alone
+        q = guess.q[-1]
+    raise ProblemError("segments: no guess of a motion through their goals", "segments")
+
+
+def at_rest_on_the_way(system: System) -> System:
+    """The same problem with a stop at the goals of all segments; itself if there is."""
+    parts = [_from(part, part.problem.q_start) for part in system.parts]
+    goals = zip(parts, system.parts, strict=True)
+    if all(one.problem.goal is other.problem.goal for one, other in goals):
+        return system
+    return replace(system, parts=tuple(parts))
+
+
+def _from(part: System, q: Array) -> System:
+    """The functions of a segment that begins and ends at rest."""
+    problem: Problem = copy.copy(part.problem)
+    goal: Goal = problem.goal
+    if isinstance(goal, PassedGoal):
+        goal = goal.goal
+    object.__setattr__(problem, "q_start", q)
+    object.__setattr__(problem, "goal", goal)
+    object.__setattr__(problem, "v_start", None)
+    problem.__dict__["checker"] = part.problem.checker
+    return replace(part, problem=problem)

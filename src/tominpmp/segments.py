@@ -1,0 +1,242 @@
+"""Segments: the goals that a motion passes one after the other, and what holds between.
+
+A motion of several segments is one motion: it is planned as a whole, with a duration
+for each segment, and does not stop where one ends unless that is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Record, real_number
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.exceptions import ProblemError, brief
+from tominpmp.goals import Goal, passed
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.payload import Payload
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene
+from tominpmp.trajectory import Trajectory
+
+# More goals than this are taken for a mistake.
+MOST_SEGMENTS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Segment(Record):
+    """The way to the next goal, and what holds on it.
+
+    Attributes:
+        goal: What must hold at its end. On the way to others, a goal is passed at any
+            velocity unless it gives one or ``stop`` is set; the last is as it says.
+        constraints: What else holds on it, beside the constraints of the problem.
+        motion_limits: Limits on it; of what they leave out, those of the problem hold.
+        payload: What is carried on it, beside what the robot carries anyway: picked up
+            at its start and put down at its end, if the next segment does not carry it.
+        scene: The obstacles on it; None for those of the problem.
+        may_touch: Pairs of names of links, payloads and obstacles that may touch, as
+            the payload and the table it is lifted from.
+        stop: Whether the arm is at rest at its end.
+        dwell: How long it stays there [s]; more than zero is a stop.
+
+    Raises:
+        ProblemError: If a value is wrong.
+    """
+
+    goal: Goal
+    constraints: tuple[PathConstraint, ...] = ()
+    motion_limits: MotionLimits | None = None
+    payload: Payload | None = None
+    scene: Scene | None = None
+    may_touch: Sequence[tuple[str, str]] = ()
+    stop: bool = False
+    dwell: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the values that need no robot."""
+        if not isinstance(self.goal, Goal):
+            raise ProblemError(
+                f"segment.goal is a {type(self.goal).__name__}, expected a JointGoal, "
+                "PositionGoal, PoseGoal or another goal",
+                "segment.goal",
+            )
+        for name, kind in (
+            ("motion_limits", MotionLimits),
+            ("payload", Payload),
+            ("scene", Scene),
+        ):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, kind):
+                raise ProblemError(
+                    f"segment.{name} is {brief(value)}, expected {kind.__name__} or "
+                    "None",
+                    f"segment.{name}",
+                )
+        if not isinstance(self.stop, bool | np.bool_):
+            raise ProblemError(
+                f"segment.stop is {brief(self.stop)}, expected True or False",
+                "segment.stop",
+            )
+        object.__setattr__(self, "dwell", self._checked_dwell())
+        object.__setattr__(self, "stop", bool(self.stop) or self.dwell > 0.0)
+        pairs = checked_pairs(self.may_touch, "segment.may_touch")
+        object.__setattr__(self, "may_touch", pairs)
+        if self.stop and self.goal.ends_moving:
+            raise ProblemError(
+                "segment.stop is set, and its goal asks for a velocity", "segment.stop"
+            )
+
+    def _checked_dwell(self) -> float:
+        try:
+            dwell = real_number(self.dwell)
+        except ValueError:
+            dwell = np.nan
+        if not (np.isfinite(dwell) and dwell >= 0.0):
+            raise ProblemError(
+                f"segment.dwell is {brief(self.dwell)}, expected a time >= 0 [s]",
+                "segment.dwell",
+            )
+        return dwell
+
+    def goal_on_the_way(self) -> Goal:
+        """The goal where others follow: passed, unless the arm stops there."""
+        return self.goal if self.stop else passed(self.goal)
+
+    def robot(self, robot: Robot) -> Robot:
+        """A robot with the payload."""
+        return robot if self.payload is None else robot.with_payload(self.payload)
+
+
+def checked_segments(given: object) -> tuple[Segment, ...]:
+    """Check a caller's segments.
+
+    Raises:
+        ProblemError: If they are none.
+    """
+    expected = "expected a list of Segment, one for each goal"
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise ProblemError(f"segments is {brief(given)}, {expected}", "segments")
+    if len(given) > MOST_SEGMENTS:
+        raise ProblemError(
+            f"segments has {len(given)} items, {expected}, {MOST_SEGMENTS} at most",
+            "segments",
+        )
+    for item in given:
+        if not isinstance(item, Segment):
+            raise ProblemError(f"segments holds {brief(item)}, {expected}", "segments")
+    return tuple(given)
+
+
+def checked_pairs(given: object, name: str) -> tuple[tuple[str, str], ...]:
+    """Check a caller's pairs of names.
+
+    Raises:
+        ProblemError: If they are none.
+    """
+    expected = 'expected pairs of names, as [("hand", "box")]'
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise ProblemError(f"{name} is {brief(given)}, {expected}", name)
+    for pair in given:
+        good = isinstance(pair, list | tuple) and len(pair) == 2
+        if not (good and all(isinstance(one, str) and one for one in pair)):
+            raise ProblemError(f"{name} holds {brief(pair)}, {expected}", name)
+    return tuple((str(one), str(other)) for one, other in given)
+
+
+def check_names(pairs: Sequence[tuple[str, str]], robot: Robot, scene: Scene) -> None:
+    """Check that pairs name links of a robot, or obstacles of a scene.
+
+    Raises:
+        ProblemError: If one is neither.
+    """
+    links = {
+        robot.model.frames[item.parentFrame].name
+        for item in robot.collision_model.geometryObjects
+    }
+    known = links | {item.name for item in scene.obstacles}
+    for pair in pairs:
+        for one in pair:
+            if one not in known:
+                raise ProblemError(
+                    f"may_touch: {brief(one)} is neither a link with a shape nor an "
+                    f"obstacle; expected one of {brief(', '.join(sorted(known)))}",
+                    "may_touch",
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentOfMotion(Record):
+    """One segment of a motion.
+
+    Attributes:
+        goal: What holds at its end; None where the motion has one segment only.
+        begin: When it begins [s].
+        arrival: When its goal is met [s].
+        end: When it ends, with the time the arm stays there [s].
+        trajectory: The motion on it, from time 0.
+    """
+
+    goal: Goal | None
+    begin: float
+    arrival: float
+    end: float
+    trajectory: Trajectory
+
+    @property
+    def duration(self) -> float:
+        """How long it takes, with the time the arm stays at its end [s]."""
+        return self.end - self.begin
+
+
+def segments_of(
+    motion: Trajectory, segments: Sequence[Segment]
+) -> tuple[SegmentOfMotion, ...]:
+    """The segments of a motion.
+
+    Args:
+        motion: The motion.
+        segments: What was asked of them; empty for one segment.
+    """
+    ends = [motion.duration]
+    if motion.segment_ends is not None:
+        ends = motion.segment_ends.tolist()
+    asked: Sequence[Segment | None] = segments or [None] * len(ends)
+    found, begin = [], 0.0
+    for number, (end, segment) in enumerate(zip(ends, asked, strict=True)):
+        part = _part(motion, number, begin, end)
+        goal = None if segment is None else segment.goal
+        dwell = 0.0 if segment is None else segment.dwell
+        found.append(SegmentOfMotion(goal, begin, end - dwell, end, part))
+        begin = end
+    return tuple(found)
+
+
+def _part(motion: Trajectory, number: int, begin: float, end: float) -> Trajectory:
+    """A segment of a motion, as a motion from time 0."""
+    if motion.segment_ends is None:
+        return motion
+    first, last = np.searchsorted(motion.t, [begin, end]).tolist()
+    rows = slice(first, last + 1)
+    u = np.array(motion.u[rows])
+    inverse = motion.inverse_dynamics
+    if motion.segment_dynamics:
+        inverse = motion.segment_dynamics[number]
+    a = motion.a
+    if a is not None:
+        a = a[first : last + 1 if len(a) == motion.t.size else last]
+    if last < motion.t.size - 1 and inverse is not None:
+        before = motion(np.nextafter(motion.t[last], 0.0)).a
+        u[-1] = inverse(motion.q[last][None], motion.v[last][None], before[None])[0]
+    return Trajectory(
+        motion.joint_names,
+        motion.t[rows] - begin,
+        motion.q[rows],
+        motion.v[rows],
+        u,
+        a=a,
+        inverse_dynamics=inverse,
+        holding=motion.holding,
+    )

@@ -1,0 +1,355 @@
+r"""B-splines over several segments, whose durations are unknowns of their own.
+
+The spline runs through all segments, so that its derivatives are continuous where they
+meet; its knots move with the durations. What moving knots change in the bases is taken
+by central differences, which are exact to ten digits and cost as much as the bases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array
+from tominpmp.constraints import JointLimit, Partials, States
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Hull, StepBounds, Variation
+from tominpmp.transcription.bspline import RATE_SHARES, TORQUE_SHARES, products
+from tominpmp.transcription.bspline_basis import Basis, Elimination
+from tominpmp.transcription.curve import CurveTranscription
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.segmented import trajectory_of_segments
+from tominpmp.transcription.system import System
+
+# A duration changes by this share at most in one step.
+LENGTH_STEP = 0.3
+# Step of the central differences, as a share of the durations.
+DIFFERENCE = 1e-5
+# Shares of intervals of constraints that do not jump at the nodes.
+SHARES = (0.5, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentedCurve:
+    """A B-spline of an iterate, on knots of its own.
+
+    Attributes:
+        points: Control points, shape (M, n).
+        eta: Durations by which the shares are multiplied, shape (m,).
+        shares: Lengths of the intervals by eta, shape (N, m).
+        degree: Degree of the spline.
+    """
+
+    points: Array
+    eta: Array
+    shares: Array
+    degree: int
+    finite: bool = True
+    _known: dict[tuple[Instants, int], sp.csr_matrix] = field(
+        default_factory=dict, repr=False
+    )
+
+    @cached_property
+    def h(self) -> Array:
+        """Lengths of the intervals [s], shape (N,)."""
+        return np.asarray(self.shares @ self.eta)
+
+    @cached_property
+    def basis(self) -> Basis:
+        """The basis on the knots of the iterate [s]."""
+        return Basis.on(np.concatenate([[0.0], np.cumsum(self.h)]), self.degree)
+
+    @cached_property
+    def neighbours(self) -> list[tuple[SegmentedCurve, SegmentedCurve, float]]:
+        """For each duration: the curve with less and more of it, and what lies between.
+
+        Their control points are the same.
+        """
+        out = []
+        for j in range(self.eta.size):
+            step = np.zeros(self.eta.size)
+            step[j] = DIFFERENCE * self.eta[j]
+            less, more = (
+                SegmentedCurve(self.points, self.eta + s, self.shares, self.degree)
+                for s in (-step, step)
+            )
+            out.append((less, more, 2.0 * float(step[j])))
+        return out
+
+    def weights(self, at: Instants, order: int) -> sp.csr_matrix:
+        """Weights of the control points in a derivative at instants."""
+        known = self._known.get((at, order))
+        if known is None:
+            known = self.basis.at(at.times(self.h), order)
+            self._known[at, order] = known
+        return known
+
+    def values(self, at: Instants, order: int) -> Array:
+        """A derivative at instants, shape (m, n)."""
+        return np.asarray(self.weights(at, order) @ self.points)
+
+    def changes(self, at: Instants, order: int) -> Array:
+        """How a derivative changes with the durations, shape (number, m, n)."""
+        return np.stack(
+            [
+                (more.values(at, order) - less.values(at, order)) / span
+                for less, more, span in self.neighbours
+            ]
+        )
+
+
+class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
+    """A problem of several segments in the control points of a B-spline.
+
+    The unknowns are z = (free control points, durations).
+
+    Attributes:
+        system: The functions of the problem.
+        shares: Lengths of the intervals by the durations, shape (N, m).
+        degree: Degree of the spline.
+        segment_ends: Number of intervals up to the end of each segment.
+        acceleration_range: What the full torque range of each joint brings about, shape
+            (n,), which controls are measured in; None before a motion was looked at.
+    """
+
+    kept = frozenset({"q"})
+    inspected = ((0.125, 0.25, 0.375), (0.625, 0.75, 0.875))
+    highest = 3
+    segment_ends: tuple[int, ...]
+
+    def __init__(
+        self,
+        system: System,
+        shares: Array,
+        degree: int,
+        segment_ends: tuple[int, ...],
+        acceleration_range: Array | None = None,
+    ) -> None:
+        self.system, self.shares, self.degree = system, shares, degree
+        self.segment_ends, self.acceleration_range = segment_ends, acceleration_range
+        self._n, self._m = system.n, int(shares.shape[1])
+        # What is eliminated at the ends is linear in the durations, as the knots are.
+        each = [Elimination.of(system, self._basis_of(column)) for column in shares.T]
+        free = each[0].matrix[:, :-1]
+        self.map = sp.csr_matrix(sp.hstack([free, *(e.matrix[:, -1:] for e in each)]))
+        self._offset, self._free = each[0].offset, each[0].free
+        self._fixed_end = each[0].fixed_end
+
+    def _basis_of(self, h: Array) -> Basis:
+        return Basis.on(np.concatenate([[0.0], np.cumsum(h)]), self.degree)
+
+    # -- unknowns ----------------------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self._free * self._n + self._m
+
+    @property
+    def point_unknowns(self) -> int:
+        """All but the durations."""
+        return self._free * self._n
+
+    def start(self, position: Callable[[Array], Array], eta: Array) -> Array:
+        """Iterate for a guess: control points on the path at the Greville abscissae.
+
+        Args:
+            position: Configurations at shares of the grid's own duration.
+            eta: Durations, shape (m,).
+        """
+        p, whole = self.degree, self._basis_of(self.shares.sum(axis=1))
+        knots = whole.knots / whole.knots[-1]
+        greville = np.array(
+            [knots[i + 1 : i + p + 1].mean() for i in range(whole.count)]
+        )
+        rest = self._offset + self.map[:, -self._m :] @ eta
+        wanted = position(greville).ravel() - rest
+        free = self.map[:, : -self._m]
+        count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
+        return np.concatenate([np.asarray(free.T @ wanted) / count, eta])
+
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Trust region within position limits and positive durations."""
+        limits = self.system.problem.robot.limits
+        points = z[: -self._m].reshape(-1, self._n)
+        box = np.broadcast_to(radius * self.system.step_scale, points.shape)
+        lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
+        upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
+        length = min(LENGTH_STEP, radius) * z[-self._m :]
+        return StepBounds(
+            np.concatenate([lower.ravel(), -length]),
+            np.concatenate([upper.ravel(), length]),
+        )
+
+    # -- states ------------------------------------------------------------------------
+
+    @property
+    def goal_scale(self) -> Array | None:
+        """None for a configuration that is built in."""
+        final = self.system.problem.goal.configuration
+        built_in = final is not None and self._fixed_end
+        return None if built_in else super().goal_scale
+
+    def motion(self, z: Array) -> SegmentedCurve:
+        """Spline of an iterate."""
+        points = np.asarray(self.map @ z + self._offset).reshape(-1, self._n)
+        return SegmentedCurve(points, z[-self._m :], self.shares, self.degree)
+
+    def instants(self, order: int, field: str) -> Instants:
+        """Nodes and middles for torques; middles and ends, or pairs for rates."""
+        N = self.intervals
+        if order >= 3:
+            return Instants.spread(N, RATE_SHARES)
+        if order == 2:
+            return Instants.spread(N, TORQUE_SHARES).joined(Instants.end(N))
+        return Instants.spread(N, SHARES)
+
+    def states(self, motion: SegmentedCurve, at: Instants, order: int) -> States:
+        """States at instants."""
+        none = np.zeros((0, self._n))
+        parts = [none, none, none]
+        for k in range(min(order, 2) + 1):
+            parts[k] = motion.values(at, k)
+        return States(at.times(motion.h) + self.delays[at.interval], *parts)
+
+    def pull_back(
+        self, motion: SegmentedCurve, at: Instants, partials: Partials
+    ) -> sp.csr_matrix:
+        """Derivatives by the unknowns from those by the states."""
+        which = partials.at
+        by_points = sp.csr_matrix((which.size, motion.points.size))
+        by_eta = np.zeros((which.size, self._m))
+        for order, part in enumerate((partials.by_q, partials.by_v, partials.by_a)):
+            if part is None:
+                continue
+            by_points = by_points + products(motion.weights(at, order)[which], part)
+            change = motion.changes(at, order)[:, which]
+            by_eta += np.einsum("mkj,kj->km", change, part)
+        if partials.by_t is not None:
+            over = at.over(which, self.intervals) @ self.shares
+            by_eta += partials.by_t[:, None] * over
+        return self.by_unknowns(sp.csr_matrix(by_points), by_eta)
+
+    def by_unknowns(self, by_points: sp.csr_matrix, by_eta: Array) -> sp.csr_matrix:
+        """Derivatives by the unknowns from those by points and durations alone."""
+        empty = sp.csr_matrix((by_eta.shape[0], self.size - self._m))
+        own = sp.hstack([empty, sp.csr_matrix(by_eta)])
+        return sp.csr_matrix(by_points @ self.map + own)
+
+    def hull(
+        self, limit: JointLimit, within: tuple[int, int] | None = None
+    ) -> Hull[SegmentedCurve] | None:
+        """Derivatives are in the convex hull of their control points."""
+        return SegmentedHull(self, limit, within)
+
+    # -- the rest of the interface -----------------------------------------------------
+
+    def scaled_at(self, z: Array) -> SegmentedBSpline:
+        """The same with the range of accelerations at a motion."""
+        _, q, v, a, _ = self.states(self.motion(z), self.instants(2, ""), 2)
+        by = self.system.dynamics.inverse_jacobians(q, v, a)
+        mass = np.abs(np.einsum("mii->mi", by.tau_a)).mean(axis=0)
+        scale = 2.0 * self.system.effort_half / np.maximum(mass, 1e-12)
+        return SegmentedBSpline(
+            self.system, self.shares, self.degree, self.segment_ends, scale
+        )
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps between the control points of the jerk, in full torque ranges."""
+        curve, scale = self.motion(z), self.acceleration_range
+        if scale is None:
+            scale = np.ones(self._n)
+
+        def jumps(of: SegmentedCurve) -> sp.csr_matrix:
+            jerk = of.basis.derivative(3)
+            count = jerk.shape[0]
+            step = sp.diags([-1.0, 1.0], [0, 1], shape=(count - 1, count))
+            lasting = float(np.mean(of.h))  # as accelerations, over such an interval
+            return sp.kron(lasting * (step @ jerk), sp.diags(1.0 / scale), format="csr")
+
+        points = curve.points.ravel()
+        values = np.asarray(jumps(curve) @ points)
+        by_eta = np.stack(
+            [
+                (jumps(more) @ points - jumps(less) @ points) / span
+                for less, more, span in curve.neighbours
+            ],
+            axis=1,
+        )
+        full = self.by_unknowns(jumps(curve), by_eta)
+        return Variation(full, values - np.asarray(full @ z))
+
+    @property
+    def torque_sequence(self) -> sp.csr_matrix:
+        """Torques at nodes and between them, as they are rows."""
+        return sp.csr_matrix(sp.identity(len(TORQUE_SHARES) * self.intervals + 1))
+
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The same points, traversed slower."""
+        out = z.copy()
+        out[-self._m :] *= factor
+        return out
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate; its torque follows from the inverse dynamics."""
+        N, curve = self.intervals, self.motion(z)
+        nodes = Instants(np.append(np.arange(N), N - 1), np.append(np.zeros(N), 1.0))
+        _, q, v, a, _ = self.states(curve, nodes, 2)
+        inverse = self.system.motor_dynamics.inverse
+        motion = Trajectory(
+            joint_names=self.system.problem.robot.joint_names,
+            t=np.concatenate([[0.0], np.cumsum(curve.h)]),
+            q=q,
+            v=v,
+            u=0.0 * q,
+            a=a if self.degree > 3 else None,
+        ).with_torques(inverse)
+        return trajectory_of_segments(self, motion)
+
+
+class SegmentedHull(Hull[SegmentedCurve]):
+    """Control points of a derivative over its limit.
+
+    On a segment, these are the ones that any of its intervals depends on.
+    """
+
+    def __init__(
+        self, of: SegmentedBSpline, limit: JointLimit, within: tuple[int, int] | None
+    ) -> None:
+        self._of, self._limit = of, limit
+        first, end = within or (0, of.intervals)
+        count = of.intervals + of.degree - limit.order
+        point = np.arange(count)
+        begins = np.maximum(point + limit.order - of.degree, 0)
+        ends = np.minimum(point + 1, of.intervals)
+        self._points = np.flatnonzero((begins < end) & (ends > first))
+        self.lower = np.tile(limit.lower / limit.scale, self._points.size)
+        self.upper = np.tile(limit.upper / limit.scale, self._points.size)
+
+    def _matrix(self, curve: SegmentedCurve) -> sp.csr_matrix:
+        limit = self._limit
+        select = sp.csr_matrix(
+            (1.0 / limit.scale, (np.arange(limit.joints.size), limit.joints)),
+            shape=(limit.joints.size, self._of.system.n),
+        )
+        points = curve.basis.derivative(limit.order)[self._points]
+        return sp.kron(points, select, format="csr")
+
+    def values(self, motion: SegmentedCurve) -> Array:
+        """Control points of the derivative."""
+        return np.asarray(self._matrix(motion) @ motion.points.ravel())
+
+    def jacobian(self, motion: SegmentedCurve) -> sp.csr_matrix:
+        """By the unknowns."""
+        by_eta = np.stack(
+            [
+                (self.values(more) - self.values(less)) / span
+                for less, more, span in motion.neighbours
+            ],
+            axis=1,
+        )
+        return self._of.by_unknowns(self._matrix(motion), by_eta)

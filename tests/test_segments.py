@@ -1,0 +1,344 @@
+"""Motions of several segments: closed forms, loads, scenes, constraints, the judge."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+import tominpmp as tm
+from tests.reference_optima import rail_time
+from tests.sample_arms import make_arm, rod, slide
+from tominpmp.transcription.bspline_segments import SegmentedBSpline
+from tominpmp.transcription.grid import segmented_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.system import System
+
+MASS, FORCE = 2.0, 10.0
+PUSH = FORCE / MASS
+# What a grid of 40 intervals a segment may be slower by than the closed form.
+GRID = 0.01
+DENSE = 60
+
+
+def rail(**changes):
+    return make_arm(slide(MASS), effort=FORCE, **changes)
+
+
+def problem_on_rail(*segments, robot=None, **changes):
+    return tm.Problem(robot or rail(), np.zeros(1), segments=segments, **changes)
+
+
+def at(x, **changes):
+    return tm.Segment(tm.JointGoal([x]), **changes)
+
+
+def planned(problem, **options):
+    solution = tm.plan(problem, **{"control": "constant", "intervals": DENSE} | options)
+    assert solution.success, solution.message
+    assert solution.verification.ok, solution.verification.message
+    assert tm.verify(problem, solution.trajectory).ok
+    return solution
+
+
+def near(T, expected, above=GRID):
+    assert expected * (1.0 - 1e-6) <= T <= expected * (1.0 + above)
+
+
+# -- closed forms ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("via", [0.2, 0.5, 0.8])
+def test_a_point_on_the_way_costs_nothing(via):
+    solution = planned(problem_on_rail(at(via), at(1.0)))
+    near(solution.T, rail_time(1.0, PUSH))
+    first, second = solution.segments
+    top = np.sqrt(PUSH)
+    speed = min(np.sqrt(2.0 * PUSH * via), top, np.sqrt(2.0 * PUSH * (1.0 - via)))
+    assert abs(first.trajectory.q[-1, 0] - via) < 1e-6
+    assert abs(first.trajectory.v[-1, 0] - speed) < 0.1 * speed
+    assert first.end == second.begin and second.end == solution.T
+
+
+def test_a_stop_and_a_stay():
+    parts = rail_time(0.3, PUSH), rail_time(0.7, PUSH)
+    stopping = planned(problem_on_rail(at(0.3, stop=True), at(1.0)))
+    near(stopping.T, sum(parts))
+    near(stopping.segments[0].duration, parts[0], 0.02)
+    staying = planned(problem_on_rail(at(0.3, dwell=0.25), at(1.0, dwell=0.1)))
+    near(staying.T - 0.35, sum(parts))
+    first = staying.segments[0]
+    assert first.end - first.arrival == pytest.approx(0.25)
+    during = np.linspace(first.arrival, first.end, 50)
+    state = staying.trajectory(during)
+    np.testing.assert_allclose(state.q, 0.3, atol=1e-6)
+    np.testing.assert_allclose(state.v, 0.0, atol=1e-6)
+    near(planned(problem_on_rail(at(1.0, dwell=0.2))).T, rail_time(1.0, PUSH) + 0.2)
+
+
+def test_there_and_back():
+    near(
+        planned(problem_on_rail(at(1.0), at(0.4))).T,
+        rail_time(1.0, PUSH) + rail_time(0.6, PUSH),
+        0.02,
+    )
+
+
+def test_a_load_that_is_picked_up_on_the_way():
+    load = tm.Payload(3.0, "tip")
+    problem = problem_on_rail(at(0.5), at(1.5, payload=load))
+    solution = planned(problem)
+    heavy = FORCE / (MASS + 3.0)
+
+    def time(v):
+        return rail_time(0.5, PUSH, end_speed=v) + rail_time(1.0, heavy, start_speed=v)
+
+    most = min(np.sqrt(2.0 * PUSH * 0.5), np.sqrt(2.0 * heavy))
+    best = minimize_scalar(time, bounds=(0.0, most), method="bounded").fun
+    near(solution.T, best)
+    light = tm.Problem(problem.robot, np.zeros(1), segments=[at(0.5), at(1.5)])
+    assert not tm.verify(light, solution.trajectory).ok
+    # The torque at both sides of the node is that of what is carried there.
+    end = solution.segments[0].end
+    state = solution.trajectory(np.array([end - 1e-6, end + 1e-6]))
+    np.testing.assert_allclose(state.u[0], MASS * state.a[0], rtol=1e-6)
+    np.testing.assert_allclose(state.u[1], (MASS + 3.0) * state.a[1], rtol=1e-6)
+
+
+def test_a_tool_speed_on_one_segment():
+    slow = (tm.ToolSpeed("tip", 0.5),)
+    solution = planned(problem_on_rail(at(0.5), at(1.0, constraints=slow)))
+    cruise = (0.5 - 0.5 * 0.25 / PUSH) / 0.5 + 0.5 / PUSH
+    near(solution.T, rail_time(0.5, PUSH, end_speed=0.5) + cruise, 0.02)
+    first, second = solution.segments
+    assert np.max(np.abs(first.trajectory.v)) > 1.0
+    assert np.max(np.abs(second.trajectory.v)) < 0.5 * 1.003
+
+
+def test_limits_of_one_segment():
+    gentle = tm.MotionLimits(acceleration=1.0)
+    problem = problem_on_rail(at(0.5, stop=True), at(1.0, motion_limits=gentle))
+    solution = planned(problem, control="linear")
+    first, second = solution.segments
+    expected = rail_time(0.5, PUSH), rail_time(0.5, 1.0)
+    near(first.duration, expected[0], 0.08)
+    near(second.duration, expected[1], 0.08)
+    assert np.max(np.abs(solution.trajectory(np.linspace(0, first.end, 400)).a)) > 3.0
+
+
+@pytest.mark.parametrize("control", ["linear", "spline"])
+def test_smooth_motions_pass(control):
+    limits = tm.MotionLimits(acceleration=4.0, jerk=80.0)
+    problem = problem_on_rail(at(0.5), at(1.0), motion_limits=limits)
+    solution = planned(problem, control=control, intervals=24)
+    alone = planned(
+        tm.Problem(problem.robot, [0.0], tm.JointGoal([1.0]), motion_limits=limits),
+        control=control,
+        intervals=48,
+    )
+    assert abs(solution.T / alone.T - 1.0) < 0.02
+    staying = planned(
+        problem_on_rail(at(0.5, dwell=0.1), at(1.0), motion_limits=limits),
+        control=control,
+        intervals=24,
+    )
+    assert staying.T > solution.T + 0.1
+
+
+# -- arms ------------------------------------------------------------------------------
+
+
+def two_links():
+    return make_arm(
+        rod(1.0, 0.5), rod(1.0, 0.5), effort=(8.0, 4.0), gravity=(0.0, -9.81, 0.0)
+    )
+
+
+def test_goals_of_a_frame_on_the_way():
+    robot = two_links()
+    segments = [
+        tm.Segment(tm.PositionGoal("tip", (0.6, -0.5, 0.0))),
+        tm.Segment(tm.PositionGoal("tip", (0.2, -0.8, 0.0)), stop=True),
+        tm.Segment(tm.JointGoal([-1.57, 0.0])),
+    ]
+    solution = planned(tm.Problem(robot, [-1.2, 0.3], segments=segments), intervals=30)
+    assert len(solution.segments) == 3
+    stopping = [replace(segment, stop=True) for segment in segments]
+    slower = planned(tm.Problem(robot, [-1.2, 0.3], segments=stopping), intervals=30)
+    assert solution.T < slower.T
+
+
+def test_any_of_several_goals_on_the_way():
+    goals = tm.AnyGoal([tm.JointGoal([2.0]), tm.JointGoal([0.5])])
+    problem = problem_on_rail(tm.Segment(goals), at(1.0))
+    assert len(problem.alternatives) == 2
+    near(planned(problem).T, rail_time(1.0, PUSH))
+
+
+def test_a_scene_for_one_segment():
+    robot = tm.load_robot("planar3r")
+    start, end = np.array([0.4, 0.3, 0.2]), np.array([0.4, -0.3, -0.2])
+    wall = tm.Scene([tm.Sphere("ball", radius=0.1, position=(30.0, 0.0, 0.0))])
+    problem = tm.Problem(
+        robot,
+        start,
+        segments=[
+            tm.Segment(tm.JointGoal(0.5 * (start + end))),
+            tm.Segment(tm.JointGoal(end), scene=wall),
+        ],
+    )
+    assert [len(phase.scene) for phase in problem.phases] == [0, 1]
+    solution = planned(problem, intervals=20)
+    assert solution.verification.min_clearance > 0.0
+
+
+# -- derivatives -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["inverse", "linear", "spline"])
+def test_rows_against_differences(kind):
+    robot = two_links()
+    limits = tm.MotionLimits(acceleration=30.0)
+    if kind != "inverse":
+        limits = tm.MotionLimits(acceleration=30.0, jerk=900.0, effort_rate=300.0)
+    segments = [
+        tm.Segment(tm.PositionGoal("tip", (0.6, -0.5, 0.0)), dwell=0.1),
+        tm.Segment(
+            tm.JointGoal([-1.57, 0.2]),
+            payload=tm.Payload(0.7, "tip"),
+            constraints=(tm.ToolSpeed("tip", 2.0),),
+        ),
+        tm.Segment(tm.PositionGoal("tip", (0.1, -0.9, 0.0))),
+    ]
+    problem = tm.Problem(robot, [-1.2, 0.3], segments=segments, motion_limits=limits)
+    system = System.of(problem)
+    rng = np.random.default_rng(4)
+    shares = segmented_shares("cosine", 6, np.array([0.3, 0.5, 0.2]), kind != "inverse")
+    ends = (6, 12, 18)
+    if kind == "inverse":
+        of = InverseTranscription(system, shares, 1.0, segment_ends=ends)
+    else:
+        of = SegmentedBSpline(system, shares, {"linear": 3, "spline": 5}[kind], ends)
+    z = rng.normal(size=of.size) * 0.3 + np.tile([-1.3, 0.2], of.size)[: of.size]
+    z[-3:] = (0.8, 1.1, 1.3)
+    program = NonlinearProgram.of(of).at(z)
+    kinds = set(program.rows.kinds)
+    assert {"torque on segment 1", "torque on segment 2", "goal of segment 1"} <= kinds
+    assert "speed of frame tip on segment 2" in kinds
+    assert "speed of frame tip on segment 1" not in kinds
+    steps = program.step_bounds(z, 10.0)
+    found = program.linearize(z, program.evaluate(z), steps)
+    matrix = np.zeros((program.rows.size, program.size))
+    matrix[found.rows] = found.matrix.toarray()
+    for i in np.flatnonzero(steps.upper > steps.lower):
+        shift = np.zeros(program.size)
+        shift[i] = 1e-6
+        expected = program.evaluate(z + shift) - program.evaluate(z - shift)
+        expected /= 2e-6
+        # Rates of torques over short intervals are large numbers.
+        scale = np.maximum(1.0, np.abs(program.evaluate(z)))
+        scale *= max(1.0, float(np.abs(expected).max()))
+        error = np.abs(matrix[:, i] - expected)[found.rows] / scale[found.rows]
+        assert np.max(error) < 2e-5, (i, found.rows[np.argmax(error)])
+
+
+# -- the judge -------------------------------------------------------------------------
+
+
+def test_a_goal_that_is_not_passed_is_told():
+    solution = planned(problem_on_rail(at(0.5), at(1.0)))
+    other = problem_on_rail(at(1.2), at(1.0))
+    verdict = tm.verify(other, solution.trajectory)
+    assert not verdict.ok
+    assert any(item.kind == "goal" for item in verdict.violations)
+    moving = problem_on_rail(at(0.5, stop=True), at(1.0))
+    verdict = tm.verify(moving, solution.trajectory)
+    assert any(item.kind == "speed" for item in verdict.violations)
+    staying = problem_on_rail(at(0.5, dwell=0.2), at(1.0))
+    assert not tm.verify(staying, solution.trajectory).ok
+
+
+def test_a_file_of_a_motion_is_judged_by_its_segments(tmp_path):
+    load = tm.Payload(3.0, "tip")
+    solution = planned(problem_on_rail(at(0.5, dwell=0.1), at(1.5, payload=load)))
+    path = solution.export(tmp_path / "motion.csv")
+    assert tm.verify(solution.problem, tm.load_motion(path)).ok
+
+
+def test_segments_are_parts_of_the_motion():
+    solution = planned(problem_on_rail(at(0.4, dwell=0.1), at(1.0)))
+    for part in solution.segments:
+        times = np.linspace(0.0, part.duration, 40)[1:-1]
+        own, whole = part.trajectory(times), solution.trajectory(part.begin + times)
+        for mine, his in zip(own, whole, strict=True):
+            np.testing.assert_allclose(mine, his, atol=1e-7)
+    copied = pickle.loads(pickle.dumps(solution))
+    assert copied.segments == solution.segments
+
+
+# -- wrong input -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        (5, "list of Segment"),
+        ("ab", "list of Segment"),
+        ([at(0.5), 3], "list of Segment"),
+        ([at(9.0), at(1.0)], "segment 1 of 2"),
+        ([at(0.5), tm.Segment(tm.JointGoal([1.0, 2.0]))], "segment 2 of 2"),
+        ([at(0.5, constraints=(tm.ToolSpeed("nose", 1.0),))], "nose"),
+        ([at(0.5, may_touch=[("link1", "box")])], "may_touch"),
+    ],
+)
+def test_wrong_segments(given, word):
+    with pytest.raises(tm.TominpmpError, match=word):
+        tm.Problem(rail(), [0.0], segments=given)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"dwell": -1.0}, "dwell"),
+        ({"dwell": "long"}, "dwell"),
+        ({"stop": "yes"}, "stop"),
+        ({"payload": 3.0}, "payload"),
+        ({"scene": 3.0}, "scene"),
+        ({"motion_limits": {}}, "motion_limits"),
+        ({"may_touch": "ab"}, "may_touch"),
+        ({"may_touch": [("a",)]}, "may_touch"),
+    ],
+)
+def test_wrong_values_of_a_segment(changes, word):
+    with pytest.raises(tm.ProblemError, match=word):
+        at(0.5, **changes)
+
+
+def test_what_segments_do_not_go_with():
+    problem = problem_on_rail(at(0.5), at(1.0))
+    for options in (
+        {"method": "adjoint"},
+        {"refine": "grid"},
+        {"slack": 0.01},
+        {"control_period": 0.01},
+    ):
+        with pytest.raises(tm.OptionsError, match="several segments"):
+            tm.plan(problem, **options)
+    with pytest.raises(tm.ProblemError, match="expected one of them"):
+        tm.Problem(rail(), [0.0])
+    with pytest.raises(tm.ProblemError, match="one or the other"):
+        tm.Problem(rail(), [0.0], tm.JointGoal([1.0]), segments=[at(1.0)])
+    with pytest.raises(tm.ProblemError, match="asks for a velocity"):
+        tm.Segment(tm.JointGoal([0.5], v=[1.0]), stop=True)
+    with pytest.raises(tm.ProblemError, match="segments"):
+        tm.certify(problem, planned(problem).trajectory)
+
+
+def test_a_velocity_on_the_way_is_kept():
+    moving = tm.Segment(tm.JointGoal([0.5], v=[1.0]))
+    solution = planned(problem_on_rail(moving, at(1.0)))
+    assert solution.segments[0].trajectory.v[-1, 0] == pytest.approx(1.0, abs=1e-6)
