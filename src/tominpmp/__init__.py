@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from tominpmp.planner.smoothing import smooth
     from tominpmp.problem import Problem
     from tominpmp.robot import JointLimits, Robot, load_robot
+    from tominpmp.samples import Samples
     from tominpmp.scenario.joint_limits import MoveItLimits, load_joint_limits
     from tominpmp.scenario.motion_limits import load_motion_limits
     from tominpmp.scenario.moveit import load_moveit, load_moveit_scene
@@ -76,7 +77,7 @@ if TYPE_CHECKING:
     from tominpmp.segments import Segment
     from tominpmp.solution import Solution
     from tominpmp.status import IterationRecord, Status
-    from tominpmp.trajectory import Samples, State, Trajectory
+    from tominpmp.trajectory import State, Trajectory
     from tominpmp.verification import (
         ClearanceProof,
         Verification,
@@ -176,8 +177,8 @@ _HOMES = {
         "IterationRecord",
         "Status",
     ),
+    "samples": ("Samples",),
     "trajectory": (
-        "Samples",
         "State",
         "Trajectory",
     ),

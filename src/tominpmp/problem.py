@@ -12,25 +12,21 @@ from functools import cached_property
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, frozen_array, real_array, real_number
-from tominpmp.collision import CollisionChecker, enclosure
+from tominpmp.arrays import Array, Record, frozen_array, real_number
+from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
-from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
-from tominpmp.goals import AnyGoal, Goal, PassedGoal, passed
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.goals import Goal, PassedGoal, passed
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 from tominpmp.segments import Segment, check_names, checked_pairs, checked_segments
+from tominpmp.state_checks import StateChecks
 from tominpmp.trajectory import Trajectory
 
-# A start or goal that is this little outside a limit is taken to be on it (positions in
-# rad or m, velocities in rad/s or m/s): encoders and files round.
-SNAP = 1e-6
 # More choices of goals than this are not tried one by one.
 MOST_ALTERNATIVES = 256
-UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +117,12 @@ class Problem(Record):
             self.goal.validate(self.robot)
         object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
         snapped = self._snap_start()
-        self._check_clear(self.q_start, "start")
-        self._check_kept(self.q_start, self.v_start, "start", "q_start")
+        self._checks.clear(self.q_start, "start")
+        self._checks.kept(self.q_start, self.v_start, "start", "q_start")
         if self.segments:
             _, of_goal = self._phases
         else:
-            goal, of_goal = self._checked_goal(self.goal)
+            goal, of_goal = self._checks.goal(self.goal)
             object.__setattr__(self, "goal", goal)
         for message in (*snapped, *of_goal):
             # Past this method and the generated __init__, to whoever makes the problem.
@@ -226,11 +222,11 @@ class Problem(Record):
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
         if number and not same:
-            phase._check_clear(q_start, "start")
+            phase._checks.clear(q_start, "start")
         if number == 0:
-            phase._check_kept(phase.q_start, phase.v_start, "start", "q_start")
+            phase._checks.kept(phase.q_start, phase.v_start, "start", "q_start")
         rests = goal is segment.goal
-        checked_goal, messages = phase._checked_goal(segment.goal, rests)
+        checked_goal, messages = phase._checks.goal(segment.goal, rests)
         if not rests:
             checked_goal = passed(checked_goal)
         object.__setattr__(phase, "goal", checked_goal)
@@ -256,6 +252,13 @@ class Problem(Record):
             )
         object.__setattr__(self, "goal", segments[-1].goal)
 
+    @property
+    def _checks(self) -> StateChecks:
+        """What can be told of states without planning."""
+        return StateChecks(
+            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
+        )
+
     def _checked_margin(self) -> float:
         try:
             margin = real_number(self.margin)
@@ -268,12 +271,12 @@ class Problem(Record):
         return margin
 
     def _snap_start(self) -> list[str]:
-        q = self._vector(self.q_start, "q_start")
+        q = self._checks.vector(self.q_start, "q_start")
         v = np.zeros_like(q)
         if self.v_start is not None:
-            v = self._vector(self.v_start, "v_start")
-        q, of_q = self._snap("position", q, "q_start")
-        v, of_v = self._snap("velocity", v, "v_start")
+            v = self._checks.vector(self.v_start, "v_start")
+        q, of_q = self._checks.snap("position", q, "q_start")
+        v, of_v = self._checks.snap("velocity", v, "v_start")
         object.__setattr__(self, "q_start", frozen_array(q))
         object.__setattr__(self, "v_start", frozen_array(v))
         return of_q + of_v
@@ -348,188 +351,3 @@ class Problem(Record):
         object.__setattr__(other, "self_collision", self.checker.self_collision)
         object.__setattr__(other, "scene", scene)
         return other
-
-    def _checked_goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
-        """Check a goal that belongs to the robot; what to warn of is returned too."""
-        if goal.alternatives[0] is not goal:
-            return self._checked_set(goal.alternatives, rests)
-        if goal.configuration is not None:
-            v = goal.final_velocity(self.robot.n)
-            q, of_q = self._snap("position", goal.configuration, "goal.q")
-            v, of_v = self._snap("velocity", v, "goal.v")
-            self._check_clear(q, "goal")
-            if rests:
-                self._check_hold(q, v)
-            self._check_kept(q, v, "goal", "goal")
-            return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
-        for item in goal.members:
-            self._check_reach(item)
-            self._check_room(item)
-        return goal, []
-
-    def _checked_set(
-        self, goals: tuple[Goal, ...], rests: bool
-    ) -> tuple[Goal, list[str]]:
-        """Leave out the goals that cannot be reached, as long as there are others."""
-        kept, messages, wrong = [], [], []
-        for number, goal in enumerate(goals, 1):
-            try:
-                checked, snapped = self._checked_goal(goal, rests)
-            except ProblemError as error:
-                wrong.append(f"goal {number} of {len(goals)}: {error}")
-            else:
-                kept.append(checked)
-                messages += snapped
-        if not kept:
-            raise ProblemError("; ".join(wrong), "goal")
-        messages += [f"{text}; it is left out" for text in wrong]
-        return AnyGoal(tuple(kept)), messages
-
-    def _unit(self, quantity: str, joint: int) -> str:
-        return UNITS[quantity][int(prismatic_joints(self.robot)[joint])]
-
-    def _vector(self, value: object, name: str) -> Array:
-        joints = self.robot.joint_names
-        expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
-        try:
-            array = real_array(value)
-        except ValueError as error:
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected {expected}", name
-            ) from error
-        if array.shape != (len(joints),):
-            raise ProblemError(
-                f"{name} has shape {array.shape}, expected {expected}", name
-            )
-        for joint, number in zip(joints, array, strict=True):
-            if not np.isfinite(number):
-                raise ProblemError(
-                    f"{name}: joint {joint!r} is {number}, expected a finite number",
-                    name,
-                )
-        return array
-
-    def _snap(self, quantity: str, values: Array, name: str) -> tuple[Array, list[str]]:
-        """Check values against limits, and put those on them that miss by a hair.
-
-        Returns:
-            The values, and what to warn of.
-        """
-        snapped = []
-        limits = self.robot.limits
-        lower, upper = limits.position_lower, limits.position_upper
-        if quantity == "velocity":
-            lower, upper = -limits.velocity, limits.velocity
-        clipped = np.clip(values, lower, upper)
-        for i in np.flatnonzero(clipped != values).tolist():
-            excess = abs(clipped[i] - values[i])
-            joint, unit = self.robot.joint_names[i], self._unit(quantity, i)
-            what = f"{name}: joint {joint!r} "
-            bounds = f"{quantity} limits [{lower[i]:.6g}, {upper[i]:.6g}] {unit}"
-            if excess > SNAP:
-                raise ProblemError(
-                    f"{what}is {values[i]:.6g} {unit}, outside its {bounds}", name
-                )
-            snapped.append(
-                f"{what}is {excess:.1e} {unit} outside its {bounds} and was set to "
-                "the limit"
-            )
-        return np.asarray(clipped), snapped
-
-    def _check_clear(self, q: Array, which: str) -> None:
-        # When it arrives is not known yet: what moves may be elsewhere by then.
-        time = 0.0 if which == "start" else None
-        moves = time is None and self.checker.moving
-        if self.checker.hulls_clear(q):
-            return
-        if not moves and self.checker.is_free(q, self.margins, time or 0.0):
-            return
-        contact = self.checker.closest(q, self.margins, time)
-        if contact is None:
-            return
-        margin = contact.margin
-        if contact.distance >= margin - SNAP:
-            return
-        depth = (
-            f"overlap by {-contact.distance:.4g} m"
-            if contact.distance < 0.0
-            else f"are {contact.distance:.4g} m apart, less than the margin "
-            f"{margin:.4g} m"
-        )
-        pair = f"link {contact.link!r} and obstacle {contact.obstacle!r}"
-        advice = ""
-        if contact.own:
-            pair = f"links {contact.link!r} and {contact.obstacle!r}"
-            advice = self._advice_on_links(q)
-        raise ProblemError(
-            f"{which} in collision: {pair} {depth} at q = {np.round(q, 4).tolist()}"
-            f"{advice}",
-            "q_start" if which == "start" else "goal",
-        )
-
-    def _advice_on_links(self, q: Array) -> str:
-        """What to do about links that are found to overlap where they may not."""
-        meshes = CollisionChecker(
-            self.robot, Scene(), self_collision=True, geometry="mesh"
-        )
-        cause = "" if meshes.is_free(q) else " their meshes overlap, too;"
-        if not cause:
-            cause = " their meshes do not, only the convex pieces these are taken as;"
-        return (
-            f":{cause} links that may touch belong among the disable_collisions of an "
-            "SRDF, and self_collision=False lets all of them touch"
-        )
-
-    def _check_kept(self, q: Array, v: Array | None, which: str, name: str) -> None:
-        """Check that the constraints hold at a state."""
-        for item in self.ready_constraints:
-            if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
-                raise ProblemError(f"{which}: {lack}", name)
-
-    def _check_hold(self, q: Array, v: Array) -> None:
-        """Check that the motors can hold an arm that is to come to rest."""
-        if np.any(v):
-            return
-        tau = RobotDynamics(self.robot).inverse(q[None], v[None], v[None])[0]
-        limits = self.robot.limits
-        for i, joint in enumerate(self.robot.joint_names):
-            low, high = limits.effort_lower[i], limits.effort_upper[i]
-            slack = 1e-9 * max(1.0, abs(low), abs(high))
-            if not low - slack <= tau[i] <= high + slack:
-                unit = self._unit("effort", i)
-                dry = self.robot.friction[i] > 0.0
-                raise ProblemError(
-                    f"goal: joint {joint!r} cannot hold the arm against gravity there: "
-                    f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed"
-                    + (" (its dry friction is not counted on)" if dry else ""),
-                    "goal",
-                )
-
-    def _check_room(self, goal: Goal) -> None:
-        """Check that the frame is not to end within an obstacle, link and all."""
-        ball, frame = goal.ball, goal.frame_name
-        if ball is None or frame is None or not len(self.scene):
-            return
-        point = ball.centre
-        found = enclosure(self.robot, self.scene, frame, point, ball.radius)
-        if found is not None:
-            raise ProblemError(
-                f"goal: {np.round(point, 4).tolist()} is {found.depth:.4g} m deep in "
-                f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
-                f"{frame!r} there overlaps it in every orientation",
-                "goal",
-            )
-
-    def _check_reach(self, goal: Goal) -> None:
-        target, frame = goal.nearest_point(), goal.frame_name
-        if target is None or frame is None:
-            return
-        reach = RobotKinematics(self.robot).reach(frame)
-        distance = math.hypot(*target)  # does not overflow
-        if distance > reach * (1.0 + 1e-9):
-            raise ProblemError(
-                f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the "
-                f"base, and frame {frame!r} reaches {reach:.4g} m at most: "
-                f"outside reach by {distance - reach:.4g} m",
-                "goal",
-            )

@@ -20,9 +20,10 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, expect
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
+from tominpmp.samples import Samples
 from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.stepwise import stepwise_motion
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 from tominpmp.turns import STANDSTILL
 
 # A locked joint may be this far from its place in a recorded motion [rad or m].

@@ -9,10 +9,10 @@ polynomials.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,8 @@ from tominpmp.arrays import (
 )
 from tominpmp.curves import states, velocities
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.sampling import Interpolation, check_interpolation, clock
+from tominpmp.samples import Samples, check_shape, names, numbers
+from tominpmp.sampling import clock
 from tominpmp.turns import Turns
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
@@ -73,97 +74,6 @@ class State(NamedTuple):
             f"{k}={in_brief(np.asarray(x))}" for k, x in zip("qvau", self, strict=True)
         )
         return f"State({', '.join(parts)})"
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    """Names of joints as a tuple, if they are names."""
-    listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-    listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
-    good = listed and all(isinstance(name, str) and name for name in value)
-    names = tuple(str(name) for name in value) if good else ()
-    if not names or len(set(names)) < len(names):
-        raise ProblemError(
-            f"joint_names is {brief(value)}, expected names of joints, each its own",
-            "joint_names",
-        )
-    return names
-
-
-def _called(record: Samples | Trajectory, name: str) -> str:
-    whole = isinstance(record, Trajectory)
-    return f"trajectory field {name!r}" if whole else f"samples: {name}"
-
-
-def _numbers(name: str, record: Samples | Trajectory) -> Array:
-    value = getattr(record, name)
-    try:
-        return real_array(value)
-    except ValueError as error:
-        raise ProblemError(
-            f"{_called(record, name)} is {brief(value)}, expected numbers", name
-        ) from error
-
-
-def _check_shape(
-    record: Samples | Trajectory,
-    name: str,
-    shape: tuple[int, ...],
-    layout: str,
-) -> None:
-    found = getattr(record, name).shape
-    if found != shape:
-        raise ProblemError(
-            f"{_called(record, name)} has shape {found}, expected {shape}: {layout}",
-            name,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Samples(Record):
-    """A trajectory sampled at many times, one row a time.
-
-    Attributes:
-        joint_names: Names of the joints, in column order.
-        t: Times [s], shape (m,).
-        q: Positions [rad or m], shape (m, n).
-        v: Velocities [rad/s or m/s], shape (m, n).
-        a: Accelerations [rad/s^2 or m/s^2], shape (m, n).
-        u: Torques [N m or N], shape (m, n).
-        interpolation: What becomes of them between their times: "controller" joins them
-            as ROS's joint trajectory controller does, by straight lines where there are
-            positions only, by cubics with velocities, by polynomials of degree 5 with
-            accelerations; these three may be named too; "auto" looks for the motion
-            that they were taken from, see :mod:`~tominpmp.sampled_motion`.
-    """
-
-    joint_names: tuple[str, ...]
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    u: Array
-    interpolation: Interpolation = "auto"
-
-    def __post_init__(self) -> None:
-        """Check the shapes and make the arrays read-only."""
-        object.__setattr__(self, "joint_names", _names(self.joint_names))
-        for name in ("t", "q", "v", "a", "u"):
-            object.__setattr__(self, name, _numbers(name, self))
-        rows, n = self.t.size, len(self.joint_names)
-        _check_shape(self, "t", (rows,), "one time a row")
-        for name in ("q", "v", "a", "u"):
-            layout = "one row a time, one column a joint"
-            _check_shape(self, name, (rows, n), layout)
-        check_interpolation(self.interpolation)
-
-    def __repr__(self) -> str:
-        """Joints, rows and times, on one line."""
-        joints = brief(", ".join(self.joint_names))[1:-1]
-        span = f"{self.t[0]:g} to {self.t[-1]:g} s" if self.t.size else "none"
-        return (
-            f"<Samples of {len(self.joint_names)} joints ({joints}): {self.t.size} "
-            f"rows, {span}>"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +121,7 @@ class Trajectory(Record):
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
-        object.__setattr__(self, "joint_names", _names(self.joint_names))
+        object.__setattr__(self, "joint_names", names(self.joint_names))
         for name in ("inverse_dynamics", "holding"):
             function = getattr(self, name)
             if function is not None and not callable(function):
@@ -222,12 +132,12 @@ class Trajectory(Record):
                 )
         for name in ("t", "q", "v", "u", "a"):
             if name != "a" or self.a is not None:
-                object.__setattr__(self, name, _numbers(name, self))
+                object.__setattr__(self, name, numbers(name, self))
         nodes, n = self.t.size, len(self.joint_names)
-        _check_shape(self, "t", (nodes,), "one time a node")
+        check_shape(self, "t", (nodes,), "one time a node")
         for name in ("q", "v", "u"):
             layout = "one row a node, one column a joint"
-            _check_shape(self, name, (nodes, n), layout)
+            check_shape(self, name, (nodes, n), layout)
         increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
         if nodes < 2 or not increasing or self.t[0] != 0.0:
             raise ProblemError(
@@ -235,12 +145,12 @@ class Trajectory(Record):
             )
         if self.a is not None and self.a.shape != (nodes, n):
             layout = "one row an interval or node, one column a joint"
-            _check_shape(self, "a", (nodes - 1, n), layout)
+            check_shape(self, "a", (nodes - 1, n), layout)
         if self.segment_ends is not None:
             self._check_segments()
 
     def _check_segments(self) -> None:
-        object.__setattr__(self, "segment_ends", _numbers("segment_ends", self))
+        object.__setattr__(self, "segment_ends", numbers("segment_ends", self))
         ends = np.asarray(self.segment_ends)
         good = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t[1:]))
         if not (good and np.all(np.diff(ends) > 0.0) and ends[-1] == self.t[-1]):

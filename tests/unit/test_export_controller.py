@@ -18,8 +18,9 @@ from tominpmp.io.export import export, load_motion
 from tominpmp.io.ros import accelerations_continue
 from tominpmp.robot import Robot
 from tominpmp.sampled_motion import join, recorded_motion
+from tominpmp.samples import Samples
 from tominpmp.sampling import clock
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 
 ROS_ENDINGS = ("yaml", "json", "mcap")
 BETWEEN = np.linspace(0.0, 0.95, 173)

@@ -12,7 +12,8 @@ from tominpmp.exceptions import ScenarioError
 from tominpmp.io.export import export, load_motion
 from tominpmp.robot import Robot, load_robot
 from tominpmp.sampled_motion import recorded_motion
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.samples import Samples
+from tominpmp.trajectory import Trajectory
 
 HERE = Path("m.csv")
 NAMES = ("joint1", "joint2", "joint3")

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.robot import Robot
-from tominpmp.trajectory import MAX_SAMPLES, Samples, Trajectory
+from tominpmp.samples import Samples
+from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 
 JOINTS = ("j1", "j2")
 TIMES = np.array([0.0, 0.25, 0.4, 1.0])

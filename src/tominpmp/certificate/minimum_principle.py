@@ -39,7 +39,8 @@ from tominpmp.certificate.task import Task
 from tominpmp.exceptions import ProblemError, expect
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.samples import Samples
+from tominpmp.trajectory import Trajectory
 from tominpmp.verification.verdict import Verification
 
 # What small changes may promise, as a share of the duration.

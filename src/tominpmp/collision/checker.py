@@ -48,27 +48,25 @@ class CollisionChecker:
         cut: frozenset[str] | None = None,
         may_touch: frozenset[frozenset[str]] = frozenset(),
     ) -> None:
-        """Find what there is.
+        """Find what there is; for what is not said here see the attributes.
 
         Args:
             robot: The robot.
             scene: The obstacles.
-            self_collision: Whether to watch links against each other, and against what
-                is fixed to the base.
+            self_collision: See the attribute.
             geometry: "convex" takes meshes of links as convex pieces, "hull" each as
                 one; "mesh" takes their triangles, which is slow and does not know how
                 deep an overlap is.
             cut: Names of the links whose meshes are taken as that; None for all. The
                 meshes of the others are taken as one hull each, from which distances
                 are never larger; they are not cut into pieces for it.
-            may_touch: Pairs of names of bodies that are not watched.
+            may_touch: Pairs of names, see the attribute.
 
         Raises:
             SceneError: If there are obstacles, but no geometry on moving links.
         """
         self.robot, self.scene, self.geometry = robot, scene, geometry
-        self.self_collision, self.cut = self_collision, cut
-        self.may_touch = may_touch
+        self.self_collision, self.cut, self.may_touch = self_collision, cut, may_touch
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
             raise SceneError(
@@ -114,14 +112,8 @@ class CollisionChecker:
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
         """The same with only some links cut into pieces, the others being hulls."""
         if cut not in self._variants:
-            self._variants[cut] = CollisionChecker(
-                self.robot,
-                self.scene,
-                self_collision=self.self_collision,
-                geometry=self.geometry,
-                cut=cut,
-                may_touch=self.may_touch,
-            )
+            make, given = self.__reduce__()
+            self._variants[cut] = make(*given, cut=cut)
         return self._variants[cut]
 
     def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:

@@ -18,7 +18,8 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.samples import Samples
+from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription

@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
 from tominpmp.io.ros import MESSAGE, message_data
-from tominpmp.trajectory import Samples
+from tominpmp.samples import Samples
 
 TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory_controller/joint_trajectory"

@@ -41,8 +41,9 @@ from tominpmp.io.tables import (
     write_csv,
     write_npz,
 )
+from tominpmp.samples import Samples
 from tominpmp.sampling import Interpolation, check_interpolation
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 
 # Tables as large as :mod:`~tominpmp.io.tables` reads them fit in, and messages of
 # as many values as YAML may have.
@@ -164,7 +165,7 @@ def load_motion(
     Args:
         path: CSV, NPZ, YAML, JSON or MCAP file, by its ending.
         interpolation: What becomes of the samples between their times, see
-            :class:`~tominpmp.trajectory.Samples`; None takes "controller" for ROS
+            :class:`~tominpmp.samples.Samples`; None takes "controller" for ROS
             messages and "auto" for the others.
 
     Returns:

@@ -36,9 +36,10 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import Joined, join
+from tominpmp.samples import Samples
 from tominpmp.sampling import Interpolation, check_interpolation
 from tominpmp.solution import Solution
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 from tominpmp.verification import Verification, verify
 from tominpmp.verification.limit_violations import UNITS, LimitViolation
 

@@ -21,8 +21,9 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.samples import Samples
 from tominpmp.sampling import BILLION
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 
 # What a point calls the quantities of samples.
 POINT_FIELDS = {

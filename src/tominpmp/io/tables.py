@@ -21,7 +21,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ScenarioError, shortened
-from tominpmp.trajectory import Samples
+from tominpmp.samples import Samples
 
 QUANTITIES = ("q", "v", "a", "u")
 # Motions of an hour at 1 kHz have fewer rows. A small archive may hold any number of

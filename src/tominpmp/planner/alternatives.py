@@ -12,8 +12,9 @@ from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.watch import Watch
 from tominpmp.problem import Problem
+from tominpmp.samples import Samples
 from tominpmp.stopping import Stop
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.system import System
 
 Attempts = Callable[[System, "FormerMotion | None"], Iterator[Attempt | None]]

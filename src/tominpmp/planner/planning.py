@@ -28,10 +28,11 @@ from tominpmp.planner.rescue import guarded
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.watch import Watch
 from tominpmp.problem import Problem
+from tominpmp.samples import Samples
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.system import System
 
 logger = logging.getLogger(__name__)

@@ -21,7 +21,8 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
-from tominpmp.trajectory import Samples, Trajectory
+from tominpmp.samples import Samples
+from tominpmp.trajectory import Trajectory
 from tominpmp.verification.feedback import (
     TIGHTER,
     Tracking,
