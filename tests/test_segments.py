@@ -328,7 +328,7 @@ def test_what_segments_do_not_go_with():
     ):
         with pytest.raises(tm.OptionsError, match="several segments"):
             tm.plan(problem, **options)
-    with pytest.raises(tm.ProblemError, match="expected one of them"):
+    with pytest.raises(tm.ProblemError, match="or segments"):
         tm.Problem(rail(), [0.0])
     with pytest.raises(tm.ProblemError, match="one or the other"):
         tm.Problem(rail(), [0.0], tm.JointGoal([1.0]), segments=[at(1.0)])

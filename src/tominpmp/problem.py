@@ -16,7 +16,7 @@ from tominpmp.arrays import Array, Record, frozen_array, real_number
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
-from tominpmp.goals import Goal, PassedGoal, passed
+from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
@@ -82,7 +82,7 @@ class Problem(Record):
         if not isinstance(self.goal, Goal):
             raise ProblemError(
                 f"goal is a {type(self.goal).__name__}, expected a JointGoal, "
-                "PositionGoal, PoseGoal or another goal",
+                "PositionGoal, PoseGoal or another goal, or segments",
                 "goal",
             )
         scene = Scene() if self.scene is None else self.scene
@@ -239,10 +239,6 @@ class Problem(Record):
         segments = checked_segments(self.segments)
         object.__setattr__(self, "segments", segments)
         if not segments:
-            if self.goal is None:
-                raise ProblemError(
-                    "neither goal nor segments is given, expected one of them", "goal"
-                )
             return
         if self.goal is not None and self.goal is not segments[-1].goal:
             raise ProblemError(
@@ -316,7 +312,7 @@ class Problem(Record):
         other = copy.copy(other)
         other.__dict__["_phases"] = tuple(parts), []
         segments = tuple(
-            replace(segment, goal=goal.goal if isinstance(goal, PassedGoal) else goal)
+            replace(segment, goal=goal.stopped)
             for segment, goal in zip(self.segments, goals, strict=True)
         )
         object.__setattr__(other, "segments", segments)

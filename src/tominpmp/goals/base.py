@@ -200,6 +200,11 @@ class Goal(ABC):
 
     # -- goals of goals ----------------------------------------------------------------
 
+    @property
+    def stopped(self) -> Goal:
+        """The goal itself, where it is one that is passed on the way; this one."""
+        return self
+
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The one of several goals that a final state misses by least; this one."""
         return self

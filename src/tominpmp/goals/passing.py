@@ -32,6 +32,11 @@ class PassedGoal(Record, Goal):
         """What the goal asks of a configuration."""
         return self.goal.place(kinematics, q)
 
+    @property
+    def stopped(self) -> Goal:
+        """The goal."""
+        return self.goal
+
     # -- any velocity ------------------------------------------------------------------
 
     def motion_residual(

@@ -15,7 +15,6 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import Goal, PassedGoal
 from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
 from tominpmp.problem import Problem
@@ -153,9 +152,7 @@ def at_rest_on_the_way(system: System) -> System:
 def _from(part: System, q: Array) -> System:
     """The functions of a segment that begins and ends at rest."""
     problem: Problem = copy.copy(part.problem)
-    goal: Goal = problem.goal
-    if isinstance(goal, PassedGoal):
-        goal = goal.goal
+    goal = problem.goal.stopped
     object.__setattr__(problem, "q_start", q)
     object.__setattr__(problem, "goal", goal)
     object.__setattr__(problem, "v_start", None)
