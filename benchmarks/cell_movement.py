@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -69,18 +70,27 @@ class Movement:
 
     def between(self, k: int, s: Array) -> tuple[Array, Array, Array, Array]:
         """Position, velocity, acceleration, jerk at shares s of interval k."""
+        if k not in self._derivatives:
+            self._derivatives[k] = self._differentiated(k)
+        polynomials = self._derivatives[k]
+        basis = s[:, None] ** np.arange(len(polynomials[0]))
+        out = [basis[:, : len(poly)] @ poly for poly in polynomials]
+        return out[0], out[1], out[2], out[3]
+
+    @cached_property
+    def _derivatives(self) -> dict[int, list[Array]]:
+        """Coefficients of intervals that were asked for, by derivative."""
+        return {}
+
+    def _differentiated(self, k: int) -> list[Array]:
         h = self.t[k + 1] - self.t[k]
-        powers = self._powers(k, h)
-        out = []
+        poly, out = self._powers(k, h), []
         for order in range(4):
-            poly = powers.copy()
-            for _ in range(order):
-                poly = poly[1:] * np.arange(1, len(poly))[:, None]
+            out.append(poly / h**order)
+            poly = poly[1:] * np.arange(1, len(poly))[:, None]
             if not len(poly):
                 poly = np.zeros((1, self.q.shape[1]))
-            basis = s[:, None] ** np.arange(len(poly))
-            out.append(basis @ poly / h**order)
-        return out[0], out[1], out[2], out[3]
+        return out
 
     def _powers(self, k: int, h: float) -> Array:
         q0, q1 = self.q[k], self.q[k + 1]
