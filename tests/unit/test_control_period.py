@@ -394,7 +394,6 @@ def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
     monkeypatch.setattr(
         "tominpmp.planner.control_period.ticks_of",
         lambda T, period: int(0.8 * T / period),
-        lambda T, period: int(0.8 * T / period),
     )
     solution = tm.plan(planar_problem(planar3r), control_period=0.01)
     assert not solution.success

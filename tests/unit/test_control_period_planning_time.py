@@ -23,8 +23,9 @@ from tominpmp.planner import attempt as attempts
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.control_period import Deadline
 from tominpmp.transcription.bspline_basis import Basis
+from tominpmp.transcription.program import TRACE
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ticks import TRACE, Ticks, ticks_of
+from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.nearest import keeps_clear
 
@@ -68,18 +69,18 @@ def test_a_trace_of_time_is_no_period(planar3r, control):
     problem = planar_problem(planar3r)
     motion = tm.plan(problem, control=control, starts=1, intervals=20).trajectory
     program, z = clocked_program(problem, motion, 0.01)
-    T = program.ticks.duration
+    T = program.least_duration
     exact = np.append(z[:-1], T)
     for share in (-0.5 * TRACE, 1e-9, 1e-7, 0.9 * TRACE):
         off = np.append(z[:-1], T * (1.0 + share))
-        kept = program.on_clock(off)
-        assert kept is not None and kept[-1] == T
+        kept = program.timed(off)
+        assert kept[-1] == T
         np.testing.assert_array_equal(kept[:-1], off[:-1])
         # Constraints are judged in the time that there will be.
         np.testing.assert_array_equal(program.evaluate(off), program.evaluate(exact))
     for share in (1.1 * TRACE, 1e-3):
         off = np.append(z[:-1], T * (1.0 + share))
-        assert program.on_clock(off) is None
+        assert program.timed(off) is off
         assert np.any(program.evaluate(off) != program.evaluate(exact))
 
 

@@ -28,7 +28,7 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ticks import ClockedTranscription, Ticks
+from tominpmp.transcription.ticks import Ticks
 
 # Samples for what needs the shape only.
 SAMPLES = 400
@@ -191,7 +191,7 @@ class FormerMotion(Guess):
 
     def clocked_program(
         self, system: System, ticks: Ticks
-    ) -> tuple[ClockedTranscription, Array]:
+    ) -> tuple[NonlinearProgram, Array]:
         """Program on the clock of a controller, and an iterate near to the motion.
 
         In a B-spline if the accelerations of the motion are continuous, else in
@@ -200,10 +200,10 @@ class FormerMotion(Guess):
         motion, T = self.trajectory, ticks.duration
         if self.continuous:
             degree = 3 if motion.a is None else 5
-            inner, z = self._spline_on(system, ticks.shares, T, degree)
+            program, z = self._spline_on(system, ticks.shares, T, degree)
         else:
-            inner, z = self._inverse_on(system, ticks.shares, T)
-        return ClockedTranscription(inner, ticks), z
+            program, z = self._inverse_on(system, ticks.shares, T)
+        return replace(program, least_duration=T), z
 
     def lifted_program(
         self, system: System, intervals: int, kind: str

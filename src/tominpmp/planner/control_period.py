@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.exceptions import OptionsError
 from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
 from tominpmp.linear_programs import make_solver
@@ -29,18 +28,15 @@ from tominpmp.planner.watch import Watch
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import FAR, ROUNDS
+from tominpmp.solvers.rounds import FAR, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.program import TRACE, NonlinearProgram
 from tominpmp.transcription.system import System
-from tominpmp.transcription.ticks import (
-    TRACE,
-    ClockedTranscription,
-    Ticks,
-    ticks_of,
-)
+from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification.verdict import Verification, verify
 
 logger = logging.getLogger(__name__)
@@ -273,21 +269,22 @@ class Try:
     fruitless: int = 0
 
     def after(
-        self, system: System, program: ClockedTranscription, result: SlpResult
+        self, system: System, program: NonlinearProgram, ticks: Ticks, result: SlpResult
     ) -> Try:
         """What to try after a motion that is slower, not admissible or not all right.
 
         Args:
             system: The problem.
             program: The program of this try.
+            ticks: Its knots.
             result: Its outcome.
         """
         reached, near = result.iterate, result.iterate.violation <= FAR
-        needed = ticks_of(program.timed(reached.z)[-1], program.ticks.period)
+        needed = ticks_of(program.timed(reached.z)[-1], ticks.period)
         if near and needed > self.count:
             guess = former_motion(system, program.trajectory(reached.z))
             dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
-            if dear and not self.finer and program.ticks.intervals < needed:
+            if dear and not self.finer and ticks.intervals < needed:
                 twice = 2 * self.intervals
                 return replace(self, guess=guess, intervals=twice, finer=True)
             return replace(self, count=needed, guess=guess)
@@ -335,7 +332,7 @@ def _bring(
             # As many periods, with rows for the links.
             system, monitor.watch.links_touched = complete, True
         else:
-            now = now.after(system, program, result)
+            now = now.after(system, program, ticks, result)
     return last
 
 
@@ -349,7 +346,7 @@ def _solve(
     guess: FormerMotion,
     ticks: Ticks,
     monitor: Deadline,
-) -> tuple[ClockedTranscription, Array | None, SlpResult]:
+) -> tuple[NonlinearProgram, Array | None, SlpResult]:
     """Look for a motion on given knots.
 
     Returns:
@@ -368,22 +365,19 @@ def _solve(
     monitor.goal = ticks.duration
     lp = make_solver(options.lp_solver)
     program, z = guess.clocked_program(system, ticks)
-    program = program.with_more_rows(z, -NEARLY) or program
-    result: SlpResult | None = None
-    for _ in range(ROUNDS):
+    program = exchanged(program, z, -NEARLY) or program
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    ) -> SlpResult:
         monitor.last = np.inf
-        solver = SlpSolver(program, near, smoothing, lp, monitor)
-        result = solver.run(z, after=result)
-        z = result.iterate.z if result.best is None else result.best.z
-        if result.status in STOPPED or result.best is None:
-            break
-        more = program.with_more_rows(z, OVERLOAD)
-        if more is None:
-            break
-        program = more
-    assert result is not None  # noqa: S101
-    kept = program.on_clock(z)
-    if result.best is None or kept is None:
+        solver = SlpSolver(program, options, smoothing, lp, monitor)
+        return solver.run(z, after=after)
+
+    program, result = solve_in_rounds(program, z, near, solve, rough=False)
+    if result.best is None:
         return program, None, result
-    worst = np.max(program.rows.violation(program.evaluate(kept)), initial=0.0)
-    return program, kept if worst <= options.feasibility else None, result
+    kept = program.timed(result.best.z)
+    worst = program.rows.largest_violation(program.evaluate(kept))
+    right = kept[-1] == ticks.duration and worst <= options.feasibility
+    return program, kept if right else None, result

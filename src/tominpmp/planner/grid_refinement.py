@@ -22,12 +22,11 @@ from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.monitor import Monitor
+from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.status import STOPPED
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
@@ -49,8 +48,7 @@ LITTLE = 1e-6
 # Torques that change by more than this, in half ranges, switch: to the other limit, or
 # to what keeps a speed.
 JUMP = 0.5
-# Rounds of adding rows between the nodes, iterations of each solve.
-EXCHANGES = 4
+# Iterations of each solve.
 ITERATIONS = 30
 # Weight of the total variation, as a share of the duration.
 SMOOTHING_SHARE = 1e-4
@@ -296,16 +294,15 @@ def _solve(
         smoothing = SMOOTHING_SHARE * before.iterate.duration
     few = replace(options, max_iterations=min(options.max_iterations, ITERATIONS))
     program = NonlinearProgram.of(transcription).at(z)
-    # The rows are others now: only the history goes on.
-    result = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep).run(z)
-    result = replace(result, history=before.history + result.history)
-    for _ in range(EXCHANGES):
-        if result.status in STOPPED:
-            break
-        changed = revised(program, result.iterate.z)
-        if changed is None:
-            break
-        program, z = changed[0].at(changed[1]), changed[1]
-        solver = SlpSolver(program, few, smoothing, lp, watch, keep=watch.keep)
-        result = solver.run(z, after=result)
-    return program, result
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    ) -> SlpResult:
+        solver = SlpSolver(program, options, smoothing, lp, watch, keep=watch.keep)
+        result = solver.run(z, after=after)
+        if after is None:
+            # The rows are others than before: only the history goes on.
+            result = replace(result, history=before.history + result.history)
+        return result
+
+    return solve_in_rounds(program, z, few, solve, rough=False)

@@ -16,12 +16,12 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution, roughness
-from tominpmp.solvers.rounds import ROUNDS
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks, ticks_of
@@ -161,23 +161,18 @@ def _quieter(
         period = options.control_period
         count = ticks_of((1.0 + slack) * former.duration, period)
         ticks = Ticks.near(period, count, former.t, intervals)
-        clocked, z = guess.clocked_program(system, ticks)
-        program = clocked.inner
-    best: Array | None = None
-    for _ in range(ROUNDS):
+        program, z = guess.clocked_program(system, ticks)
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, _: SlpResult | None
+    ) -> SlpResult:
         times = program.transcription.sequence_times(z)
-        solver = TorqueVariationSolver(program, options, times, over)
-        best = solver.run(z)
-        if best is None or over():
-            break
-        z = best
-        more = exchanged(program, z)
-        if more is None:
-            break
-        program = more
-    if best is None:
+        return TorqueVariationSolver(program, options, times, over).run(z)
+
+    program, result = solve_in_rounds(program, z, options, solve, rough=False)
+    if result.best is None:
         return None
-    motion = program.trajectory(best)
+    motion = program.trajectory(result.best.z)
     return motion if ticks is None else ticks.timed(motion)
 
 

@@ -26,7 +26,12 @@ Solve = Callable[[NonlinearProgram, Array, Options, SlpResult | None], SlpResult
 
 
 def solve_in_rounds(
-    program: NonlinearProgram, z: Array, options: Options, solve: Solve
+    program: NonlinearProgram,
+    z: Array,
+    options: Options,
+    solve: Solve,
+    *,
+    rough: bool = True,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """Solve until the motion keeps its limits between the rows too.
 
@@ -35,16 +40,17 @@ def solve_in_rounds(
         z: Where to begin.
         options: Options of the plan.
         solve: Solves a program from an iterate on, with options, after a former result.
+        rough: Whether rows between the nodes are looked for early, where that is dear.
 
     Returns:
         The last program and its outcome.
     """
-    rough = options
-    if any(block.gradual for block in program.blocks):
-        rough = replace(options, tolerance=max(ROUGH, options.tolerance))
+    first = options
+    if rough and any(block.gradual for block in program.blocks):
+        first = replace(options, tolerance=max(ROUGH, options.tolerance))
     few = replace(options, max_iterations=min(options.max_iterations, ROUND_ITERATIONS))
-    result = solve(program, z, rough, None)
-    settled = rough is options
+    result = solve(program, z, first, None)
+    settled = first is options
     for _ in range(ROUNDS):
         far = result.best is None and result.iterate.violation > FAR
         if result.status in STOPPED or (far and settled) or _too_long(result):

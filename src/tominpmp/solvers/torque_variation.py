@@ -23,11 +23,12 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.linear_programs import LinearProgram, LpSolution, solve_quadratic
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Trial
+from tominpmp.solvers.iterate import Iterate, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.step_search import StepSearch
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.status import Status
 from tominpmp.transcription.base import Linearization, Variation
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -48,28 +49,6 @@ LEAST_NORM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueVariationState:
-    """State of the iteration.
-
-    Attributes:
-        z: Unknowns.
-        values: Row values there.
-        merit: Weights of the violations.
-        region: Trust region.
-    """
-
-    z: Array
-    values: Array
-    merit: Merit
-    region: TrustRegion
-
-    @property
-    def violation(self) -> float:
-        """Largest violation of all rows."""
-        return self.merit.rows.largest_violation(self.values)
-
-
-@dataclass(frozen=True, eq=False)
 class TorqueVariationSolver:
     """Sequential quadratic programming on any transcription, with T fixed.
 
@@ -85,21 +64,22 @@ class TorqueVariationSolver:
     times: Array
     over: Callable[[], bool] = field(default=lambda: False)
 
-    def run(self, z: Array) -> Array | None:
+    def run(self, z: Array) -> SlpResult:
         """Iterate until nothing more is to be had.
 
         Args:
             z: Where to begin; its duration is kept.
 
         Returns:
-            The iterate of least torque variation that keeps all constraints; None if
-            there is none.
+            The outcome; the best iterate is the one of least torque variation that
+            keeps all constraints.
         """
         state = self.init(z)
         norm = max(
             float(np.linalg.norm(self.torque_differences(z, state.values))), LEAST_NORM
         )
-        best: tuple[float, Array] | None = None
+        best: tuple[float, Iterate] | None = None
+        status = Status.ITERATION_LIMIT
         costs: list[float] = []
         for _ in range(self.options.max_iterations):
             state, promised = self.step(state, norm)
@@ -107,24 +87,27 @@ class TorqueVariationSolver:
             costs = [*costs, cost][-WINDOW - 1 :]
             if state.violation <= self.options.feasibility:
                 if best is None or cost < best[0]:
-                    best = cost, state.z
+                    best = cost, state
                 gained = costs[0] - cost if len(costs) > WINDOW else np.inf
                 if min(promised, gained) < SETTLED * cost:
+                    status = Status.CONVERGED
                     break
             if state.region.exhausted or self.over():
+                status = Status.TIME_LIMIT if self.over() else Status.STALLED
                 break
-        return None if best is None else best[1]
+        found = None if best is None else best[1]
+        return SlpResult(status, found or state, found, ())
 
-    def init(self, z: Array) -> TorqueVariationState:
+    def init(self, z: Array) -> Iterate:
         """State at the start."""
         nlp = self.nlp
         weights = np.full(len(nlp.rows.kinds), FIRST_WEIGHT)
         merit = Merit(np.zeros(z.size), nlp.rows, 0.0, weights)
-        return TorqueVariationState(z, nlp.evaluate(z), merit, TrustRegion())
+        return Iterate(
+            z, nlp.evaluate(z), merit, TrustRegion(), np.zeros(nlp.rows.size)
+        )
 
-    def step(
-        self, state: TorqueVariationState, norm: float
-    ) -> tuple[TorqueVariationState, float]:
+    def step(self, state: Iterate, norm: float) -> tuple[Iterate, float]:
         """One iteration: linearise, solve, correct, search, accept or shrink.
 
         Returns:
@@ -247,9 +230,7 @@ class TorqueVariationSolver:
         """Objective: 1/2 at the start."""
         return 0.5 * float(np.sum(self.torque_differences(z, values) ** 2)) / norm**2
 
-    def merit(
-        self, state: TorqueVariationState, z: Array, values: Array, norm: float
-    ) -> float:
+    def merit(self, state: Iterate, z: Array, values: Array, norm: float) -> float:
         """Objective and weighted violations."""
         return self.cost(z, values, norm) + state.merit.penalty(values)
 
@@ -257,7 +238,7 @@ class TorqueVariationSolver:
         self,
         frame: Subproblem,
         differences: Variation,
-        state: TorqueVariationState,
+        state: Iterate,
         step: Array,
         norm: float,
     ) -> float:

@@ -32,6 +32,10 @@ BROKEN = 1e3
 # Instants attain the maximum of a constraint if they come this close to it.
 ATTAINED = 1e-4
 
+# Interior-point solvers leave the duration a trace above its bound: by up to this share
+# of it, it is the bound.
+TRACE = 1e-6
+
 Selection = Literal["near", "exact", "violated"]
 
 
@@ -45,11 +49,15 @@ class NonlinearProgram:
         selection: Which rows of path constraints become rows of a linear program:
             "near" those that a step can bring to their bounds, "exact" those that
             attain the maximum over time (the paper's S), "violated" those beyond.
+        least_duration: Duration that a motion must not fall below [s], where its own is
+            the last unknown. Once it is there the iteration has nothing left to gain
+            but quiet controls, and any iterate that keeps the constraints will do.
     """
 
     transcription: Transcription[Any]
     blocks: tuple[Block, ...]
     selection: Selection = "near"
+    least_duration: float = 0.0
 
     @classmethod
     def of(
@@ -127,9 +135,19 @@ class NonlinearProgram:
             {block.name for block in self.blocks if block.curable},
         )
 
+    def timed(self, z: Array) -> Array:
+        """An iterate with the least duration, where it has that but for a trace.
+
+        Rows are evaluated there, so that constraints hold in the time that there is.
+        """
+        T = self.least_duration
+        if T == 0.0 or abs(z[-1] - T) > TRACE * T:
+            return z
+        return np.append(z[:-1], T)
+
     def evaluate(self, z: Array) -> Array:
         """Row values."""
-        motion = self.transcription.motion(z)
+        motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, BROKEN)
         parts = [block.values(self.transcription, motion) for block in self.blocks]
@@ -138,7 +156,7 @@ class NonlinearProgram:
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""
         of = self.transcription
-        motion = of.motion(z)
+        motion = of.motion(self.timed(z))
         if not motion.finite:
             # Nothing can be said of it; without rows, the program makes it shorter.
             none = np.zeros(0, dtype=np.int64)
@@ -217,7 +235,12 @@ class NonlinearProgram:
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within the bounds of the unknowns."""
-        return self.transcription.step_bounds(z, radius)
+        bounds = self.transcription.step_bounds(z, radius)
+        if self.least_duration == 0.0:
+            return bounds
+        lower = bounds.lower.copy()
+        lower[-1] = min(max(lower[-1], self.least_duration - z[-1]), 0.0)
+        return bounds._replace(lower=lower)
 
     def variation(self, z: Array) -> Variation:
         """Differences of the controls."""
