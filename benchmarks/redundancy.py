@@ -25,7 +25,7 @@ from benchmarks.random_goals import load_arm, sample_problems
 from tominpmp.goals import FrameGoal
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FRAMES = {"panda": "panda_hand", "xarm7": "link7"}
 COLUMNS = (
@@ -62,7 +62,9 @@ def main() -> int:
             seconds = time.process_time() - begin
             assert isinstance(problem.goal, FrameGoal)
             rng = np.random.default_rng([arguments.seed, number])
-            found, _ = goal_configurations(System.of(problem), problem.goal, TRIED, rng)
+            found, _ = goal_configurations(
+                ProblemFunctions.of(problem), problem.goal, TRIED, rng
+            )
             begin = time.process_time()
             durations = [
                 tm.plan(

@@ -25,10 +25,10 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, Sampled
 from tominpmp.transcription.rollout import rollout
 from tominpmp.transcription.sweep import sweep_adjoint
-from tominpmp.transcription.system import System
 
 Array = np.ndarray
 
@@ -131,19 +131,21 @@ def lengths(shares: Array, T: float, rng: np.random.Generator) -> Array:
     return eta * T / float(shares.sum(axis=0) @ eta)
 
 
-def torques(system: System, rng: np.random.Generator, intervals: int) -> Array:
+def torques(
+    system: ProblemFunctions, rng: np.random.Generator, intervals: int
+) -> Array:
     limits = system.problem.robot.limits
     # Small ones: a wrist at full torque turns many times in an interval.
     share = rng.uniform(0.45, 0.55, (intervals, system.n))
     return limits.effort_lower + share * (limits.effort_upper - limits.effort_lower)
 
 
-def middle(system: System) -> Array:
+def middle(system: ProblemFunctions) -> Array:
     """Configuration near which the arm is clear of everything."""
     return WRIST if system.n == 6 else MIDDLE
 
 
-def near(system: System, count: int, rng: np.random.Generator) -> Array:
+def near(system: ProblemFunctions, count: int, rng: np.random.Generator) -> Array:
     """Configurations from the start to clear ones, shape (count, n)."""
     start, end = system.problem.q_start, middle(system)
     way = np.linspace(0.0, 1.0, count)[:, None]
@@ -226,7 +228,7 @@ def build(
 ) -> tuple[NonlinearProgram, Array, Transcription]:
     """A program, a random motion of it, and the transcription it began with."""
     make, shares = BUILDERS[method]
-    system, rng = System.of(PROBLEMS[name]()), np.random.default_rng(seed)
+    system, rng = ProblemFunctions.of(PROBLEMS[name]()), np.random.default_rng(seed)
     of, z = make(system, shares(), rng)
     return with_more(NonlinearProgram.of(of)).at(z), z, of
 
@@ -387,7 +389,7 @@ def test_rates_are_how_positions_between_the_nodes_pass(method: str) -> None:
 @pytest.mark.parametrize("name", ["position, obstacle", "tip velocity", "ur5"])
 def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
     problem = PROBLEMS[name]()
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     n, intervals = system.n, 8
     x = np.concatenate([problem.q_start, rng.normal(size=n)])
     u = torques(system, rng, intervals)

@@ -20,7 +20,7 @@ from tominpmp.planner.grid_refinement import (
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FEW = 8
 
@@ -115,8 +115,8 @@ def test_stopped_planning_is_not_refined() -> None:
 # -- the pieces ------------------------------------------------------------------------
 
 
-def system_of(family: str, name: str) -> System:
-    return System.of(CASES[family][name].problem())
+def system_of(family: str, name: str) -> ProblemFunctions:
+    return ProblemFunctions.of(CASES[family][name].problem())
 
 
 @pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])

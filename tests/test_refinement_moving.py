@@ -16,7 +16,7 @@ from tominpmp.planner.grid_refinement import split_intervals
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 RAIL = """<robot name="rail"><link name="base"/>
 <link name="ball"><inertial><mass value="2"/>
@@ -70,7 +70,7 @@ def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
     lengths = np.array([0.3, length, 0.3])
     none = np.zeros((3, 1), dtype=np.int64)
     arcs = Arcs(lengths, np.array([[1.0], [0.2], [-1.0]]), none != 0, none)
-    program = ArcProgram(System.of(problem), arcs, steps_of(arcs, 20))
+    program = ArcProgram(ProblemFunctions.of(problem), arcs, steps_of(arcs, 20))
     y = program.pack()
     motion = ArcTranscription(program, program.shoot(y)).trajectory(y)
     assert np.min(np.diff(motion.t)) > 1e-3
@@ -81,7 +81,7 @@ def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
 @pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
 def test_halved_intervals_keep_the_motion_and_what_may_stretch(kind, tmp_path):
     # A motion that waits has lengths of its own for the wait, which halving lost.
-    system = System.of(opening(tmp_path, 0.5, 1.0, 2.0))
+    system = ProblemFunctions.of(opening(tmp_path, 0.5, 1.0, 2.0))
     shares = delayed_shares(12, 0.4)
     program = kind(system, shares, 2.0)
     times = 2.0 * np.concatenate([[0.0], np.cumsum(shares.sum(axis=1))])

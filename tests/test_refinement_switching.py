@@ -18,7 +18,7 @@ from tominpmp.arcs.switching_times import EXACT, refine_arcs, solve_lengths
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import switching_refinement as exact
 from tominpmp.solvers.monitor import Budget
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 TOLERANCE = 1e-5
 BELOW = 1e-6
@@ -184,8 +184,8 @@ def test_goal_that_asks_for_more_than_the_arm_can_leave() -> None:
 # -- the pieces ------------------------------------------------------------------------
 
 
-def rail_system() -> System:
-    return System.of(CASES["rail"]["rail"].problem())
+def rail_system() -> ProblemFunctions:
+    return ProblemFunctions.of(CASES["rail"]["rail"].problem())
 
 
 def arcs(lengths: list[float], levels: list[float]) -> Arcs:
@@ -229,7 +229,7 @@ def test_a_search_can_be_stopped() -> None:
 def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
     """Of end and limits, against differences; a joint is held on one of the arcs."""
     case = all_cases()["vertical rods, friction"]
-    system = System.of(case.problem())
+    system = ProblemFunctions.of(case.problem())
     levels = np.array([[0.5, -0.4], [0.3, 0.0], [-0.2, 0.6]])
     held = np.array([[0, 0], [0, 1], [0, 0]])
     rough = Arcs(np.array([0.1, 0.15, 0.1]), levels, held == 0, held)
@@ -265,7 +265,7 @@ def test_arcs_of_a_bang_bang_motion_are_read_off() -> None:
 
 def test_held_joint_keeps_its_speed() -> None:
     case = all_cases()["vertical rods"]
-    system = System.of(case.problem())
+    system = ProblemFunctions.of(case.problem())
     held = np.array([[0, 1]])
     rough = Arcs(np.array([0.2]), np.array([[0.7, 0.0]]), held == 2, held)
     shot = ArcProgram(system, rough, np.array([8])).shoot(np.array([1.0]))

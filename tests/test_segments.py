@@ -15,8 +15,8 @@ from tests.sample_arms import make_arm, rod, slide
 from tominpmp.transcription.bspline_segments import SegmentedBSpline
 from tominpmp.transcription.grid import segmented_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 MASS, FORCE = 2.0, 10.0
 PUSH = FORCE / MASS
@@ -215,7 +215,7 @@ def test_rows_against_differences(kind):
         tm.Segment(tm.PositionGoal("tip", (0.1, -0.9, 0.0))),
     ]
     problem = tm.Problem(robot, [-1.2, 0.3], segments=segments, motion_limits=limits)
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(4)
     shares = segmented_shares("cosine", 6, np.array([0.3, 0.5, 0.2]), kind != "inverse")
     ends = (6, 12, 18)

@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner import multistart as starts
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 AROUND = tm.Scene([tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0))])
@@ -69,7 +69,7 @@ def tries(monkeypatch, seed, finds, number, scene):
     table = Table(monkeypatch, seed, finds)
     options = tm.Options(starts=number)
     watch = starts.Watch(options)
-    system = System.of(reach(scene=scene))
+    system = ProblemFunctions.of(reach(scene=scene))
     made = starts.make_attempts(system, None, options, watch)
     durations = [attempt.duration for attempt in made if attempt is not None]
     return table.tried, min(durations)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from tominpmp.bounds.lower_bound import LowerBound
     from tominpmp.certificate.certificate import Certificate
     from tominpmp.verification.clearance import ClearanceProof
-    from tominpmp.verification.verdict import Verification
+    from tominpmp.verification.verification import Verification
 
 # Instants whose torques are compared.
 ROUGHNESS_INSTANTS = 100

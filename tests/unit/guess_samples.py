@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 GANTRY = """<robot name="gantry"><link name="base"/>
 <link name="beam"><inertial><mass value="1"/>
@@ -37,11 +37,13 @@ def wall(name: str, x: float, low: float, high: float) -> tm.Box:
     return tm.Box(name, size=size, position=(x, middle, 0.0))
 
 
-def maze(folder: Path, *walls: tm.Box, end: tuple[float, float] = END) -> System:
+def maze(
+    folder: Path, *walls: tm.Box, end: tuple[float, float] = END
+) -> ProblemFunctions:
     """From left to right through walls."""
     scene = tm.Scene(walls)
     problem = tm.Problem(gantry(folder), START, tm.JointGoal(end), scene=scene)
-    return System.of(problem)
+    return ProblemFunctions.of(problem)
 
 
 def fine(corners: np.ndarray, step: float = 0.01) -> np.ndarray:

@@ -14,8 +14,8 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.program import BROKEN, NonlinearProgram
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NOT_INTEGRATED, NonlinearProgram
 
 INTERVALS = 10
 
@@ -26,7 +26,7 @@ JOINT = planar(tm.JointGoal((0.5, 1, 1), v=(0.1, 0.2, 0.3)), velocity=2.0)
 
 def build(problem, intervals=INTERVALS, T=1.0, selection="near"):
     shares = np.full((intervals, 1), 1.0 / intervals)
-    transcription = AdjointTranscription(System.of(problem), shares, T)
+    transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, T)
     return NonlinearProgram.of(transcription, selection)
 
 
@@ -166,7 +166,7 @@ def test_a_motion_that_cannot_be_integrated_violates_everything():
         np.tile(robot.limits.effort_upper, (4, 1)), np.array([20.0])
     )
     values = nlp.evaluate(z)
-    np.testing.assert_array_equal(values, BROKEN)
+    np.testing.assert_array_equal(values, NOT_INTEGRATED)
     linear = nlp.linearize(z, values, nlp.step_bounds(z, 1.0))
     assert linear.rows.size == 0 and linear.matrix.shape == (0, z.size)
 

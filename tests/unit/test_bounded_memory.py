@@ -13,7 +13,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.transcription.exchange import MOST_SAMPLES, _samples
 from tominpmp.verification.replay import MOST_ROWS
-from tominpmp.verification.verdict import LONGEST
+from tominpmp.verification.verification import LONGEST
 
 GIGABYTE = 1_000_000_000
 

@@ -11,8 +11,8 @@ from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 START = (0.5, 1.7, -1.7)
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
@@ -43,7 +43,7 @@ def planar(goal=GOALS["joint"], **kwargs):
 
 def build(problem, degree, seed=0):
     shares = interval_shares("cosine", 7)
-    transcription = BSplineTranscription(System.of(problem), shares, degree)
+    transcription = BSplineTranscription(ProblemFunctions.of(problem), shares, degree)
     nlp, rng = NonlinearProgram.of(transcription), np.random.default_rng(seed)
     return nlp, np.append(0.5 + 0.5 * rng.normal(size=nlp.size - 1), 1.2)
 

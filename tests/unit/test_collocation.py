@@ -12,9 +12,9 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import Status
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.rollout import rollout
-from tominpmp.transcription.system import System
 
 INTERVALS = 8
 
@@ -28,7 +28,7 @@ MOVING = planar(
 
 def build(problem, intervals=INTERVALS):
     shares = np.full((intervals, 1), 1.0 / intervals)
-    transcription = CollocationTranscription(System.of(problem), shares, 1.0)
+    transcription = CollocationTranscription(ProblemFunctions.of(problem), shares, 1.0)
     return NonlinearProgram.of(transcription)
 
 

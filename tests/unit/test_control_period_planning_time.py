@@ -17,14 +17,14 @@ from clock_samples import LIMITS, planar_problem, ur5_problem
 from record_samples import record
 
 import tominpmp as tm
-from tominpmp.initial_guess.warm_start import former_motion
+from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt as attempts
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.control_period import Deadline
 from tominpmp.transcription.bspline_basis import Basis
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE
-from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.nearest import keeps_clear
@@ -58,10 +58,10 @@ def not_right(verification):
 
 
 def clocked_program(problem, trajectory, period):
-    system = System.of(problem).first_tried
+    system = ProblemFunctions.of(problem).first_tried
     count = ticks_of(trajectory.duration, period) + 1
     ticks = Ticks.near(period, count, trajectory.t, trajectory.t.size - 1)
-    return former_motion(system, trajectory).clocked_program(system, ticks)
+    return warm_start(system, trajectory).clocked_program(system, ticks)
 
 
 @pytest.mark.parametrize("control", ["constant", "linear", "spline"])

@@ -21,7 +21,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
 )
 from tominpmp.initial_guess.rrt import is_free, sampling_available
 from tominpmp.initial_guess.timing import time_straight_line
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 SLIDER = """<robot name="slider"><link name="base"/>
 <link name="cart"><inertial><mass value="2"/>
@@ -34,7 +34,9 @@ SLIDER = """<robot name="slider"><link name="base"/>
 def slider(tmp_path, q_goal, *, velocity=100.0, damping=0.0):
     path = tmp_path / "slider.urdf"
     path.write_text(SLIDER.format(velocity=velocity, damping=damping))
-    return System.of(tm.Problem(tm.load_robot(path), [0.0], tm.JointGoal([q_goal])))
+    return ProblemFunctions.of(
+        tm.Problem(tm.load_robot(path), [0.0], tm.JointGoal([q_goal]))
+    )
 
 
 @pytest.mark.parametrize("distance", [0.3, -2.0])
@@ -76,7 +78,7 @@ def test_timing_with_friction_is_between_bounds(tmp_path):
 def test_torques_hold_along_a_timed_line():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     line = time_straight_line(system, problem.q_start, problem.goal.q)
     t = np.linspace(0, line.duration, 4000)[1:-1]
     h = 1e-4
@@ -92,7 +94,7 @@ def test_no_timing_where_the_arm_cannot_stand(tmp_path):
     robot = tm.load_robot("planar3r", effort={"joint1": 2.0})
     start, goal = (np.pi / 2, 0.0, 0.0), (np.pi / 2 + 0.01, 0.0, 0.0)
     low = tm.Problem(robot, start, tm.JointGoal(goal))
-    system = System.of(low)
+    system = ProblemFunctions.of(low)
     through = time_straight_line(system, np.array([0.2, 0, 0]), np.array(goal))
     assert through is None
 
@@ -100,7 +102,7 @@ def test_no_timing_where_the_arm_cannot_stand(tmp_path):
 def test_inverse_kinematics_finds_several_distinct_configurations():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     found, least = goal_configurations(
         system, problem.goal, 20, np.random.default_rng(0)
     )
@@ -116,7 +118,7 @@ def test_inverse_kinematics_finds_several_distinct_configurations():
 def test_guesses_are_reproducible_and_end_at_the_goal():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.0, 0.5, 0.5)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     one = list(initial_guesses(system, 4, np.random.default_rng(5)))
     two = list(initial_guesses(system, 4, np.random.default_rng(5)))
     assert len(one) == 4
@@ -129,7 +131,7 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
 def test_guesses_for_a_frame_begin_at_rest_and_reach_the_goal_after():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     first, *others = initial_guesses(system, 4, np.random.default_rng(5))
     np.testing.assert_array_equal(first.q, np.tile(problem.q_start, (2, 1)))
     assert len(others) == 3
@@ -145,7 +147,7 @@ BALL = tm.Sphere("ball", radius=0.3, position=(3.5, 1.2, 0))
 def planar_system(scene=None, goal=(4, 1, 0)):
     robot = tm.load_robot("planar3r")
     goal = tm.PositionGoal("tip", goal)
-    return System.of(tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=scene))
+    return ProblemFunctions.of(tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=scene))
 
 
 def test_configurations_are_told_apart_by_collision():

@@ -10,8 +10,8 @@ from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 START = (0.5, 1.7, -1.7)
@@ -36,7 +36,7 @@ PROBLEMS = {
 
 
 def build(problem, rng, *, intervals=7, free=False):
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     shares = np.eye(intervals) if free else interval_shares("cosine", intervals)
     nlp = InverseTranscription(system, shares, 1.0)
     points = np.array(START) + 0.3 * rng.normal(size=(intervals, 3))

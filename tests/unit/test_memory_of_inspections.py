@@ -20,8 +20,8 @@ from tominpmp.transcription.exchange import (
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 from tominpmp.verification import polynomials as pieces
 from tominpmp.verification.polynomials import Pieces
 
@@ -49,7 +49,7 @@ def crowded(count: int) -> tm.Problem:
 @pytest.mark.parametrize("duration", [2.0, 2700.0])
 def test_an_inspection_takes_less_than_a_few_tables(duration: float) -> None:
     problem = crowded(60)
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     assert system.clearance is not None and system.clearance.count > 400
     shares = interval_shares("cosine", 40)
     spline = InverseTranscription(system, shares, duration)
@@ -84,7 +84,7 @@ def test_only_the_worst_are_looked_at_more_closely(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem = crowded(60)
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     monkeypatch.setattr("tominpmp.transcription.exchange.MOST_NUMBERS", 300_000)
     monkeypatch.setattr(
         "tominpmp.transcription.exchange.between_samples",

@@ -18,8 +18,8 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, Sampled
-from tominpmp.transcription.system import System
 
 START = np.array([0.5, 1.0, -1.0])
 END = np.array([1.0, 0.6, -0.8])
@@ -235,7 +235,7 @@ def with_clearances(program: NonlinearProgram, more: Instants) -> NonlinearProgr
 
 def build(kind: str, problem: tm.Problem, seed: int):
     """A transcription and a random motion near the way from START to END."""
-    system, rng = System.of(problem), np.random.default_rng(seed)
+    system, rng = ProblemFunctions.of(problem), np.random.default_rng(seed)
     shares = interval_shares("cosine", INTERVALS)
     way = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
     q = START + way * (END - START) + 0.05 * rng.normal(size=(INTERVALS + 1, 3))

@@ -13,8 +13,8 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 INTERVALS = 10
 LEAST = 2.0 * np.sqrt(1.0 / 2.0)  # one metre at 2 m/s^2, from rest to rest
@@ -24,7 +24,7 @@ def on_a_rail(velocity=1e3):
     robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
-    transcription = AdjointTranscription(System.of(problem), shares, 1.0)
+    transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.0)
     nlp = NonlinearProgram.of(transcription, "exact")
     # No torque: the goal is missed by a metre.
     return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
@@ -139,7 +139,7 @@ def test_the_papers_example_is_forced_to_be_feasible_first(obstacle):
         scene=scene,
     )
     shares = np.full((25, 1), 1.0 / 25)
-    transcription = AdjointTranscription(System.of(problem), shares, 1.5)
+    transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
     nlp = NonlinearProgram.of(transcription, "exact")
     z = nlp.transcription.pack(np.zeros((25, 3)), np.array([1.5]))
     result = solver(nlp, max_iterations=160, feasibility=5e-3).run(z)

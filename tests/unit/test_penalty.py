@@ -10,8 +10,8 @@ import tominpmp as tm
 from tominpmp.solvers.penalty import PenaltySolver, _Run
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 INTERVALS = 10
 LEAST = 2.0 * np.sqrt(1.0 / 2.0)  # one metre at 2 m/s^2, from rest to rest
@@ -21,7 +21,7 @@ def on_a_rail(**limits):
     robot = make_arm(slide(2.0), effort=4.0, **limits)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
-    transcription = AdjointTranscription(System.of(problem), shares, 1.0)
+    transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.0)
     nlp = NonlinearProgram.of(transcription)
     return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
 
@@ -71,7 +71,7 @@ def test_a_goal_out_of_reach_is_infeasible():
     goal = tm.PositionGoal("tip", (-4, 0, 0))
     problem = tm.Problem(robot, (0.5, 0.5, 0.5), goal)
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
-    transcription = AdjointTranscription(System.of(problem), shares, 1.5)
+    transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
     nlp = NonlinearProgram.of(transcription)
     z = nlp.transcription.pack(np.zeros((INTERVALS, 3)), np.array([1.5]))
     result = PenaltySolver(nlp, tm.Options()).run(z)
@@ -129,7 +129,7 @@ def test_the_papers_example_ends_above_the_linear_programs():
         tm.PositionGoal("tip", (4, 1, 0)),
     )
     shares = np.full((40, 1), 1.0 / 40)
-    transcription = AdjointTranscription(System.of(problem), shares, 1.5)
+    transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
     nlp = NonlinearProgram.of(transcription, "violated")
     z = nlp.transcription.pack(np.zeros((40, 3)), np.array([1.5]))
     result = PenaltySolver(nlp, tm.Options(feasibility=1e-3)).run(z)

@@ -11,7 +11,7 @@ from tominpmp.initial_guess.guess import path_guess
 from tominpmp.initial_guess.path import RoundedPath, speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import time_path, time_straight_line
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.5], [1.5, -1.0], [2.0, 0.0]])
 
@@ -86,7 +86,7 @@ def test_roundings_are_narrowed_where_they_meet_an_obstacle(tmp_path):
 def test_timing_of_collinear_corners_is_that_of_the_line():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     ends = np.stack([problem.q_start, problem.goal.q])
     shares = np.array([0.0, 0.3, 0.35, 0.8, 1.0])[:, None]
     corners = ends[0] + shares * (ends[1] - ends[0])
@@ -98,7 +98,7 @@ def test_timing_of_collinear_corners_is_that_of_the_line():
 def test_torques_hold_along_a_timed_path():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     corners = np.array(
         [problem.q_start, (0.9, 0.5, -1.0), (1.1, 0.8, 0.3), (1.5, 0.2, 0.5)]
     )
@@ -118,7 +118,7 @@ def test_torques_hold_along_a_timed_path():
 def test_timing_round_a_corner_is_between_bounds(tmp_path):
     robot = gantry(tmp_path)
     problem = tm.Problem(robot, START, tm.JointGoal((0.5, 1.5)))
-    system = System.of(problem)
+    system = ProblemFunctions.of(problem)
     corners = np.array([START, (0.5, 0.0), (0.5, 1.5)])
     timing = time_path(system, RoundedPath.through(corners, robot.limits.velocity))
     # Both joints go with 10 m/s^2 up to 2 m/s: d / 2 + 0.2 from rest to rest.
@@ -142,7 +142,7 @@ def test_path_guess_is_timed_and_free(tmp_path):
 def test_path_guess_without_the_torque_to_stand_is_not_timed():
     robot = tm.load_robot("planar3r", effort={"joint1": 2.0})
     start, goal = (np.pi / 2, 0.0, 0.0), (np.pi / 2 + 0.01, 0.0, 0.0)
-    system = System.of(tm.Problem(robot, start, tm.JointGoal(goal)))
+    system = ProblemFunctions.of(tm.Problem(robot, start, tm.JointGoal(goal)))
     guess = path_guess(system, np.array([start, (0.2, 0.0, 0.0), goal]))
     assert not guess.timed
     assert guess.duration > 0.0

@@ -20,7 +20,7 @@ from tominpmp.initial_guess.rrt import (
     sample_paths,
     sampling_available,
 )
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 needs_ompl = pytest.mark.skipif(not sampling_available(), reason="OMPL is missing")
 
@@ -56,7 +56,9 @@ def test_an_arm_reaches_around_a_ball(planar3r):
     # Stretched out it would sweep across the ball: it has to fold.
     scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
     goal = tm.JointGoal((1.4, 0.0, 0.0))
-    system = System.of(tm.Problem(planar3r, (0.3, 0.0, 0.0), goal, scene=scene))
+    system = ProblemFunctions.of(
+        tm.Problem(planar3r, (0.3, 0.0, 0.0), goal, scene=scene)
+    )
     line = fine(np.stack([system.problem.q_start, goal.q]))
     assert not all(is_free(system, q) for q in line)
     path = sample_path(system, goal.q, seed=1)

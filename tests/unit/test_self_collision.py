@@ -12,8 +12,8 @@ from sample_arms import DOWNWARD, describe
 
 import tominpmp as tm
 from tominpmp.collision import CollisionChecker
-from tominpmp.planner.multistart import may_swing
-from tominpmp.transcription.system import System
+from tominpmp.planner.multistart import torques_may_lead
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The straight line between these leads the wrist of a Panda through its base.
 FOLDED = [1.1983, 1.5287, -0.6743, -2.9015, 2.2466, 1.8704, 0.3356]
@@ -97,7 +97,7 @@ def test_small_arms_with_shapes_still_swing_up(tmp_path: Path) -> None:
     arm = swinging_arm(tmp_path)
     problem = tm.Problem(arm, [HANGING], tm.JointGoal([UPRIGHT]))
     assert problem.checker.pairs
-    assert may_swing(System.of(problem))
+    assert torques_may_lead(ProblemFunctions.of(problem))
     solution = tm.plan(problem)
     assert solution.success
     assert 2.0 < solution.verification.min_clearance < np.inf

@@ -20,8 +20,8 @@ from tominpmp.linear_programs import LinearProgram, LpSolution, LpSolver, make_s
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 
 class ScipySolver(LpSolver):
@@ -57,7 +57,7 @@ class ScipySolver(LpSolver):
 def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
     problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
     transcription = InverseTranscription(
-        System.of(problem), interval_shares("uniform", 12), 2.0
+        ProblemFunctions.of(problem), interval_shares("uniform", 12), 2.0
     )
     ends = np.array([problem.q_start, problem.goal.q])
 

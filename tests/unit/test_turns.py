@@ -17,7 +17,7 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.reversals import reversals, torque_breaks
 from tominpmp.transcription.controls import motor_torques
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.turns import SAME, Turns
 from tominpmp.verification.replay import torque_pieces
 
@@ -242,7 +242,9 @@ def test_given_torques_have_no_node_beside_a_node(table: tm.Robot, left: float) 
     v = np.array([[-1.0, 2.0], [left, -left], [0.5, -1.0]])
     plain = motion_of(table, [0.0, 0.1, 0.15], v, 3)
     held = tm.Trajectory(table.joint_names, plain.t, plain.q, plain.v, 0.0 * plain.q)
-    system = System.of(tm.Problem(table, [0.0, 0.0], tm.JointGoal([0.1, 0.1])))
+    system = ProblemFunctions.of(
+        tm.Problem(table, [0.0, 0.0], tm.JointGoal([0.1, 0.1]))
+    )
     motion = motor_torques(system, held, None)
     assert motion.t.tolist() == held.t.tolist()
     assert np.allclose(motion.u[:2] / FRICTION, [[-1.0, 1.0], [1.0, -1.0]])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.initial_guess.warm_start import former_motion
-from tominpmp.transcription.system import System
+from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
 POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
@@ -40,8 +40,8 @@ def test_the_same_problem_takes_few_iterations(free):
 
 
 def test_the_motion_is_taken_over_to_the_last_bit(stepped):
-    system = System.of(stepped.problem)
-    guess = former_motion(system, stepped.trajectory)
+    system = ProblemFunctions.of(stepped.problem)
+    guess = warm_start(system, stepped.trajectory)
     assert guess.unchanged and guess.entry == 0.0
     # On its own grid, and on a finer one that its intervals are split for.
     for intervals in (stepped.trajectory.t.size - 1, 57):
@@ -59,8 +59,8 @@ def test_the_motion_is_taken_over_to_the_last_bit(stepped):
 def test_splines_are_taken_over(free, control):
     options = tm.Options(control=control, intervals=24)
     solution = tm.plan(free.problem, options)
-    system = System.of(free.problem)
-    guess = former_motion(system, solution.trajectory)
+    system = ProblemFunctions.of(free.problem)
+    guess = warm_start(system, solution.trajectory)
     degree = 3 if control == "linear" else 5
     program, z = guess.spline_program(system, 24, "cosine", degree)
     times = np.linspace(0, solution.T, 300)
@@ -77,7 +77,7 @@ def test_the_bend_meets_the_new_ends(planar3r, free):
         tm.JointGoal(np.add(END, rng.uniform(-0.1, 0.1, 3))),
         v_start=v_start,
     )
-    guess = former_motion(System.of(problem), free.trajectory)
+    guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
     T, h = guess.duration, 1e-6
     ends = guess.position(np.array([0.0, h, T - h, T]))
     np.testing.assert_allclose(ends[0], problem.q_start, atol=1e-12)
@@ -92,7 +92,7 @@ def test_a_bent_guess_stays_within_the_position_limits(planar3r):
     first = tm.plan(tm.Problem(planar3r, start, tm.JointGoal((lower[0], -1.0, 0.3))))
     goal = tm.JointGoal((lower[0] + 0.3, -1.0, 0.3))
     problem = tm.Problem(planar3r, (lower[0], *start[1:]), goal)
-    guess = former_motion(System.of(problem), first.trajectory)
+    guess = warm_start(ProblemFunctions.of(problem), first.trajectory)
     assert np.all(guess.q >= lower)
     assert tm.plan(problem, start=first).success
 
@@ -123,7 +123,7 @@ def test_going_on_from_a_moving_state(planar3r, free):
     at = 0.4 * free.T
     state = free.trajectory(at)
     problem = tm.Problem(planar3r, state.q, tm.JointGoal(END), v_start=state.v)
-    guess = former_motion(System.of(problem), free.trajectory)
+    guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
     assert guess.entry == pytest.approx(at, abs=1e-6)
     warm = tm.plan(problem, start=free)
     assert warm.success
@@ -161,12 +161,12 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
 def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
     import tominpmp.planner.multistart as starts
 
-    solve = starts.solve_from_former
+    solve = starts.solve_from_warm_start
 
     def fails(system, options, former, watch):
         return replace(solve(system, options, former, watch), feasible=False)
 
-    monkeypatch.setattr(starts, "solve_from_former", fails)
+    monkeypatch.setattr(starts, "solve_from_warm_start", fails)
     problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)
     assert again.success

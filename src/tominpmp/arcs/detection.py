@@ -11,7 +11,7 @@ from tominpmp.arcs.structure import Arcs, read_arcs
 from tominpmp.arrays import Array
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.turns import STANDSTILL
 
 # Where velocities are looked at, and what counts as turning, as a share of the largest.
@@ -21,7 +21,7 @@ TURNING = 1e-5
 INSIDE = 1e-6
 
 
-def arcs_of(system: System, trajectory: Trajectory) -> Arcs:
+def arcs_of(system: ProblemFunctions, trajectory: Trajectory) -> Arcs:
     """Arcs of a motion, roughly.
 
     The torque of an interval is that of the end at which it is larger: with constant
@@ -38,7 +38,7 @@ def arcs_of(system: System, trajectory: Trajectory) -> Arcs:
     return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, driven)
 
 
-def one_way(system: System, trajectory: Trajectory) -> Array | None:
+def one_way(system: ProblemFunctions, trajectory: Trajectory) -> Array | None:
     """Which way joints with dry friction move all along a motion, shape (n,).
 
     1 or -1, 0 for joints that rest or have none; None if one of them turns.
@@ -55,7 +55,7 @@ def one_way(system: System, trajectory: Trajectory) -> Array | None:
     return np.where(dry & (most > STANDSTILL), ways, 0.0)
 
 
-def without_friction(system: System, trajectory: Trajectory) -> Trajectory:
+def without_friction(system: ProblemFunctions, trajectory: Trajectory) -> Trajectory:
     """A motion with the torques that dry friction leaves, on ways taken for granted."""
     if system.ways is None:
         return trajectory

@@ -26,8 +26,8 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 
 # Grid of torques on which a perturbed path becomes a motion, and its iterations.
 INTERVALS = 30
@@ -52,7 +52,7 @@ PROMISING = 1e-2
 
 
 def on_grid(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
     lp: LpSolver,
     clock: Clock,
@@ -74,7 +74,7 @@ def on_grid(
 
 
 def perturbed_motions(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
     lp: LpSolver,
     clock: Clock,
@@ -111,7 +111,7 @@ def perturbed_motions(
 
 
 def _goal_ends(
-    system: System, plan: Trajectory, rng: np.random.Generator
+    system: ProblemFunctions, plan: Trajectory, rng: np.random.Generator
 ) -> list[Array]:
     """Configurations that paths end at."""
     goal = system.problem.goal
@@ -122,7 +122,7 @@ def _goal_ends(
 
 
 def single_motor_motions(
-    system: System,
+    system: ProblemFunctions,
     duration: float,
     rng: np.random.Generator,
     budget: Budget,

@@ -11,7 +11,7 @@ from tominpmp.arcs.radau import NODES, IntegratedArcs, explicit_stages, integrat
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.stopping import check
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Typical velocities are this times the scale of positions over the duration.
 SPEED_FACTOR = 5.0
@@ -80,7 +80,7 @@ class ArcProgram:
         evaluations: At how many states the dynamics have been evaluated.
     """
 
-    def __init__(self, system: System, arcs: Arcs, steps: IntArray) -> None:
+    def __init__(self, system: ProblemFunctions, arcs: Arcs, steps: IntArray) -> None:
         self.system, self.arcs, self.steps = system, arcs, steps
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)

@@ -22,7 +22,7 @@ from tominpmp.arcs.structure import Arcs
 from tominpmp.arcs.switching_functions import Change, find_changes
 from tominpmp.arrays import Array, IntArray
 from tominpmp.solvers.monitor import EVALUATIONS, Budget
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ PROGRESS = 1e-8
 SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
-BROKEN = 1e3
+NOT_INTEGRATED = 1e3
 # Relative progress and misses that count as none, and how often in a row.
 STILL = 1e-10
 STILL_STEPS = 2
@@ -112,7 +112,7 @@ def steps_of(arcs: Arcs, total: int) -> IntArray:
 
 
 def solve_lengths(
-    system: System,
+    system: ProblemFunctions,
     arcs: Arcs,
     states: States | None,
     budget: Budget,
@@ -168,7 +168,7 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
         return function
 
     basis = _independent(first.by_equal)
-    equal, by_equal = part("equal", BROKEN), part("by_equal", 0.0)
+    equal, by_equal = part("equal", NOT_INTEGRATED), part("by_equal", 0.0)
     constraints: list[dict[str, Any]] = [
         {
             "type": "eq",
@@ -178,7 +178,11 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     ]
     if first.room.size:
         constraints.append(
-            {"type": "ineq", "fun": part("room", -BROKEN), "jac": part("by_room", 0.0)}
+            {
+                "type": "ineq",
+                "fun": part("room", -NOT_INTEGRATED),
+                "jac": part("by_room", 0.0),
+            }
         )
     return constraints
 
@@ -262,7 +266,7 @@ def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
 
 
 def polish(
-    system: System, optimised: OptimisedArcs, budget: Budget, total: int
+    system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget, total: int
 ) -> OptimisedArcs | None:
     """Solve again without the arcs that have vanished."""
     arcs = optimised.arcs.cleaned().saturated()
@@ -270,7 +274,10 @@ def polish(
 
 
 def improve(
-    system: System, optimised: OptimisedArcs, budget: Budget, total: int = STEPS
+    system: ProblemFunctions,
+    optimised: OptimisedArcs,
+    budget: Budget,
+    total: int = STEPS,
 ) -> OptimisedArcs:
     """Change the structure of optimised arcs until nothing is left to gain."""
     for _ in range(CHANGES):
@@ -292,7 +299,7 @@ def improve(
 
 
 def _changed(
-    system: System,
+    system: ProblemFunctions,
     optimised: OptimisedArcs,
     changes: Sequence[Change],
     budget: Budget,
@@ -309,7 +316,7 @@ def _changed(
 
 
 def refine_arcs(
-    system: System, arcs: Arcs, states: States, budget: Budget
+    system: ProblemFunctions, arcs: Arcs, states: States, budget: Budget
 ) -> OptimisedArcs | None:
     """Find the arcs of a locally time-optimal motion from rough ones.
 
@@ -327,7 +334,9 @@ def refine_arcs(
     return improve(system, optimised, budget, FEWER_STEPS)
 
 
-def sharpen(system: System, optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:
+def sharpen(
+    system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget
+) -> OptimisedArcs:
     """Halve the integration steps until the duration does not notice.
 
     This takes little of the budget, and its end is paid for.

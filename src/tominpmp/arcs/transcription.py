@@ -21,7 +21,7 @@ KINDS = ("position", "velocity", "torque", "clearance")
 CUTS = 4
 # Lengths change by this share of the duration and of the trust region at most.
 LENGTH_STEP = 0.3
-BROKEN = 1e3
+NOT_INTEGRATED = 1e3
 # Steps shorter than this share of the duration are none: nothing moves in them.
 VANISHED = 1e-9
 
@@ -66,7 +66,7 @@ class ArcTranscription:
         """Row values."""
         shot = self.program.shoot(z)
         if shot is None:
-            return np.full(self._rows.size, -BROKEN)
+            return np.full(self._rows.size, -NOT_INTEGRATED)
         return np.concatenate([shot.equal, shot.room])
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:

@@ -41,7 +41,7 @@ from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
 from tominpmp.samples import Samples
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.verdict import Verification
+from tominpmp.verification.verification import Verification
 
 # What small changes may promise, as a share of the duration.
 TOLERANCE = 0.01

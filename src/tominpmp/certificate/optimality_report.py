@@ -12,7 +12,7 @@ from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.dual_program import DualSolution
 from tominpmp.certificate.multipliers import GOAL, TRUST
 from tominpmp.options import Tolerances
-from tominpmp.verification.verdict import Verification
+from tominpmp.verification.verification import Verification
 
 # By how much the Hamiltonian may be off in the mean; the cost of time is 1.
 HAMILTONIAN = 0.2

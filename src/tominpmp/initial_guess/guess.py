@@ -19,7 +19,7 @@ from tominpmp.initial_guess.rrt import (
     sampling_available,
 )
 from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.turns import directions
 
 # Random configurations tried when solving inverse kinematics for a goal on a frame.
@@ -66,7 +66,9 @@ class Guess:
         return np.stack(columns, axis=1)
 
 
-def straight_guess(system: System, q_end: Array, name: str = "straight line") -> Guess:
+def straight_guess(
+    system: ProblemFunctions, q_end: Array, name: str = "straight line"
+) -> Guess:
     """Straight line in joint space, in minimum time where that can be told."""
     problem = system.problem
     timing = time_straight_line(system, problem.q_start, q_end)
@@ -75,7 +77,9 @@ def straight_guess(system: System, q_end: Array, name: str = "straight line") ->
     return _smooth_guess(system, np.stack([problem.q_start, q_end]), name)
 
 
-def path_guess(system: System, corners: Array, name: str = "sampled path") -> Guess:
+def path_guess(
+    system: ProblemFunctions, corners: Array, name: str = "sampled path"
+) -> Guess:
     """Path through corners that are rounded, in minimum time where that can be told.
 
     The corners, shape (m, n) [rad or m], are those of a path that keeps clear of
@@ -90,20 +94,20 @@ def path_guess(system: System, corners: Array, name: str = "sampled path") -> Gu
     return _untimed_guess(system, q, name)
 
 
-def _timed_guess(system: System, timing: PathTiming, name: str) -> Guess:
+def _timed_guess(system: ProblemFunctions, timing: PathTiming, name: str) -> Guess:
     times = np.linspace(0.0, timing.duration, SAMPLES)
     q = timing.position(times)
     factor = stretch(system, q, timing.duration)
     return Guess(name, factor * times, q, factor == 1.0)
 
 
-def resting_guess(system: System, duration: float) -> Guess:
+def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
     """Stay at the start for a duration [s]."""
     q = np.tile(system.problem.q_start, (2, 1))
     return Guess("at rest", np.array([0.0, duration]), q, False)
 
 
-def via_guess(system: System, via: Array, q_end: Array) -> Guess:
+def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     """Path through a configuration halfway."""
     corners = np.stack([system.problem.q_start, via, q_end])
     return _smooth_guess(system, corners, "via point")
@@ -115,7 +119,7 @@ def _quintic() -> Array:
     return np.asarray(s**3 * (10.0 + s * (6.0 * s - 15.0)))
 
 
-def _smooth_guess(system: System, corners: Array, name: str) -> Guess:
+def _smooth_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
     """Quadratic Bezier curve or line, with a quintic time law from rest to rest."""
     s = _quintic()
     if corners.shape[0] == 2:
@@ -130,13 +134,13 @@ def _smooth_guess(system: System, corners: Array, name: str) -> Guess:
     return _untimed_guess(system, q, name)
 
 
-def _untimed_guess(system: System, q: Array, name: str) -> Guess:
+def _untimed_guess(system: ProblemFunctions, q: Array, name: str) -> Guess:
     duration = DURATION_FACTOR * _least_time(system, q)
     duration *= stretch(system, q, duration)
     return Guess(name, duration * np.linspace(0.0, 1.0, SAMPLES), q, False)
 
 
-def _least_time(system: System, q: Array) -> float:
+def _least_time(system: ProblemFunctions, q: Array) -> float:
     """Time scale of a path: speed limits and the torque for its accelerations [s]."""
     limits, count = system.problem.robot.limits, q.shape[0]
     unit = np.linspace(0.0, 1.0, count)
@@ -157,7 +161,7 @@ def _least_time(system: System, q: Array) -> float:
 
 
 def initial_guesses(
-    system: System,
+    system: ProblemFunctions,
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
@@ -186,7 +190,7 @@ def initial_guesses(
 
 
 def _guesses(
-    system: System,
+    system: ProblemFunctions,
     rng: np.random.Generator,
     duration: float | None,
     deadline: float | None,
@@ -232,7 +236,7 @@ def _guesses(
 
 
 def sampled_guesses(
-    system: System,
+    system: ProblemFunctions,
     ends: Sequence[Array],
     rng: np.random.Generator,
     *,

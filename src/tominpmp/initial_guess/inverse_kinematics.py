@@ -11,7 +11,7 @@ from tominpmp.goals import Goal
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.stopping import check
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 STEPS = 60
 TOLERANCE = 1e-8
@@ -41,7 +41,7 @@ class GoalSearch(NamedTuple):
 
 
 def solve_inverse_kinematics(
-    system: System, goal: Goal, q: Array
+    system: ProblemFunctions, goal: Goal, q: Array
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
 
@@ -93,7 +93,7 @@ def solve_inverse_kinematics(
 
 
 def find_configurations(
-    system: System, goal: Goal, count: int, rng: np.random.Generator
+    system: ProblemFunctions, goal: Goal, count: int, rng: np.random.Generator
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from many starts.
 
@@ -126,7 +126,7 @@ def find_configurations(
 
 
 def goal_configurations(
-    system: System, goal: Goal, count: int, rng: np.random.Generator
+    system: ProblemFunctions, goal: Goal, count: int, rng: np.random.Generator
 ) -> tuple[list[Array], float]:
     """As :func:`find_configurations`, those in collision only if there are no others.
 
@@ -141,7 +141,7 @@ def _near(q: Array, others: list[Array], distance: float) -> bool:
     return any(float(np.abs(q - other).max()) <= distance for other in others)
 
 
-def _spread(system: System, found: list[Array]) -> list[Array]:
+def _spread(system: ProblemFunctions, found: list[Array]) -> list[Array]:
     """Put configurations that are near to one before them last."""
     scale = system.step_scale
     first: list[Array] = []

@@ -13,7 +13,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # A guess is stretched if it takes less than this share of the time that is needed.
 TOO_SHORT = 0.1
@@ -21,7 +21,7 @@ TOO_SHORT = 0.1
 FASTEST = 2000.0
 
 
-def least_duration(system: System, q: Array) -> float:
+def least_duration(system: ProblemFunctions, q: Array) -> float:
     """Time about which motion limits make a path take, from rest to rest [s].
 
     The path is given by configurations, shape (m, n). Rather less than more; 0 without
@@ -43,7 +43,7 @@ def least_duration(system: System, q: Array) -> float:
     return float(np.max(found))
 
 
-def stretch(system: System, q: Array, duration: float) -> float:
+def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
     """How many times longer a guess should take.
 
     Args:
@@ -63,7 +63,9 @@ def stretch(system: System, q: Array, duration: float) -> float:
     return factor
 
 
-def _unlimited(system: System, joint: int, way: float, duration: float) -> ProblemError:
+def _unlimited(
+    system: ProblemFunctions, joint: int, way: float, duration: float
+) -> ProblemError:
     robot = system.problem.robot
     unit = "m" if prismatic_joints(robot)[joint] else "rad"
     limits = robot.limits

@@ -19,7 +19,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.initial_guess.guess import Guess, initial_guesses
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Places on the path that are told apart, and the shortest time between two [s].
 PLACES = 60
@@ -43,7 +43,7 @@ SAMPLED, ANYWHERE = "sampled path", "via point"
 
 
 def guesses_among_moving(
-    system: System,
+    system: ProblemFunctions,
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
@@ -61,7 +61,7 @@ def guesses_among_moving(
 
 
 def _guesses(
-    system: System,
+    system: ProblemFunctions,
     count: int,
     rng: np.random.Generator,
     duration: float | None,
@@ -90,7 +90,7 @@ def _guesses(
         yield from _with_passages(system, guess)
 
 
-def _with_passages(system: System, guess: Guess) -> Iterator[Guess]:
+def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
     """A guess, after the way in which its path lets pass what moves, if there is one.
 
     That is an admissible start, or nearly, while the optimiser may drive a motion that
@@ -106,7 +106,9 @@ def _with_passages(system: System, guess: Guess) -> Iterator[Guess]:
         yield slower
 
 
-def let_pass(system: System, guess: Guess, caution: float = 0.0) -> Guess | None:
+def let_pass(
+    system: ProblemFunctions, guess: Guess, caution: float = 0.0
+) -> Guess | None:
     """Traverse the path of a guess so that obstacles that move are let pass.
 
     Args:

@@ -18,7 +18,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.exceptions import MissingDependency
-from tominpmp.transcription.system import PADDING, System
+from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches that are grown at once [rad]; tries take turns. On the Panda among
 # shelves and tables 0.5 finds 9 of 10 paths in half a second, a fifth of OMPL's choice
@@ -49,7 +49,7 @@ def sampling_available() -> bool:
     return importlib.util.find_spec("ompl") is not None
 
 
-def is_free(system: System, q: Array) -> bool:
+def is_free(system: ProblemFunctions, q: Array) -> bool:
     """Whether a configuration, shape (n,), keeps the clearance that is asked for."""
     if system.watched is None or system.problem.checker.hulls_clear(q, PADDING):
         return True
@@ -62,7 +62,7 @@ def is_free(system: System, q: Array) -> bool:
 
 
 def sample_paths(
-    system: System,
+    system: ProblemFunctions,
     ends: Sequence[Array],
     rng: np.random.Generator,
     *,
@@ -115,7 +115,7 @@ def sample_paths(
 
 
 def sample_path(
-    system: System,
+    system: ProblemFunctions,
     q_end: Array,
     seed: int,
     *,
@@ -187,7 +187,7 @@ class _Validity:
     free such a ring.
     """
 
-    def __init__(self, system: System, deadline: float | None) -> None:
+    def __init__(self, system: ProblemFunctions, deadline: float | None) -> None:
         self.system, self.deadline = system, deadline
         self.checks = 0
 
@@ -213,18 +213,20 @@ class _Enough:
         return self.validity.checks + self.asked >= self.checks
 
 
-def _configuration(system: System, state: Any) -> Array:
+def _configuration(system: ProblemFunctions, state: Any) -> Array:
     """Joint positions of a state, which has lengths in units of the reach."""
     return np.array([state[i] for i in range(system.n)]) * system.step_scale
 
 
-def _corners(system: System, path: Any, q_end: Array) -> Array:
+def _corners(system: ProblemFunctions, path: Any, q_end: Array) -> Array:
     corners = np.array([_configuration(system, state) for state in path.getStates()])
     corners[0], corners[-1] = system.problem.q_start, q_end
     return corners
 
 
-def _definition(base: Any, system: System, q_end: Array, validity: _Validity) -> Any:
+def _definition(
+    base: Any, system: ProblemFunctions, q_end: Array, validity: _Validity
+) -> Any:
     """The problem as OMPL has it."""
     limits, q_start = system.problem.robot.limits, system.problem.q_start
     span = MARGIN * system.step_scale
@@ -250,14 +252,14 @@ def _definition(base: Any, system: System, q_end: Array, validity: _Validity) ->
     return definition
 
 
-def is_free_line(system: System, one: Array, other: Array) -> bool:
+def is_free_line(system: ProblemFunctions, one: Array, other: Array) -> bool:
     """Whether the straight line between two configurations is free."""
     length = float(np.linalg.norm((other - one) / system.step_scale))
     shares = np.linspace(0.0, 1.0, 2 + int(length / RESOLUTION))
     return all(is_free(system, one + share * (other - one)) for share in shares)
 
 
-def alike(system: System, one: Array, other: Array) -> bool:
+def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
     """Whether two paths are near, or one can be shifted into the other at once.
 
     Args:

@@ -20,7 +20,7 @@ from tominpmp.initial_guess.path_velocity import guesses_among_moving
 from tominpmp.problem import Problem
 from tominpmp.segments import Segment, segments_of
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Samples of each segment of a motion that was found before.
 SAMPLES = 800
@@ -49,7 +49,7 @@ class SegmentedGuess(Guess):
 
 
 def segmented_guesses(
-    system: System,
+    system: ProblemFunctions,
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
@@ -77,7 +77,7 @@ def segmented_guesses(
 
 
 def _guess(
-    system: System,
+    system: ProblemFunctions,
     number: int,
     rng: np.random.Generator,
     duration: float | None,
@@ -124,7 +124,9 @@ def solved_guess(
     return SegmentedGuess(name, *whole, False, ends=np.array(ends[1:]), solved=True)
 
 
-def unreached(system: System, rng: np.random.Generator) -> tuple[int, System]:
+def unreached(
+    system: ProblemFunctions, rng: np.random.Generator
+) -> tuple[int, ProblemFunctions]:
     """The first segment whose goal no guess reaches, from where the others end.
 
     Returns:
@@ -140,7 +142,7 @@ def unreached(system: System, rng: np.random.Generator) -> tuple[int, System]:
     raise ProblemError("segments: no guess of a motion through their goals", "segments")
 
 
-def at_rest_on_the_way(system: System) -> System:
+def at_rest_on_the_way(system: ProblemFunctions) -> ProblemFunctions:
     """The same problem with a stop at the goals of all segments; itself if there is."""
     parts = [_from(part, part.problem.q_start) for part in system.parts]
     goals = zip(parts, system.parts, strict=True)
@@ -149,7 +151,7 @@ def at_rest_on_the_way(system: System) -> System:
     return replace(system, parts=tuple(parts))
 
 
-def _from(part: System, q: Array) -> System:
+def _from(part: ProblemFunctions, q: Array) -> ProblemFunctions:
     """The functions of a segment that begins and ends at rest."""
     problem: Problem = copy.copy(part.problem)
     goal = problem.goal.stopped

@@ -16,7 +16,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.robot import JointLimits
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 POINTS = 120  # grid points of s
 CORNER_POINTS = 9  # grid points added at each rounded corner
@@ -57,7 +57,7 @@ class PathTiming:
 
 
 def time_straight_line(
-    system: System, q_start: Array, q_end: Array
+    system: ProblemFunctions, q_start: Array, q_end: Array
 ) -> PathTiming | None:
     """Traverse a straight line from rest to rest in minimum time.
 
@@ -70,7 +70,7 @@ def time_straight_line(
     return time_path(system, RoundedPath.through(corners, velocity))
 
 
-def time_path(system: System, path: RoundedPath) -> PathTiming | None:
+def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     """Traverse a path from rest to rest in minimum time.
 
     Args:

@@ -26,8 +26,8 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks
 
 # Samples for what needs the shape only.
@@ -47,7 +47,7 @@ FIT = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FormerMotion(Guess):
+class WarmStart(Guess):
     """A former motion, bent to new ends.
 
     Attributes:
@@ -94,7 +94,7 @@ class FormerMotion(Guess):
         motion = self.trajectory
         return not self.held and (motion.a is None or len(motion.a) == motion.t.size)
 
-    def remainder(self, system: System) -> Trajectory | None:
+    def remainder(self, system: ProblemFunctions) -> Trajectory | None:
         """The motion as it was from the entry on; None if it was bent.
 
         Torques follow from the inverse dynamics of the new problem, unless they are
@@ -138,7 +138,7 @@ class FormerMotion(Guess):
         return nodes
 
     def inverse_program(
-        self, system: System, intervals: int, kind: str
+        self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
         """Program in constant accelerations, and the motion as its iterate."""
         T, motion = self.duration, self.trajectory
@@ -152,7 +152,7 @@ class FormerMotion(Guess):
         return self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
 
     def _inverse_on(
-        self, system: System, shares: Array, duration: float
+        self, system: ProblemFunctions, shares: Array, duration: float
     ) -> tuple[NonlinearProgram, Array]:
         """Program in constant accelerations on intervals of given shares."""
         T = self.duration
@@ -169,7 +169,7 @@ class FormerMotion(Guess):
         return _program(transcription, z)
 
     def spline_program(
-        self, system: System, intervals: int, kind: str, degree: int
+        self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline, and the nearest one to the motion."""
         shares = interval_shares(kind, intervals)
@@ -179,7 +179,7 @@ class FormerMotion(Guess):
         return self._spline_on(system, shares, self.duration, degree)
 
     def _spline_on(
-        self, system: System, shares: Array, duration: float, degree: int
+        self, system: ProblemFunctions, shares: Array, duration: float, degree: int
     ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline on intervals of given shares."""
         transcription = BSplineTranscription(system, shares, degree)
@@ -190,7 +190,7 @@ class FormerMotion(Guess):
         return _program(transcription, transcription.fitted(fit, wanted, duration))
 
     def clocked_program(
-        self, system: System, ticks: Ticks
+        self, system: ProblemFunctions, ticks: Ticks
     ) -> tuple[NonlinearProgram, Array]:
         """Program on the clock of a controller, and an iterate near to the motion.
 
@@ -206,7 +206,7 @@ class FormerMotion(Guess):
         return replace(program, least_duration=T), z
 
     def lifted_program(
-        self, system: System, intervals: int, kind: str
+        self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
         """Program in states and torques, and the motion as its iterate."""
         T, n = self.duration, system.n
@@ -224,12 +224,12 @@ class FormerMotion(Guess):
         assert x.shape == (nodes.size, 2 * n)  # noqa: S101
         return _program(transcription, transcription.pack(x, u, np.array([T])))
 
-    def _net_torque(self, system: System, times: Array) -> Array:
+    def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
         """What dry friction leaves of the torques, shape (k, n)."""
         v = self.trajectory(self.entry + times).v
         return net_torque(system, self.torque(times), v)
 
-    def torque_program(self, system: System, shares: Array) -> Array:
+    def torque_program(self, system: ProblemFunctions, shares: Array) -> Array:
         """Iterate of the methods that shoot: torques and the duration."""
         ends = np.concatenate([[0.0], np.cumsum(shares[:, 0])]) * self.duration
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
@@ -243,7 +243,7 @@ def _program(
     return NonlinearProgram.of(transcription).at(z), z
 
 
-def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
+def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmStart:
     """Take a former motion as a guess.
 
     Args:
@@ -272,7 +272,7 @@ def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
     )
     bend[np.abs(bend) < 1e-12] = 0.0
     times = np.linspace(0.0, T, SAMPLES)
-    guess = FormerMotion(
+    guess = WarmStart(
         "former motion",
         times,
         np.tile(problem.q_start, (SAMPLES, 1)),
@@ -287,7 +287,7 @@ def former_motion(system: System, motion: Trajectory | Samples) -> FormerMotion:
     return replace(guess, q=guess.position(times))
 
 
-def _checked(system: System, motion: Trajectory | Samples) -> Trajectory:
+def _checked(system: ProblemFunctions, motion: Trajectory | Samples) -> Trajectory:
     joints = system.problem.robot.joint_names
     if not isinstance(motion, Trajectory | Samples):
         raise ProblemError(
@@ -308,7 +308,7 @@ def _checked(system: System, motion: Trajectory | Samples) -> Trajectory:
     return motion
 
 
-def _from_samples(system: System, samples: Samples) -> Trajectory:
+def _from_samples(system: ProblemFunctions, samples: Samples) -> Trajectory:
     """Cubic pieces through sampled positions, with what is not there filled in."""
     t, q, v = samples.t, samples.q, samples.v
     if t.size < 2 or not np.all(np.isfinite(q)):

@@ -8,16 +8,16 @@ import numpy as np
 
 from tominpmp.bounds import lower_bound
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.watch import Watch
 from tominpmp.problem import Problem
 from tominpmp.samples import Samples
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
-Attempts = Callable[[System, "FormerMotion | None"], Iterator[Attempt | None]]
+Attempts = Callable[[ProblemFunctions, "WarmStart | None"], Iterator[Attempt | None]]
 
 
 def attempts_of_alternatives(
@@ -47,8 +47,8 @@ def attempts_of_alternatives(
     """
     parts = problem.alternatives
     if len(parts) == 1:
-        system = System.of(parts[0])
-        start = None if former is None else former_motion(system, former)
+        system = ProblemFunctions.of(parts[0])
+        start = None if former is None else warm_start(system, former)
         yield from (attempt for attempt in make(system, start) if attempt is not None)
         return
     bounds = [lower_bound(part).T for part in parts]
@@ -56,7 +56,7 @@ def attempts_of_alternatives(
     entered = None
     if former is not None:
         # Its columns may be in any order, and its velocities be missing.
-        motion = former_motion(System.of(parts[0]), former).trajectory
+        motion = warm_start(ProblemFunctions.of(parts[0]), former).trajectory
         nearest = problem.alternative_at(motion.q[-1], motion.v[-1])
         entered = [part.goal is nearest.goal for part in parts].index(True)
         order = [entered, *(i for i in order if i != entered)]
@@ -69,10 +69,10 @@ def attempts_of_alternatives(
                 continue
             watch.share(len(order) - place + len(again))
             if i not in runs:
-                system = System.of(parts[i])
+                system = ProblemFunctions.of(parts[i])
                 start = None
                 if former is not None and i == entered:
-                    start = former_motion(system, former)
+                    start = warm_start(system, former)
                 runs[i] = make(system, start)
             try:
                 attempt = next(runs[i])

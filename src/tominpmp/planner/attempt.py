@@ -14,7 +14,7 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.verification.nearest import keeps_clear
-from tominpmp.verification.verdict import LONGEST, Verification, verify
+from tominpmp.verification.verification import LONGEST, Verification, verify
 
 # Doublings of the grid, or of the steps, of a motion that the replay does not confirm.
 REFINEMENTS = 2

@@ -14,10 +14,10 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification import explain
-from tominpmp.verification.verdict import LONGEST
+from tominpmp.verification.verification import LONGEST
 
 # A lower bound is mentioned if T is within this factor of it.
-TELLING = 2.0
+BOUND_FACTOR = 2.0
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -99,7 +99,7 @@ def _message(
         sentence = f"{status.value} T = {T:.4f} s"
         if T < BRIEF_TIME:
             sentence = f"{status.value} T = {T:.3g} s"
-        if bound is not None and bound.T * TELLING > T:
+        if bound is not None and bound.T * BOUND_FACTOR > T:
             above = 100 * (T / bound.T - 1)
             sentence = f"{sentence}, {above:.1f} % above what none can beat"
         return f"{sentence}. {best.remark}".rstrip()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import (
@@ -20,10 +20,10 @@ from tominpmp.robot import JointLimits
 from tominpmp.status import STOPPED, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Trust region of a start from a former motion, in shares of the usual one.
-FORMER_RADIUS = 0.3
+WARM_START_RADIUS = 0.3
 # Going on with continuous accelerations takes 3 to 4 % off T where torques rule, and
 # next to nothing where speeds do (benchmarks/random_goals.py). It is done where no
 # joint is at its speed limit for more than this share of the nodes.
@@ -34,11 +34,11 @@ ACTIVE = 0.99
 FEW_ITERATIONS = 12
 
 
-def solve_from_former(
-    system: System, options: Options, former: FormerMotion, watch: Watch
+def solve_from_warm_start(
+    system: ProblemFunctions, options: Options, former: WarmStart, watch: Watch
 ) -> Attempt:
     """Improve a former motion; it stays as it was if nothing faster is found."""
-    near = replace(options, trust_region=FORMER_RADIUS * options.trust_region)
+    near = replace(options, trust_region=WARM_START_RADIUS * options.trust_region)
     if options.control == "auto" and former.continuous:
         near = replace(near, control="linear")
     if options.method in ("adjoint", "penalty"):
@@ -58,7 +58,7 @@ def solve_from_former(
 
 
 def solve_with_continuous_accelerations(
-    system: System, options: Options, attempt: Attempt, watch: Watch
+    system: ProblemFunctions, options: Options, attempt: Attempt, watch: Watch
 ) -> Attempt | None:
     """Go on from a motion with constant accelerations in each interval, where it pays.
 
@@ -72,12 +72,12 @@ def solve_with_continuous_accelerations(
     near = replace(
         options,
         control="linear",
-        trust_region=FORMER_RADIUS * options.trust_region,
+        trust_region=WARM_START_RADIUS * options.trust_region,
         max_iterations=min(options.max_iterations, FEW_ITERATIONS),
     )
 
-    def solve(tried: System, _: Attempt | None) -> Attempt:
-        guess = former_motion(tried, motion)
+    def solve(tried: ProblemFunctions, _: Attempt | None) -> Attempt:
+        guess = warm_start(tried, motion)
         found = solve_from_guess(tried, near, guess, watch)
         return found.verified(system.problem, options, later=watch.puts_off)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import OptionsError
-from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -34,10 +34,10 @@ from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
-from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks, ticks_of
-from tominpmp.verification.verdict import Verification, verify
+from tominpmp.verification.verification import Verification, verify
 
 logger = logging.getLogger(__name__)
 
@@ -232,9 +232,9 @@ class Deadline:
         missing, last = record.duration - self.goal, self.last
         self.last = record.duration
         settled = abs(last - record.duration) < MOVING * missing
-        hopeless = settled or record.predicted < HOPE * missing
-        hopeless = hopeless and record.violation <= FAR
-        return Status.STALLED if not there and hopeless else None
+        lost_to_rounding = settled or record.predicted < HOPE * missing
+        lost_to_rounding = lost_to_rounding and record.violation <= FAR
+        return Status.STALLED if not there and lost_to_rounding else None
 
 
 def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
@@ -263,13 +263,17 @@ class Try:
 
     count: int
     intervals: int
-    guess: FormerMotion
+    guess: WarmStart
     fewest: int
     finer: bool = False
     fruitless: int = 0
 
     def after(
-        self, system: System, program: NonlinearProgram, ticks: Ticks, result: SlpResult
+        self,
+        system: ProblemFunctions,
+        program: NonlinearProgram,
+        ticks: Ticks,
+        result: SlpResult,
     ) -> Try:
         """What to try after a motion that is slower, not admissible or not all right.
 
@@ -282,7 +286,7 @@ class Try:
         reached, near = result.iterate, result.iterate.violation <= FAR
         needed = ticks_of(program.timed(reached.z)[-1], ticks.period)
         if near and needed > self.count:
-            guess = former_motion(system, program.trajectory(reached.z))
+            guess = warm_start(system, program.trajectory(reached.z))
             dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
             if dear and not self.finer and ticks.intervals < needed:
                 twice = 2 * self.intervals
@@ -304,10 +308,10 @@ def _bring(
     """Look for a motion on the clock near one without."""
     period = options.control_period
     assert period is not None  # noqa: S101
-    complete = System.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
+    complete = ProblemFunctions.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
     system = complete if monitor.watch.links_touched else complete.first_tried
     fewest = max(ticks_of(motion.duration, period), FEWEST)
-    now = Try(fewest, motion.t.size - 1, former_motion(system, motion), fewest)
+    now = Try(fewest, motion.t.size - 1, warm_start(system, motion), fewest)
     last = Clocked(Status.INFEASIBLE)
     for _ in range(TRIES):
         ticks = Ticks.near(period, now.count, motion.t, now.intervals)
@@ -341,9 +345,9 @@ def _touches(verification: Verification) -> bool:
 
 
 def _solve(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
-    guess: FormerMotion,
+    guess: WarmStart,
     ticks: Ticks,
     monitor: Deadline,
 ) -> tuple[NonlinearProgram, Array | None, SlpResult]:

@@ -8,12 +8,12 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.ticks import ticks_of
-from tominpmp.verification.verdict import Verification
+from tominpmp.verification.verification import Verification
 
 # How a plan ends that has found no motion on the clock.
 NO_CLOCK = (*STOPPED, Status.UNVERIFIED)
 # A lower bound is mentioned if T is above it by less than this share.
-TELLING = 1.0
+BOUND_FACTOR = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def succeeded(
         violations={},
     )
     gap = solution.gap
-    if gap is not None and gap < TELLING:
+    if gap is not None and gap < BOUND_FACTOR:
         message += f" and {100 * gap:.1f} % above what none can beat"
     return replace(solution, message=f"{message}. {remark}".rstrip())
 

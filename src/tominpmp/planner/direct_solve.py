@@ -15,7 +15,7 @@ from tominpmp.initial_guess.segments import (
     at_rest_on_the_way,
     solved_guess,
 )
-from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS, Attempt
@@ -36,9 +36,9 @@ from tominpmp.transcription.grid import (
     segmented_shares,
 )
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
-from tominpmp.verification.verdict import LONGEST
+from tominpmp.verification.verification import LONGEST
 
 # Weight of the total variation, as a share of the duration of the guess; chosen on
 # benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
@@ -55,11 +55,11 @@ SMOOTH_STRETCH = 1.3
 
 
 def solve_and_verify(
-    system: System, options: Options, guess: Guess, watch: Watch
+    system: ProblemFunctions, options: Options, guess: Guess, watch: Watch
 ) -> Attempt:
     """Improve a guess; where the replay fails, go on with a finer grid."""
 
-    def solve(tried: System, former: Attempt | None) -> Attempt:
+    def solve(tried: ProblemFunctions, former: Attempt | None) -> Attempt:
         first = guess
         if former is not None:
             first = _guess_of(tried, former)
@@ -69,9 +69,9 @@ def solve_and_verify(
 
 
 def with_rows_where_needed(
-    system: System,
+    system: ProblemFunctions,
     watch: Watch,
-    solve: Callable[[System, Attempt | None], Attempt],
+    solve: Callable[[ProblemFunctions, Attempt | None], Attempt],
 ) -> Attempt:
     """Solve without rows for the links of an arm alone; again with them if they touch.
 
@@ -88,16 +88,16 @@ def with_rows_where_needed(
     return solve(system, attempt).after(attempt)
 
 
-def _guess_of(system: System, attempt: Attempt) -> Guess:
+def _guess_of(system: ProblemFunctions, attempt: Attempt) -> Guess:
     """What an attempt led to, as a guess."""
     motion = attempt.trajectory
     if system.parts:
         return solved_guess(attempt.name, motion, system.problem.segments)
-    return replace(former_motion(system, motion), name=attempt.name)
+    return replace(warm_start(system, motion), name=attempt.name)
 
 
 def _solve_and_verify(
-    system: System, options: Options, guess: Guess, watch: Watch
+    system: ProblemFunctions, options: Options, guess: Guess, watch: Watch
 ) -> Attempt:
     problem = system.problem
     attempt = solve_from_guess(system, options, guess, watch)
@@ -134,7 +134,7 @@ def make_slp(
 
 
 def solve_from_guess(
-    system: System, options: Options, guess: Guess, watch: Watch
+    system: ProblemFunctions, options: Options, guess: Guess, watch: Watch
 ) -> Attempt:
     """Improve a guess with the transcription that the options ask for."""
     smoothing = options.smoothing
@@ -162,7 +162,7 @@ def solve_from_guess(
 
 
 def _smooth_start(
-    system: System, options: Options, guess: SegmentedGuess, solve: Solve
+    system: ProblemFunctions, options: Options, guess: SegmentedGuess, solve: Solve
 ) -> tuple[NonlinearProgram, Array]:
     """Program with continuous accelerations for a guess, and where to begin.
 
@@ -187,10 +187,10 @@ def _smooth_start(
 
 
 def first_program(
-    system: System, options: Options, guess: Guess
+    system: ProblemFunctions, options: Options, guess: Guess
 ) -> tuple[NonlinearProgram, Array]:
     """Program for a guess, and the guess as its iterate."""
-    former = guess if isinstance(guess, FormerMotion) else None
+    former = guess if isinstance(guess, WarmStart) else None
     grid = options.intervals, options.grid
     shares = guess_shares(options, guess)
     timed = GUESS_STRETCH if guess.timed else 1.0
@@ -226,7 +226,7 @@ def first_program(
 
 
 def segmented_program(
-    system: System, options: Options, guess: SegmentedGuess
+    system: ProblemFunctions, options: Options, guess: SegmentedGuess
 ) -> tuple[NonlinearProgram, Array]:
     """Program for a guess of several segments, and the guess as its iterate."""
     N = options.intervals

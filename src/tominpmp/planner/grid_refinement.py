@@ -28,9 +28,9 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
-from tominpmp.verification.verdict import verify
+from tominpmp.verification.verification import verify
 
 logger = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ Gridded = InverseTranscription | CollocationTranscription
 
 
 def refine_grid(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
     program: Program,
     result: SlpResult,
@@ -89,7 +89,7 @@ def refine_grid(
 
 
 def _refine(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
     program: NonlinearProgram,
     result: SlpResult,
@@ -128,7 +128,9 @@ def _last(result: SlpResult) -> Array:
     return (result.iterate if result.best is None else result.best).z
 
 
-def replayed_well(system: System, trajectory: Trajectory, options: Options) -> bool:
+def replayed_well(
+    system: ProblemFunctions, trajectory: Trajectory, options: Options
+) -> bool:
     """Whether the replay of a motion ends at the goal and keeps all limits."""
     tolerances = Tolerances(
         goal=options.goal_tolerance,
@@ -140,7 +142,9 @@ def replayed_well(system: System, trajectory: Trajectory, options: Options) -> b
     return verify(system.problem, trajectory, tolerances, checker=checker).ok
 
 
-def interval_losses(system: System, transcription: Gridded, z: Array) -> Array:
+def interval_losses(
+    system: ProblemFunctions, transcription: Gridded, z: Array
+) -> Array:
     """Time that each interval may lose by its length, roughly, shape (N,) [s].
 
     Args:
@@ -162,7 +166,7 @@ def interval_losses(system: System, transcription: Gridded, z: Array) -> Array:
 
 
 def _spline_losses(
-    system: System, transcription: InverseTranscription, z: Array
+    system: ProblemFunctions, transcription: InverseTranscription, z: Array
 ) -> Array:
     spline = transcription.motion(z)
     h, a = spline.h, spline.a
@@ -183,7 +187,7 @@ def _jumps(shares: Array) -> Array:
     return np.asarray(np.abs(padded[2:] - padded[:-2]) > JUMP).astype(np.float64)
 
 
-def step_errors(system: System, x: Array, u: Array, h: Array) -> Array:
+def step_errors(system: ProblemFunctions, x: Array, u: Array, h: Array) -> Array:
     """Errors of the steps of an integrator of order 3, shape (N, 2n).
 
     Args:

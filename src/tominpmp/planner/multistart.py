@@ -28,17 +28,17 @@ from tominpmp.initial_guess.parallel import (
 )
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
 from tominpmp.initial_guess.segments import segmented_guesses, unreached
-from tominpmp.initial_guess.warm_start import FormerMotion
+from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.continuation import solve_from_former
+from tominpmp.planner.continuation import solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import shots
 from tominpmp.planner.watch import Watch
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Guesses for a goal on a frame, whose final configuration is free.
 FRAME_STARTS = 4
@@ -49,9 +49,9 @@ SEGMENTED_STARTS = 2
 MOVING_STARTS = 3
 MOVING_RESCUE_STARTS = 16
 # A timed guess this much slower than a motion that was found is not worth its time.
-HOPELESS = 1.6
+TOO_SLOW = 1.6
 # Torques are the last guess for arms with so many joints, and how they are improved.
-SWINGERS, SWINGERS_RESCUE_STARTS = 3, 2
+FEW_MOTORS, FEW_MOTORS_RESCUE_STARTS = 3, 2
 SHOOTING: dict[str, Any] = {
     "method": "adjoint",
     "control": "constant",
@@ -88,7 +88,7 @@ class Count(NamedTuple):
     swings: bool
 
     @classmethod
-    def of(cls, system: System, options: Options) -> Count:
+    def of(cls, system: ProblemFunctions, options: Options) -> Count:
         """What the options ask for, or what fits the problem."""
         moving = bool(system.problem.scene.moving)
         usual = 1
@@ -97,8 +97,8 @@ class Count(NamedTuple):
             usual = max(usual, MOVING_STARTS) if moving else usual
             if system.parts:
                 usual = SEGMENTED_STARTS if options.control in DEGREES else 1
-        swings = may_swing(system)
-        rescues = SWINGERS_RESCUE_STARTS if swings else RESCUE_STARTS
+        swings = torques_may_lead(system)
+        rescues = FEW_MOTORS_RESCUE_STARTS if swings else RESCUE_STARTS
         rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
         return cls(options.starts or usual, rescues, swings)
 
@@ -109,7 +109,7 @@ class Count(NamedTuple):
 
 
 def make_attempts(
-    system: System, former: FormerMotion | None, options: Options, watch: Watch
+    system: ProblemFunctions, former: WarmStart | None, options: Options, watch: Watch
 ) -> Iterator[Attempt | None]:
     """Solve from one initial guess after the other, a former motion being the first.
 
@@ -121,7 +121,7 @@ def make_attempts(
     """
     if former is not None:
         watch.begin()
-        solve = partial(solve_from_former, system, options, former, watch)
+        solve = partial(solve_from_warm_start, system, options, former, watch)
         attempt = guarded(system.problem, options, watch, former.name, solve)
         yield _noted(watch, attempt)
         found = attempt is not None and attempt.found
@@ -134,7 +134,7 @@ def make_attempts(
 
 
 def _from_guesses(
-    system: System, options: Options, watch: Watch
+    system: ProblemFunctions, options: Options, watch: Watch
 ) -> Iterator[Attempt | None]:
     rng = np.random.default_rng(options.seed)
     count = Count.of(system, options)
@@ -160,7 +160,7 @@ def _from_guesses(
             if not number:
                 raise unreachable(system, rng)
             break
-        if guess.timed and guess.duration > HOPELESS * watch.best:
+        if guess.timed and guess.duration > TOO_SLOW * watch.best:
             yield None
             continue
         try:
@@ -180,21 +180,25 @@ def _noted(watch: Watch, attempt: Attempt | None) -> Attempt | None:
     return attempt
 
 
-def may_swing(system: System) -> bool:
+def torques_may_lead(system: ProblemFunctions) -> bool:
     """Whether torques from nowhere may lead where no path does.
 
     With nothing in the way it is the torques that are too small for guesses of a path:
     a small arm may have to swing.
     """
     smooth = system.problem.motion_limits is not None
-    return system.alone and system.n <= SWINGERS and not smooth
+    return system.alone and system.n <= FEW_MOTORS and not smooth
 
 
 class _Source:
     """Guesses, and what they lead to, one after the other."""
 
     def __init__(
-        self, system: System, options: Options, watch: Watch, guesses: Iterator[Guess]
+        self,
+        system: ProblemFunctions,
+        options: Options,
+        watch: Watch,
+        guesses: Iterator[Guess],
     ) -> None:
         self.system, self.options, self.watch = system, options, watch
         self.guesses = guesses
@@ -219,7 +223,11 @@ class _SourceOfMany(_Source):
     """Guesses that several processes try ahead of their turn."""
 
     def __init__(
-        self, system: System, options: Options, watch: Watch, guesses: Iterator[Guess]
+        self,
+        system: ProblemFunctions,
+        options: Options,
+        watch: Watch,
+        guesses: Iterator[Guess],
     ) -> None:
         super().__init__(system, options, watch, guesses)
         cores = max(available_processes(), LEAST_PROCESSES)
@@ -284,7 +292,10 @@ _Result = tuple[Attempt | None, list[Exception]]
 
 
 def solve_alone(
-    system: System, options: Options, ends: float | None, numbered: tuple[int, Guess]
+    system: ProblemFunctions,
+    options: Options,
+    ends: float | None,
+    numbered: tuple[int, Guess],
 ) -> _Result:
     """Improve a guess in a process of its own.
 
@@ -309,7 +320,7 @@ def solve_alone(
     return attempt, watch.failures
 
 
-def unreachable(system: System, rng: np.random.Generator) -> ProblemError:
+def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:
     """Error for a goal that no configuration was found to reach."""
     where = ""
     if system.parts:

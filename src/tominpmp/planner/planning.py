@@ -33,7 +33,7 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
@@ -171,7 +171,7 @@ def continued(
     for former in reversed(records):
         if options.refine == "switching" and not former.remark:
             continue  # its torques switch exactly: there is nothing left to gain
-        system = System.of(problem.alternative_of(former.trajectory))
+        system = ProblemFunctions.of(problem.alternative_of(former.trajectory))
         watch.share(1)
         watch.begin()
         solve = partial(

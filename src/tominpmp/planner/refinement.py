@@ -12,7 +12,7 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.monitor import Monitor
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 __all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
 
@@ -23,7 +23,7 @@ SHORTEST_MOTION = 1e-5
 
 
 def refine(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
     program: Program,
     result: SlpResult,

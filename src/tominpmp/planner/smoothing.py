@@ -11,7 +11,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, real_number
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
-from tominpmp.initial_guess.warm_start import FormerMotion, former_motion
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
@@ -22,8 +22,8 @@ from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.system import System
 from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification import Verification, verify
 
@@ -102,9 +102,9 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
         return seconds_left() < REPLAYS * replay
 
     reached = problem.alternative_at(former.q[-1], former.v[-1])
-    complete = System.of(reached)
+    complete = ProblemFunctions.of(reached)
     system = complete.first_tried
-    guess = former_motion(system, former)
+    guess = warm_start(system, former)
     before = roughness(former, problem.robot.limits)
     intervals = former.t.size - 1
     found: tuple[Trajectory, Verification] | None = None
@@ -144,9 +144,9 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
 
 
 def _quieter(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
-    guess: FormerMotion,
+    guess: WarmStart,
     former: Trajectory,
     intervals: int,
     slack: float,
@@ -177,9 +177,9 @@ def _quieter(
 
 
 def _program(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
-    guess: FormerMotion,
+    guess: WarmStart,
     former: Trajectory,
     intervals: int,
 ) -> tuple[NonlinearProgram, Array]:

@@ -32,7 +32,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
@@ -78,7 +78,7 @@ class Search:
         found: The motions, each faster than those before.
     """
 
-    system: System
+    system: ProblemFunctions
     clock: Clock
     limit: float
     plan: Iterate
@@ -111,7 +111,7 @@ class Search:
 
 
 def refine_switching(
-    system: System,
+    system: ProblemFunctions,
     options: Options,
     program: Program,
     result: SlpResult,
@@ -197,7 +197,11 @@ def _explore(
 
 
 def _finer(
-    system: System, options: Options, plan: Trajectory, lp: LpSolver, clock: Clock
+    system: ProblemFunctions,
+    options: Options,
+    plan: Trajectory,
+    lp: LpSolver,
+    clock: Clock,
 ) -> Iterator[Trajectory]:
     """The plan with torques that are constant on finer grids."""
     few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))

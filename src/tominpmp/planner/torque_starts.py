@@ -25,8 +25,8 @@ from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, Selection
-from tominpmp.transcription.system import System
 
 # Which instants of path constraints the methods that shoot differentiate.
 INSTANTS: dict[str, Selection] = {
@@ -43,7 +43,9 @@ PIECES = 4
 LONGER = 2.0
 
 
-def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt | None]:
+def shots(
+    system: ProblemFunctions, options: Options, watch: Watch
+) -> Iterator[Attempt | None]:
     """Improve the torques to begin with, then random ones where that led to nothing."""
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or 1
@@ -61,7 +63,7 @@ def shots(system: System, options: Options, watch: Watch) -> Iterator[Attempt | 
         yield attempt
 
 
-def given_torques(system: System, options: Options) -> Array:
+def given_torques(system: ProblemFunctions, options: Options) -> Array:
     """Iterate of the torques and the duration that the options begin with."""
     control = np.zeros(system.n)
     if options.initial_control is not None:
@@ -72,7 +74,9 @@ def given_torques(system: System, options: Options) -> Array:
     return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
 
 
-def random_torques(system: System, options: Options, rng: np.random.Generator) -> Array:
+def random_torques(
+    system: ProblemFunctions, options: Options, rng: np.random.Generator
+) -> Array:
     """Iterate of random torques, constant on a few pieces, and a random duration."""
     pieces = rng.uniform(-1.0, 1.0, (PIECES, system.n))
     piece = np.arange(options.intervals) * PIECES // options.intervals
@@ -82,21 +86,21 @@ def random_torques(system: System, options: Options, rng: np.random.Generator) -
 
 
 def solve_by_shooting(
-    system: System, options: Options, watch: Watch, first: Array | None = None
+    system: ProblemFunctions, options: Options, watch: Watch, first: Array | None = None
 ) -> Attempt:
     """Improve torques, the paper's kind of start unless others are given.
 
     Where the replay fails, go on with shorter steps of the integration.
     """
 
-    def solve(tried: System, _: Attempt | None) -> Attempt:
+    def solve(tried: ProblemFunctions, _: Attempt | None) -> Attempt:
         return _solve_by_shooting(tried, options, watch, first)
 
     return with_rows_where_needed(system, watch, solve)
 
 
 def _solve_by_shooting(
-    system: System, options: Options, watch: Watch, first: Array | None
+    system: ProblemFunctions, options: Options, watch: Watch, first: Array | None
 ) -> Attempt:
     z = given_torques(system, options) if first is None else first
     attempt, z = shoot(system, options, watch, z, substeps=1)
@@ -113,7 +117,7 @@ def _solve_by_shooting(
 
 
 def shoot(
-    system: System, options: Options, watch: Watch, z: Array, substeps: int
+    system: ProblemFunctions, options: Options, watch: Watch, z: Array, substeps: int
 ) -> tuple[Attempt, Array]:
     """Improve torques and duration with so many integration steps an interval."""
     shares = interval_shares(options.grid, options.intervals)

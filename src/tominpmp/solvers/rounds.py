@@ -11,7 +11,7 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import STOPPED
 from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.verification.verdict import LONGEST
+from tominpmp.verification.verification import LONGEST
 
 # Rounds of adding rows, and iterations of each.
 ROUNDS = 6

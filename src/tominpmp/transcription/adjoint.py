@@ -30,10 +30,10 @@ from tominpmp.transcription.controls import (
 )
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import stage_weights
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rollout import rollout
 from tominpmp.transcription.shot import Shot
 from tominpmp.transcription.sweep import sweep_adjoint
-from tominpmp.transcription.system import System
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -91,7 +91,7 @@ class AdjointTranscription(Transcription[Shot]):
 
     def __init__(
         self,
-        system: System,
+        system: ProblemFunctions,
         shares: Array,
         duration: float,
         *,

@@ -23,7 +23,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class Transcription(ABC, Generic[M]):
             None for one segment.
     """
 
-    system: System
+    system: ProblemFunctions
     shares: Array
     kept: frozenset[str] = frozenset()
     by_component: bool = False

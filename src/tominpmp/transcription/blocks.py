@@ -15,7 +15,7 @@ from tominpmp.constraints import Constraint, JointLimit, Partials, States
 from tominpmp.exceptions import OptionsError
 from tominpmp.transcription.base import Hull, Motion, Transcription
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +224,7 @@ def blocks_of(of: Transcription[Any]) -> list[Block]:
     return [block for block in found if block is not None]
 
 
-def _shared(constraint: Constraint, parts: Sequence[System]) -> bool:
+def _shared(constraint: Constraint, parts: Sequence[ProblemFunctions]) -> bool:
     """Whether a constraint holds on all segments."""
     return all(any(_same(constraint, c) for c in part.constraints) for part in parts)
 

@@ -29,7 +29,7 @@ from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.bspline_basis import Basis, Elimination
 from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 DEGREES = {"linear": 3, "spline": 5}
 # T changes by this share at most in one step.
@@ -75,7 +75,7 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
 
     def __init__(
         self,
-        system: System,
+        system: ProblemFunctions,
         shares: Array,
         degree: int,
         acceleration_range: Array | None = None,

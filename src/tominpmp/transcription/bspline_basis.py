@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from scipy.interpolate import BSpline
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Elimination:
     fixed_end: bool
 
     @classmethod
-    def of(cls, system: System, basis: Basis) -> Elimination:
+    def of(cls, system: ProblemFunctions, basis: Basis) -> Elimination:
         """Elimination for the end states of a problem."""
         n, M, t, p = system.n, basis.count, basis.knots, basis.degree
         limits, goal = system.problem.motion_limits, system.final_configuration

@@ -22,8 +22,8 @@ from tominpmp.transcription.bspline import RATE_SHARES, TORQUE_SHARES, products
 from tominpmp.transcription.bspline_basis import Basis, Elimination
 from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.segmented import trajectory_of_segments
-from tominpmp.transcription.system import System
 
 # A duration changes by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -123,7 +123,7 @@ class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
 
     def __init__(
         self,
-        system: System,
+        system: ProblemFunctions,
         shares: Array,
         degree: int,
         segment_ends: tuple[int, ...],

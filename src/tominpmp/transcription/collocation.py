@@ -37,14 +37,14 @@ from tominpmp.transcription.integrator import (
     stage_weights,
 )
 from tominpmp.transcription.lifted import LiftedMotion
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
 # Velocities are of this times the scale of positions over the duration.
 SPEED_FACTOR = 5.0
 # Value of the defects of an interval whose inner stage cannot be solved for.
-BROKEN = 1e3
+NOT_INTEGRATED = 1e3
 # Clearances above this, per rad of trust region and in shares of the reach, wait.
 ATTENTION = 2.0
 
@@ -69,7 +69,11 @@ class CollocationTranscription(Transcription[LiftedMotion]):
     kept = frozenset({"q", "u"})
 
     def __init__(
-        self, system: System, shares: Array, duration: float, ways: Ways | None = None
+        self,
+        system: ProblemFunctions,
+        shares: Array,
+        duration: float,
+        ways: Ways | None = None,
     ) -> None:
         self.system, self.shares, self.duration = system, shares, duration
         self.ways = ways
@@ -370,7 +374,7 @@ class Defects(Hull[LiftedMotion]):
     def values(self, motion: LiftedMotion) -> Array:
         """Defects; of intervals without a stage something large."""
         solved = motion.stage.solved[:, None]
-        return np.where(solved, motion.defects / self._of.scale, BROKEN).ravel()
+        return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
 
     def jacobian(self, motion: LiftedMotion) -> sp.csr_matrix:
         """By the unknowns."""

@@ -15,17 +15,17 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
 from tominpmp.reversals import reversals
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.turns import directions
 
 
-def driven_joints(system: System) -> IntArray:
+def driven_joints(system: ProblemFunctions) -> IntArray:
     """Indices of the joints whose torque is free; the others have none to choose."""
     limits = system.problem.robot.limits
     return np.flatnonzero(limits.effort_upper > limits.effort_lower)
 
 
-def torque_shares(system: System, u: Array) -> Array:
+def torque_shares(system: ProblemFunctions, u: Array) -> Array:
     """Torques as shares of their limits, brought within them, shape (N, n)."""
     limits, friction = system.problem.robot.limits, system.problem.robot.friction
     low, high = limits.effort_lower - friction, limits.effort_upper + friction
@@ -36,7 +36,7 @@ def torque_shares(system: System, u: Array) -> Array:
     return np.asarray((u - system.effort_middle) / system.effort_half)
 
 
-def net_torque(system: System, u: Array, v: Array) -> Array:
+def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
     """What dry friction leaves of the torques of motors, shape (N, n) [N m or N]."""
     if system.friction is None:
         return u
@@ -44,7 +44,7 @@ def net_torque(system: System, u: Array, v: Array) -> Array:
 
 
 def share_steps(
-    system: System, shares: Array, largest: Array, ways: Ways | None = None
+    system: ProblemFunctions, shares: Array, largest: Array, ways: Ways | None = None
 ) -> tuple[Array, Array]:
     """Smallest and largest steps of torque shares.
 
@@ -68,7 +68,7 @@ def share_steps(
     return lower, upper
 
 
-def torque_jumps(system: System, count: int) -> sp.csr_matrix:
+def torque_jumps(system: ProblemFunctions, count: int) -> sp.csr_matrix:
     """Jumps between neighbouring intervals in full ranges, from torque shares.
 
     Matrix of shape ((count - 1) k, count n) for k joints with motors.
@@ -78,7 +78,7 @@ def torque_jumps(system: System, count: int) -> sp.csr_matrix:
     return sp.csr_matrix(sp.kron(difference, pick))
 
 
-def driving_torque(system: System, q: Array, v: Array, h: Array) -> Array:
+def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Array:
     """Torques that drive a motion, in the middle of its intervals, shape (N, n).
 
     They are not brought within limits. Positions and velocities are those at the nodes,
@@ -90,7 +90,7 @@ def driving_torque(system: System, q: Array, v: Array, h: Array) -> Array:
     return system.dynamics.inverse(middle, speed, acceleration)
 
 
-def first_ways(system: System, v: Array) -> Ways:
+def first_ways(system: ProblemFunctions, v: Array) -> Ways:
     """Which way joints move on intervals, from velocities at the nodes, (N, n)."""
     assert system.friction is not None  # noqa: S101
     sign, change = interval_signs(v)
@@ -99,7 +99,7 @@ def first_ways(system: System, v: Array) -> Ways:
 
 
 def turned_ways(
-    system: System, ways: Ways | None, v: Array, shares: Array
+    system: ProblemFunctions, ways: Ways | None, v: Array, shares: Array
 ) -> tuple[Ways, Array] | None:
     """Which way joints move on intervals of a motion, if that makes a difference.
 
@@ -133,7 +133,9 @@ def turned_ways(
     return new, np.clip(shares, new.lower, new.upper)
 
 
-def motor_torques(system: System, motion: Trajectory, ways: Ways | None) -> Trajectory:
+def motor_torques(
+    system: ProblemFunctions, motion: Trajectory, ways: Ways | None
+) -> Trajectory:
     """Torques of the motors for a motion with given torques without friction.
 
     Args:

@@ -21,6 +21,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.segmented import trajectory_of_segments
 from tominpmp.transcription.spline import (
     Spline,
@@ -37,7 +38,6 @@ from tominpmp.transcription.spline_rows import (
     speed_values,
     states_at,
 )
-from tominpmp.transcription.system import System
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
@@ -108,7 +108,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
 
     def __init__(
         self,
-        system: System,
+        system: ProblemFunctions,
         shares: Array,
         duration: float,
         acceleration_range: Array | None = None,

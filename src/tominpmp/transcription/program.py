@@ -25,10 +25,10 @@ from tominpmp.transcription.base import (
 )
 from tominpmp.transcription.blocks import Always, Block, Sampled, blocks_of
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.system import System
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Value of the rows of a motion that could not be integrated to its end.
-BROKEN = 1e3
+NOT_INTEGRATED = 1e3
 # Instants attain the maximum of a constraint if they come this close to it.
 ATTAINED = 1e-4
 
@@ -104,7 +104,7 @@ class NonlinearProgram:
     # -- what solvers see --------------------------------------------------------------
 
     @property
-    def system(self) -> System:
+    def system(self) -> ProblemFunctions:
         """The functions of the problem."""
         return self.transcription.system
 
@@ -149,7 +149,7 @@ class NonlinearProgram:
         """Row values."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
-            return np.full(self.rows.size, BROKEN)
+            return np.full(self.rows.size, NOT_INTEGRATED)
         parts = [block.values(self.transcription, motion) for block in self.blocks]
         return np.concatenate(parts)
 

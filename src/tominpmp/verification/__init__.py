@@ -6,7 +6,7 @@ from tominpmp.verification.clearance import ClearanceProof, prove_clearance
 from tominpmp.verification.diagnosis import explain
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay, replay
-from tominpmp.verification.verdict import Verification, verify
+from tominpmp.verification.verification import Verification, verify
 
 __all__ = [
     "ClearanceProof",

@@ -26,7 +26,7 @@ from tominpmp.verification.replay import (
     torque_pieces,
 )
 from tominpmp.verification.stages import Stage, stages_of
-from tominpmp.verification.verdict import judge
+from tominpmp.verification.verification import judge
 
 # How a search ends that was cut short.
 GAVE_UP = {

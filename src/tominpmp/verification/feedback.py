@@ -198,7 +198,7 @@ def _finite(matrix: Array) -> bool:
     return bool(np.all(np.isfinite(matrix)))
 
 
-def hopeless(growth: float, tolerance: float) -> bool:
+def lost_to_rounding(growth: float, tolerance: float) -> bool:
     """Whether rounding alone makes a motion miss its goal without feedback."""
     return not growth * float(np.finfo(float).eps) < tolerance
 

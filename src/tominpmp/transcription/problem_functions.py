@@ -81,7 +81,7 @@ def _padding(problem: Problem) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class ProblemFunctions:
     """The functions of a problem, ready to be evaluated.
 
     Attributes:
@@ -103,15 +103,15 @@ class System:
     reach: float
     watched: Watched | None
     ways: Array | None = None
-    parts: tuple[System, ...] = ()
+    parts: tuple[ProblemFunctions, ...] = ()
 
     @classmethod
-    def of(cls, problem: Problem) -> System:
+    def of(cls, problem: Problem) -> ProblemFunctions:
         """Build the functions of a problem."""
         whole = cls._of(problem)
         if not problem.segments:
             return whole
-        parts: list[System] = []
+        parts: list[ProblemFunctions] = []
         for phase in problem.phases:
             part = cls._of(phase)
             for known in (whole, *parts):
@@ -123,7 +123,7 @@ class System:
         return replace(whole, parts=tuple(parts))
 
     @classmethod
-    def _of(cls, problem: Problem) -> System:
+    def _of(cls, problem: Problem) -> ProblemFunctions:
         kinematics = RobotKinematics(problem.robot)
         reach = max(kinematics.reach(), 1e-3)
         dynamics = RobotDynamics(problem.robot, dry=False)
@@ -154,12 +154,12 @@ class System:
         )
 
     @property
-    def segments(self) -> tuple[System, ...]:
+    def segments(self) -> tuple[ProblemFunctions, ...]:
         """The functions of each segment; itself where there is one only."""
         return self.parts or (self,)
 
     @property
-    def first_tried(self) -> System:
+    def first_tried(self) -> ProblemFunctions:
         """The functions to begin with: those of an arm alone let its links touch.
 
         They hardly ever do, and the verification tells where they do. Rows for them
@@ -170,10 +170,10 @@ class System:
         parts = tuple(replace(part, watched=None) for part in self.parts)
         return replace(self, watched=None, parts=parts)
 
-    def without_smooth_limits(self) -> System:
+    def without_smooth_limits(self) -> ProblemFunctions:
         """The same problem without limits that need continuous accelerations."""
 
-        def loosened(system: System) -> System:
+        def loosened(system: ProblemFunctions) -> ProblemFunctions:
             limits = system.problem.motion_limits
             if limits is None or not limits.continuous:
                 return system
@@ -185,7 +185,7 @@ class System:
         parts = tuple(loosened(part) for part in self.parts)
         return replace(loosened(self), parts=parts)
 
-    def resting(self, time: float | None = None) -> System:
+    def resting(self, time: float | None = None) -> ProblemFunctions:
         """The same problem without the obstacles that move.
 
         Args:
@@ -195,7 +195,7 @@ class System:
         if not scene.moving:
             return self
         scene = scene.resting() if time is None else scene.at(time)
-        return System.of(self.problem.with_scene(scene))
+        return ProblemFunctions.of(self.problem.with_scene(scene))
 
     @cached_property
     def motors(self) -> Motors:

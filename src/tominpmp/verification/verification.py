@@ -29,7 +29,7 @@ from tominpmp.verification.feedback import (
     amplification,
     doubtful,
     feedback_rate,
-    hopeless,
+    lost_to_rounding,
     needed,
     settled,
 )
@@ -171,7 +171,7 @@ def verify(
     checkers = _checkers(stages, checker, geometry)
     growth = amplification(stages, trajectory)
     alone, findings, feedback, defect = None, None, None, None
-    if not hopeless(growth, tolerances.goal):
+    if not lost_to_rounding(growth, tolerances.goal):
         replayed = integration.run(start)
         alone = findings = judge(stages, replayed, torque, tolerances, checkers)
     # Errors of the integration may also lead a motion to its goal.
