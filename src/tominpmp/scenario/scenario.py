@@ -39,12 +39,15 @@
 
     [options]
     intervals = 60
+
+A motion of several segments has a list of ``[[segments]]`` in place of the goal, see
+:mod:`~tominpmp.scenario.segments_table`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, NoReturn
@@ -52,33 +55,39 @@ from typing import Any, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, Record
-from tominpmp.constraints import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
-from tominpmp.exceptions import JointNotFound, ScenarioError, TominpmpError, expect
-from tominpmp.goals import Goal, JointGoal
+from tominpmp.exceptions import ScenarioError, TominpmpError, expect
+from tominpmp.goals import Goal
 from tominpmp.io.files import write_file
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.scenario.goal_table import positions, read_goal, vector
 from tominpmp.scenario.limits_table import (
     beyond,
     motion_limits_table,
     read_motion_limits,
 )
-from tominpmp.scenario.records import (
-    classes,
-    field_table,
-    from_table,
-    make,
-    same,
-    to_table,
-)
+from tominpmp.scenario.records import classes, field_table, make, same, to_table
 from tominpmp.scenario.robot_table import read_robot, robot_table
+from tominpmp.scenario.scene_table import (
+    constraint_tables,
+    read_constraints,
+    read_scene,
+    scene_table,
+)
+from tominpmp.scenario.segments_table import (
+    blamed_segment,
+    pair_lists,
+    read_pairs,
+    read_segments,
+    segment_table,
+)
 from tominpmp.scenario.toml_writer import toml_text
-from tominpmp.scene import Obstacle, Scene
+from tominpmp.segments import Segment
 
 try:
     import tomllib
@@ -97,6 +106,8 @@ SECTIONS = (
     "scene",
     "motion_limits",
     "constraints",
+    "segments",
+    "may_touch",
     "options",
 )
 # Fields of a problem that the file has under other names.
@@ -106,6 +117,8 @@ PLACES = {
     "goal": "goal",
     "margin": "margin",
     "constraints": "constraints",
+    "segments": "segments",
+    "may_touch": "may_touch",
 }
 
 
@@ -139,28 +152,75 @@ def load_scenario(path: str | Path) -> Scenario:
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))
     options = _read_options(document.get("options"))
-    q_start = _positions(document.need("start"), robot, None)
-    v_start = document.get("start").get("v")
-    goal = _read_goal(document.need("goal"), robot, q_start)
+    start = document.need("start")
+    start.only("q", "v", "state")
+    q_start = positions(start, robot, None)
+    v_start = start.get("v")
+    goal = _read_goal(document, robot, q_start)
+    segments = read_segments(document.get("segments"), robot, q_start)
     margin, own = document.get("margin"), document.get("self_collision")
     try:
         problem = Problem(
             robot,
             q_start,
-            goal,
-            scene=_read_scene(document.get("scene")),
+            goal,  # type: ignore[arg-type]
+            scene=read_scene(document.get("scene")),
             margin=margin.number() if margin.value is not None else 0.0,
-            v_start=None if v_start.value is None else _vector(v_start, robot),
+            v_start=None if v_start.value is None else vector(v_start, robot),
             motion_limits=read_motion_limits(document.get("motion_limits"), robot),
             self_collision=None if own.value is None else own.flag(),
-            constraints=_read_constraints(document.get("constraints")),
+            constraints=read_constraints(document.get("constraints")),
+            segments=segments,
+            may_touch=read_pairs(document.get("may_touch")),
         )
     except ScenarioError:
         raise
     except TominpmpError as error:
-        name = (getattr(error, "field", None) or "goal").split(".")[0]
-        document.get(PLACES.get(name, "goal")).fail(str(error))
+        _blame(document, robot, goal, segments, error)
     return Scenario(problem, options)
+
+
+def _read_goal(document: Field, robot: Robot, q_start: Array) -> Goal | None:
+    """The goal; None where there are segments."""
+    goal, segments = document.get("goal"), document.get("segments")
+    if not segments.given:
+        if goal.value is None:
+            goal.fail(
+                "is missing, and there are no segments; expected one or the other"
+            )
+        return read_goal(goal, robot, q_start)
+    if goal.value is not None:
+        goal.fail(
+            "stands beside segments, expected one or the other: the last segment's "
+            "goal is that of the problem"
+        )
+    return None
+
+
+def _blame(
+    document: Field,
+    robot: Robot,
+    goal: Goal | None,
+    segments: Sequence[Segment],
+    error: TominpmpError,
+) -> NoReturn:
+    """Raise an error about a problem as one about what it was read from.
+
+    Raises:
+        ScenarioError: Always.
+    """
+    field = getattr(error, "field", None)
+    found = blamed_segment(document.get("segments"), segments, robot, field)
+    if found is None:
+        name = re.sub(r"^segments\[0\]\.", "", field or "constraints").split(".")[0]
+        found = document.get(PLACES.get(name, "goal"))
+        if field is None and goal is not None:
+            # That a frame or a joint is unknown does not say who named it.
+            try:
+                goal.validate(robot)
+            except TominpmpError:
+                found = document.get("goal")
+    found.fail(str(error))
 
 
 def save_scenario(
@@ -205,96 +265,6 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path} is no TOML: {error}", path) from error
 
 
-def _read_scene(table: Field) -> Scene:
-    if not table.given:
-        return Scene()
-    table.only("obstacles")
-    kinds = classes(Obstacle)
-    items = table.get("obstacles").items()
-    obstacles = [from_table(item, kinds, "obstacle") for item in items]
-    try:
-        return Scene(obstacles)
-    except TominpmpError as error:
-        table.get("obstacles").fail(str(error))
-
-
-def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
-    if not table.given:
-        return ()
-    kinds = classes(PathConstraint, "")
-    return tuple(from_table(item, kinds, "constraint") for item in table.items())
-
-
-def _read_goal(table: Field, robot: Robot, q_start: Array) -> Goal:
-    kinds = classes(Goal)
-    if table.get("type").value != "joint":
-        goal: Goal = from_table(table, kinds, "goal")
-        return goal
-    table.only("type", "q", "v", "state")
-    q = _positions(table, robot, q_start)
-    v = table.get("v")
-    try:
-        return JointGoal(q, None if v.value is None else _vector(v, robot))
-    except TominpmpError as error:
-        table.fail(str(error))
-
-
-def _positions(table: Field, robot: Robot, base: Array | None) -> Array:
-    """Positions of all joints: numbers, a group state, some by name, or both."""
-    if base is None:
-        table.only("q", "v", "state")
-    state, q = table.get("state"), table.get("q")
-    if not state.given and q.value is None:
-        table.fail("says nothing of joint positions: expected q or state")
-    if isinstance(q.value, str):
-        state, q = q, Field(None, q.path, q.key)
-    if state.given:
-        if isinstance(q.value, list):
-            q.fail("expected joints by name beside a state")
-        base = _group_state(state, robot)
-    if q.value is None:
-        return np.array(base)
-    return _vector(q, robot, base)
-
-
-def _group_state(state: Field, robot: Robot) -> Array:
-    try:
-        return robot.group_state(state.text())
-    except ScenarioError:
-        raise
-    except TominpmpError as error:
-        state.fail(str(error))
-
-
-def _vector(value: Field, robot: Robot, base: Array | None = None) -> Array:
-    """Values of all joints: numbers in joint order, or by name where there is a base.
-
-    Velocities that are not named are zero.
-    """
-    if not isinstance(value.value, dict):
-        numbers = value.numbers()
-        if len(numbers) != robot.n:
-            value.fail(
-                f"holds {len(numbers)} numbers, expected {robot.n}, one for each of: "
-                f"{', '.join(robot.joint_names)}"
-            )
-        return np.array(numbers)
-    given = value.table()
-    for name, item in given.items():
-        if name not in robot.joint_names:
-            item.fail(str(JointNotFound(name, robot.joint_names)))
-    lacking = [name for name in robot.joint_names if name not in given]
-    if lacking and base is None and value.key.endswith("q"):
-        value.fail(f"says nothing about {', '.join(lacking)}")
-    rest = np.zeros(robot.n) if base is None else base
-    return np.array(
-        [
-            given[name].number() if name in given else rest[i]
-            for i, name in enumerate(robot.joint_names)
-        ]
-    )
-
-
 def _read_options(table: Field) -> Options:
     if not table.given:
         return Options()
@@ -319,6 +289,8 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
     for name in _changed(problem, without=known):
         fail(name, "scenario files do not know it")
     document: dict[str, Any] = {}
+    if problem.may_touch:
+        document["may_touch"] = pair_lists(problem.may_touch)
     if problem.margin:
         document["margin"] = problem.margin
     if problem.self_collision is not None:
@@ -333,20 +305,22 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
         document["start"]["v"] = problem.v_start.tolist()
     try:
         key = "goal"
-        document[key] = to_table(problem.goal, classes(Goal), folder)
+        if not problem.segments:
+            document[key] = to_table(problem.goal, classes(Goal), folder)
         key = "scene"
-        kinds = classes(Obstacle)
-        obstacles = [to_table(item, kinds, folder) for item in problem.scene]
-        if obstacles:
-            document[key] = {"obstacles": obstacles}
+        if len(problem.scene):
+            document[key] = scene_table(problem.scene, folder)
         own = problem.robot.motion_limits
         if problem.motion_limits not in (None, own):
             key = "motion_limits"
             limits = beyond(problem.motion_limits or MotionLimits(), own, problem.robot)
             document[key] = motion_limits_table(limits, folder)
         if problem.constraints:
-            key, kinds = "constraints", classes(PathConstraint, "")
-            document[key] = [to_table(c, kinds, folder) for c in problem.constraints]
+            key = "constraints"
+            document[key] = constraint_tables(problem.constraints, folder)
+        for number, segment in enumerate(problem.segments):
+            key = f"segments[{number}]"
+            document.setdefault("segments", []).append(segment_table(segment, folder))
         key = "options"
         table = field_table(_without_callback(options), {}, folder)
         if table:

@@ -1,0 +1,436 @@
+"""Segments in scenario files: read, written, read again, and what is said of errors."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import tominpmp as tm
+from tominpmp.scenario.scenario import tomllib
+
+START = np.array([0.5, 1.7, -1.7])
+MIDDLE = np.array([1.2, 0.6, -0.6])
+END = np.array([2.0, -1.0, 0.5])
+FAR: dict[str, Any] = {"position": [0.0, 0.0, 9.0]}
+BALL = tm.Sphere("ball", radius=0.1, **FAR)
+
+SMALL = """
+[robot]
+name = "planar3r"
+[start]
+q = [0.5, 1.7, -1.7]
+"""
+FIRST = """
+[[segments]]
+goal = {type = "joint", q = [1.2, 0.6, -0.6]}
+"""
+LAST = """
+[[segments]]
+goal = {type = "joint", q = [2.0, -1.0, 0.5]}
+"""
+
+
+@pytest.fixture(scope="module")
+def arm() -> tm.Robot:
+    return tm.load_robot("planar3r")
+
+
+def at(q: Any, **changes: Any) -> tm.Segment:
+    return tm.Segment(tm.JointGoal(q), **changes)
+
+
+def problem_of(arm: tm.Robot, *segments: tm.Segment, **changes: Any) -> tm.Problem:
+    return tm.Problem(arm, START, segments=segments, **changes)
+
+
+def round_trip(problem: tm.Problem, folder: Path) -> dict[str, Any]:
+    """Save, load, and save again: all must stay the same. Returns the document."""
+    path = tm.save_scenario(folder / "a.toml", problem)
+    found = tm.load_scenario(path).problem
+    assert found == problem
+    assert found.segments == problem.segments
+    assert len(found.phases) == len(problem.phases)
+    again = tm.save_scenario(folder / "b.toml", found)
+    assert again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def loaded(folder: Path, text: str) -> tm.Problem:
+    path = folder / "s.toml"
+    path.write_text(SMALL + text, encoding="utf-8")
+    return tm.load_scenario(path).problem
+
+
+def refused(folder: Path, text: str) -> tm.ScenarioError:
+    with pytest.raises(tm.ScenarioError) as caught:
+        loaded(folder, text)
+    return caught.value
+
+
+# -- there and back --------------------------------------------------------------------
+
+
+def test_plain_segments_hold_their_goals_only(arm: tm.Robot, tmp_path: Path) -> None:
+    document = round_trip(problem_of(arm, at(MIDDLE), at(END)), tmp_path)
+    assert document == {
+        "robot": {"name": "planar3r"},
+        "start": {"q": START.tolist()},
+        "segments": [
+            {"goal": {"type": "joint", "q": MIDDLE.tolist()}},
+            {"goal": {"type": "joint", "q": END.tolist()}},
+        ],
+    }
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"stop": True},
+        {"dwell": 0.1 + 0.2},
+        {"stop": True, "dwell": 0.25},
+        {"scene": tm.Scene()},
+        {"scene": tm.Scene([BALL, tm.Box("box", size=[0.1, 0.2, 0.3], **FAR)])},
+        {"scene": tm.Scene([BALL]), "may_touch": [("link1", "ball"), ("ball", "tip")]},
+        {"motion_limits": tm.MotionLimits()},
+        {"motion_limits": tm.MotionLimits(acceleration=3.0, jerk=[9.0, 8.0, np.inf])},
+        {"motion_limits": tm.MotionLimits(effort_rate={"joint2": 10.0})},
+        {"motion_limits": tm.MotionLimits(acceleration={}, effort_scale=0.9)},
+        {
+            "motion_limits": tm.MotionLimits(
+                effort_curves={"joint1": tm.EffortCurve.droop(20.0, 3.0)}
+            )
+        },
+        {"constraints": (tm.ToolSpeed("tip", 1.5),)},
+        {"constraints": (tm.ToolSpeed("tip", 1.5), tm.ToolSpeed("link2", 1.0))},
+        {"payload": tm.Payload(0.1, "tip")},
+        {
+            "payload": tm.Payload(
+                0.1 + 0.2,
+                "tip",
+                com=[0.1, 0.0, 0.0],
+                inertia=np.diag([0.01, 0.02, 0.015]),
+                geometry=[tm.Box("a", size=[0.1, 0.1, 0.1], position=[0.2, 0, 0])],
+                name="cup",
+            ),
+            "constraints": (tm.ToolSpeed("cup", 1.5),),
+        },
+    ],
+    ids=lambda changes: "+".join(changes),
+)
+@pytest.mark.parametrize("number", [0, 1])
+def test_every_field_comes_back(
+    arm: tm.Robot, changes: dict[str, Any], number: int, tmp_path: Path
+) -> None:
+    changes = dict(changes)
+    if "may_touch" in changes:
+        changes["may_touch"] = [("link1", "ball"), ("ball", "link2")]
+    segments = [at(MIDDLE), at(END)]
+    segments[number] = replace(segments[number], **changes)
+    round_trip(problem_of(arm, *segments, scene=tm.Scene([BALL])), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        tm.JointGoal(MIDDLE, [0.1, 0.0, -0.2]),
+        tm.PositionGoal("tip", [4.0, 1.0, 0.0]),
+        tm.PoseGoal("tip", pin.SE3(np.eye(3), np.array([4.0, 1.0, 0.0]))),
+        tm.JointRegionGoal([0.3, 0.2], [0.1, 0.0], ("joint3", "joint1")),
+        tm.AnyGoal([tm.JointGoal(MIDDLE), tm.PositionGoal("tip", [4.0, 1.0, 0.0])]),
+    ],
+    ids=lambda goal: type(goal).__name__,
+)
+def test_goals_on_the_way_and_at_the_end_come_back(
+    arm: tm.Robot, goal: tm.Goal, tmp_path: Path
+) -> None:
+    round_trip(problem_of(arm, tm.Segment(goal), at(END)), tmp_path)
+    round_trip(problem_of(arm, at(MIDDLE), tm.Segment(goal)), tmp_path)
+
+
+def test_what_may_touch_comes_back(arm: tm.Robot, tmp_path: Path) -> None:
+    pairs = [("link1", "ball"), ("ball", "link3")]
+    scene = tm.Scene([BALL])
+    plain = tm.Problem(
+        arm, START, tm.JointGoal(END), scene=scene, may_touch=pairs, margin=0.01
+    )
+    document = round_trip(plain, tmp_path)
+    assert document["may_touch"] == [list(pair) for pair in pairs]
+    several = problem_of(arm, at(MIDDLE), at(END), scene=scene, may_touch=pairs[:1])
+    assert round_trip(several, tmp_path)["may_touch"] == [list(pairs[0])]
+
+
+def test_what_the_problem_says_stands_beside_segments(
+    arm: tm.Robot, tmp_path: Path
+) -> None:
+    gentle = tm.MotionLimits(acceleration=2.0)
+    problem = problem_of(
+        arm,
+        at(MIDDLE, motion_limits=tm.MotionLimits(jerk=50.0), dwell=0.1),
+        at(END, payload=tm.Payload(0.2, "tip")),
+        scene=tm.Scene([BALL]),
+        margin=0.01,
+        v_start=[0.1, 0.0, 0.0],
+        motion_limits=tm.MotionLimits(acceleration=4.0),
+        self_collision=False,
+        constraints=(tm.ToolSpeed("tip", 3.0),),
+    )
+    round_trip(problem, tmp_path)
+    of_robot = replace(arm, motion_limits=gentle)
+    round_trip(problem_of(of_robot, at(MIDDLE), at(END)), tmp_path)
+    own = at(END, motion_limits=tm.MotionLimits(acceleration=np.inf))
+    round_trip(problem_of(of_robot, at(MIDDLE), own), tmp_path)
+
+
+def test_paths_of_meshes_are_relative_to_the_file(
+    arm: tm.Robot, tmp_path: Path
+) -> None:
+    mesh = tmp_path / "part.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n")
+    shape = tm.Mesh("part", path=mesh, scale=0.01, convex="hull")
+    cup = tm.Payload(0.1, "tip", geometry=[shape])
+    scene = tm.Scene([tm.Mesh("other", path=mesh, position=[0, 0, 9], convex="hull")])
+    problem = problem_of(arm, at(MIDDLE, payload=cup), at(END, scene=scene))
+    first, second = round_trip(problem, tmp_path)["segments"]
+    assert first["payload"]["geometry"][0]["path"] == "part.obj"
+    assert second["scene"]["obstacles"][0]["path"] == "part.obj"
+
+
+def test_what_no_file_can_hold_is_told(arm: tm.Robot, tmp_path: Path) -> None:
+    moved = tm.PoseFunction(
+        lambda t: pin.SE3(np.eye(3), np.array(FAR["position"])),
+        speed=1.0,
+        angular_speed=0.0,
+    )
+    scene = tm.Scene([tm.Sphere("ball", radius=0.01, motion=moved)])
+    problem = problem_of(arm, at(MIDDLE), at(END, scene=scene))
+    with pytest.raises(tm.ScenarioError, match=r"segments\[1\]: cannot be saved"):
+        tm.save_scenario(tmp_path / "a.toml", problem)
+    assert not (tmp_path / "a.toml").exists()
+
+
+# -- as people write them --------------------------------------------------------------
+
+
+def test_joints_that_are_not_named_are_where_the_segment_before_ends(
+    arm: tm.Robot, tmp_path: Path
+) -> None:
+    text = """
+    [[segments]]
+    goal = {type = "joint", q = {joint2 = 1.0}}
+    [[segments]]
+    goal = {type = "joint", q = {joint1 = 0.7}}
+    stop = true
+    [[segments]]
+    goal = {type = "joint", state = "start"}
+    """
+    first, second, third = loaded(tmp_path, text).segments
+    np.testing.assert_array_equal(first.goal.configuration, [0.5, 1.0, -1.7])
+    np.testing.assert_array_equal(second.goal.configuration, [0.7, 1.0, -1.7])
+    expected = arm.group_state("start")
+    np.testing.assert_array_equal(third.goal.configuration, expected)
+    assert [item.stop for item in (first, second, third)] == [False, True, False]
+
+
+def test_after_a_goal_of_a_frame_all_joints_are_to_be_named(tmp_path: Path) -> None:
+    place = """
+    [[segments]]
+    goal = {type = "position", frame = "tip", position = [4.0, 1.0, 0.0]}
+    [[segments]]
+    """
+    error = refused(tmp_path, place + 'goal = {type = "joint", q = {joint1 = 0.7}}')
+    assert error.key == "segments[1].goal.q"
+    assert "joint2, joint3" in str(error)
+    whole = "{joint1 = 0.7, joint2 = 0.1, joint3 = 0.2}"
+    found = loaded(tmp_path, place + f'goal = {{type = "joint", q = {whole}}}')
+    np.testing.assert_array_equal(found.goal.configuration, [0.7, 0.1, 0.2])
+
+
+def test_no_obstacles_are_not_those_of_the_problem(tmp_path: Path) -> None:
+    scene = """
+    [[scene.obstacles]]
+    type = "sphere"
+    name = "ball"
+    radius = 0.1
+    position = [0.0, 0.0, 9.0]
+    """
+    phases = loaded(tmp_path, scene + FIRST + LAST + "scene = {}\n").phases
+    assert [len(phase.scene) for phase in phases] == [1, 0]
+
+
+# -- what is said of mistakes ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "word"),
+    [
+        ("dwel = 0.1", "segments[1].dwel", "no such key"),
+        ("dwell = -0.1", "segments[1].dwell", "time >= 0"),
+        ("dwell = inf", "segments[1].dwell", "finite"),
+        ('dwell = "long"', "segments[1].dwell", "number"),
+        ("dwell = true", "segments[1].dwell", "number"),
+        ("stop = 1", "segments[1].stop", "true or false"),
+        ("may_touch = 3", "segments[1].may_touch", "list"),
+        ('may_touch = "ab"', "segments[1].may_touch", "list"),
+        ('may_touch = ["ab"]', "segments[1].may_touch[0]", "list"),
+        ('may_touch = [["link1"]]', "segments[1].may_touch[0]", "expected two"),
+        ('may_touch = [["link1", 2]]', "segments[1].may_touch[0][1]", "text"),
+        ('may_touch = [["link1", "box"]]', "segments[1].may_touch", "box"),
+        ("motion_limits = 3", "segments[1].motion_limits", "table"),
+        ("motion_limits = {speed = 1}", "segments[1].motion_limits.speed", "no such"),
+        ("motion_limits = {jerk = -1}", "segments[1].motion_limits", "positive"),
+        (
+            "motion_limits = {jerk = {elbow = 1.0}}",
+            "segments[1].motion_limits",
+            "elbow",
+        ),
+        ("payload = 3", "segments[1].payload", "table"),
+        ("payload = {mass = 1}", "segments[1].payload.frame", "missing"),
+        (
+            'payload = {mass = -1, frame = "tip"}',
+            "segments[1].payload.mass",
+            "mass >= 0",
+        ),
+        ('payload = {mass = 1, frame = "nose"}', "segments[1].payload", "nose"),
+        (
+            'payload = {mass = 1, frame = "tip", name = "link1"}',
+            "segments[1].payload",
+            "link1",
+        ),
+        (
+            'payload = {mass = 1, frame = "tip", shape = 1}',
+            "segments[1].payload.shape",
+            "no such key",
+        ),
+        ("scene = 3", "segments[1].scene", "table"),
+        ("scene = {obstacle = []}", "segments[1].scene.obstacle", "no such key"),
+        (
+            'scene = {obstacles = [{type = "ball"}]}',
+            "segments[1].scene.obstacles[0].type",
+            "ball",
+        ),
+        ("constraints = 3", "segments[1].constraints", "list"),
+        (
+            'constraints = [{type = "tool_speed", frame = "nose", limit = 1.0}]',
+            "segments[1].constraints[0]",
+            "nose",
+        ),
+        (
+            'constraints = [{type = "tool_speed", frame = "tip", speed = 1.0}]',
+            "segments[1].constraints[0].speed",
+            "no such key",
+        ),
+    ],
+)
+def test_mistakes_are_named_by_segment_and_key(
+    text: str, key: str, word: str, tmp_path: Path
+) -> None:
+    error = refused(tmp_path, FIRST + LAST + text)
+    assert error.key == key
+    assert word in str(error)
+    assert str(tmp_path / "s.toml") in str(error)
+
+
+@pytest.mark.parametrize(
+    ("goal", "key", "word"),
+    [
+        ("", "segments[1].goal", "missing"),
+        ("goal = 3", "segments[1].goal", "table"),
+        ('goal = {type = "place"}', "segments[1].goal.type", "place"),
+        ('goal = {type = "joint"}', "segments[1].goal", "q or state"),
+        ('goal = {type = "joint", q = [1.0]}', "segments[1].goal.q", "expected 3"),
+        (
+            'goal = {type = "joint", q = [9.0, 0.0, 0.0]}',
+            "segments[1].goal",
+            "segment 2 of 2",
+        ),
+        (
+            'goal = {type = "joint", q = [1.0, 0.0, 0.0], v = [1.0, 0.0, 0.0]}\n'
+            "stop = true",
+            "segments[1].stop",
+            "velocity",
+        ),
+        (
+            'goal = {type = "position", frame = "nose", position = [4.0, 1.0, 0.0]}',
+            "segments[1].goal",
+            "nose",
+        ),
+        (
+            'goal = {type = "position", frame = "tip", position = [40.0, 1.0, 0.0]}',
+            "segments[1].goal",
+            "outside reach",
+        ),
+    ],
+)
+def test_mistakes_in_goals_are_named(
+    goal: str, key: str, word: str, tmp_path: Path
+) -> None:
+    error = refused(tmp_path, f"{FIRST}\n[[segments]]\n{goal}\n")
+    assert error.key == key
+    assert word in str(error)
+
+
+def test_a_goal_beside_segments_is_refused(tmp_path: Path) -> None:
+    goal = '\n[goal]\ntype = "joint"\nq = [2.0, -1.0, 0.5]\n'
+    error = refused(tmp_path, goal + FIRST)
+    assert error.key == "goal"
+    assert "segments" in str(error)
+    error = refused(tmp_path, "")
+    assert error.key == "goal"
+    assert "missing" in str(error) and "segments" in str(error)
+    assert not loaded(tmp_path, goal).segments
+    for text in ("segments = 3", "segments = {goal = 1}", "segments = [3]"):
+        with pytest.raises(tm.ScenarioError, match="segments"):
+            loaded_whole(tmp_path, text)
+
+
+def loaded_whole(folder: Path, first: str) -> tm.Problem:
+    path = folder / "s.toml"
+    path.write_text(first + "\n" + SMALL, encoding="utf-8")
+    return tm.load_scenario(path).problem
+
+
+def test_what_the_problem_lacks_is_not_said_of_a_segment(tmp_path: Path) -> None:
+    text = '[[constraints]]\ntype = "tool_speed"\nframe = "nose"\nlimit = 1.0\n'
+    assert refused(tmp_path, text + FIRST + LAST).key == "constraints"
+    goal = '[goal]\ntype = "joint"\nq = [2.0, -1.0, 0.5]\n'
+    assert refused(tmp_path, text + goal).key == "constraints"
+    place = '[goal]\ntype = "position"\nframe = "nose"\nposition = [4.0, 1.0, 0.0]\n'
+    assert refused(tmp_path, place).key == "goal"
+    with pytest.raises(tm.ScenarioError) as caught:
+        loaded_whole(tmp_path, 'may_touch = [["link1", "box"]]\n' + FIRST)
+    assert caught.value.key == "may_touch"
+    beyond = SMALL.replace("0.5", "9.0") + FIRST
+    path = tmp_path / "beyond.toml"
+    path.write_text(beyond, encoding="utf-8")
+    with pytest.raises(tm.ScenarioError) as caught:
+        tm.load_scenario(path)
+    assert caught.value.key == "start"
+
+
+def test_a_start_against_a_limit_of_the_first_segment_is_about_the_start(
+    tmp_path: Path,
+) -> None:
+    slow = 'constraints = [{type = "tool_speed", frame = "tip", limit = 0.01}]\n'
+    path = tmp_path / "s.toml"
+    path.write_text(SMALL + "v = [1.0, 0.0, 0.0]\n" + FIRST + slow, encoding="utf-8")
+    with pytest.raises(tm.ScenarioError) as caught:
+        tm.load_scenario(path)
+    assert caught.value.key == "start"
+
+
+def test_what_stands_in_the_way_of_a_segment_is_said_of_it(tmp_path: Path) -> None:
+    there = """
+    scene = {obstacles = [{type = "sphere", name = "ball", radius = 0.3,
+                           position = [0.0, 0.0, 0.0]}]}
+    """.replace("\n   ", "")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        error = refused(tmp_path, FIRST + LAST + there.replace("0.3,", "3.0,"))
+    assert error.key in ("segments[1]", "segments[1].goal")
+    assert "segment 2 of 2" in str(error)
