@@ -1,4 +1,4 @@
-"""What all goals have in common."""
+"""Base of all goals: what they are asked by those who plan, judge and draw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a goal asks of a final state, as numbers: values, bounds, what they mean."""
+"""Numbers of a goal at a final state: values, bounds, and what they mean."""
 
 from __future__ import annotations
 

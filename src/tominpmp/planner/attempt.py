@@ -1,4 +1,4 @@
-"""What one initial guess leads to."""
+"""Attempts: what one initial guess leads to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What attempts have led to, as a solution."""
+"""Conclusion of a plan: what its attempts have led to, as a solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Attempts that go on from a motion: a former one, or the one that was found."""
+"""Warm starts and continuations: attempts that go on from a motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes of looking for a motion on the clock of a controller, as a solution."""
+"""Outcome of the search for a motion on the clock of a controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions improved from a guess of their path, by programs in states or splines."""
+"""Direct solves: guesses of paths, improved by programs in states or splines."""
 
 from __future__ import annotations
 

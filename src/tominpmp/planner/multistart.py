@@ -1,4 +1,4 @@
-"""One start after the other: how many, in which order, and when there are enough.
+"""Multistart: how many guesses are tried, in which order, and when it is enough.
 
 The order does not depend on how many are asked for, nor on the number of processes:
 more starts make the same attempts as fewer would, and then others; several processes

@@ -1,4 +1,4 @@
-"""What an attempt has found by the time that it is cut short, or fails."""
+"""Rescue of an attempt: what it has found when it is cut short, or fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Second stage of a plan: a little time given away for quiet torques."""
+"""Smoothing, the second stage of a plan: time given away for less torque variation."""
 
 from __future__ import annotations
 

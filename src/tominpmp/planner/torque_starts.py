@@ -1,4 +1,4 @@
-"""Motions improved from torques that need reach nothing, as the paper begins."""
+"""Torque starts: torques that need not reach the goal, improved as in the paper."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
 """Nonlinear programs: a transcription, and constraints as rows at instants.
 
-They are values: nothing in them changes, and whatever they tell of an iterate depends
-on the iterate alone.
+In the paper's words the rows are g(u, T) = 0 for the goal (equation 8) and
+h(u, T) = max b(x(tau), tau, T) <= 0 for constraints (equation 9), the maximum being
+that over instants. Programs are values: nothing in them changes, and whatever they tell
+of an iterate depends on the iterate alone.
 """
 
 from __future__ import annotations
