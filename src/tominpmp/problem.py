@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, frozen_array, real_number
+from tominpmp.arrays import Array, Record, frozen_array, number_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
@@ -256,10 +256,7 @@ class Problem(Record):
         )
 
     def _checked_margin(self) -> float:
-        try:
-            margin = real_number(self.margin)
-        except ValueError:
-            margin = np.nan
+        margin = number_or_nan(self.margin)
         if not (np.isfinite(margin) and margin >= 0.0):
             raise ProblemError(
                 f"margin is {brief(self.margin)}, expected a length >= 0 [m]", "margin"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Record, real_number
+from tominpmp.arrays import Record, number_or_nan
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -90,10 +90,7 @@ class Segment(Record):
             )
 
     def _checked_dwell(self) -> float:
-        try:
-            dwell = real_number(self.dwell)
-        except ValueError:
-            dwell = np.nan
+        dwell = number_or_nan(self.dwell)
         if not (np.isfinite(dwell) and dwell >= 0.0):
             raise ProblemError(
                 f"segment.dwell is {brief(self.dwell)}, expected a time >= 0 [s]",

@@ -9,8 +9,6 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Constraint, Partials, States
 
-FIELDS = ("q", "v", "a", "j")
-
 
 @dataclass(frozen=True, eq=False)
 class JointLimit(Constraint):

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, real_array, real_number
+from tominpmp.arrays import Array, number_or_nan, real_array
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
 from tominpmp.kinematics import RobotKinematics
@@ -285,10 +285,7 @@ def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) ->
     Raises:
         ProblemError: If it is negative, not finite or too large.
     """
-    try:
-        number = real_number(value)
-    except ValueError:
-        number = np.nan
+    number = number_or_nan(value)
     if not 0.0 <= number < most:
         top = "" if np.isinf(most) else f" and < {most:.4g}"
         raise ProblemError(

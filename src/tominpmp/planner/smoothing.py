@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, real_number
+from tominpmp.arrays import Array, number_or_nan
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
@@ -57,10 +57,7 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         OptionsError: If the slack is not a share >= 0.
     """
     expect(solution, Solution, "solution", "a Solution")
-    try:
-        share = real_number(slack)
-    except ValueError:
-        share = np.nan
+    share = number_or_nan(slack)
     if not 0.0 <= share < np.inf:
         raise OptionsError(
             f"slack is {brief(slack)}, expected a share of T >= 0", "slack"
