@@ -17,7 +17,7 @@ from tominpmp.arcs.structure import Arcs, read_arcs
 from tominpmp.arcs.switching_times import EXACT, refine_arcs, solve_lengths
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import switching_refinement as exact
-from tominpmp.solvers.monitor import Budget
+from tominpmp.stopping import Budget
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 TOLERANCE = 1e-5
@@ -223,7 +223,7 @@ def test_no_arcs_reach_the_goal() -> None:
 def test_a_search_can_be_stopped() -> None:
     system = rail_system()
     rough = arcs([0.3, 0.8], [1.0, -1.0])
-    assert solve_lengths(system, rough, None, Budget(stop=lambda: True)) is None
+    assert solve_lengths(system, rough, None, Budget(seconds=-1.0)) is None
 
 
 def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:

@@ -42,14 +42,14 @@ class Table:
             q = np.array([START, END])
             yield Guess(str(number), t, q, bool(number % 2))
 
-    def solve(self, system, options, guess, watch):
+    def solve(self, system, options, guess, progress):
         self.tried.append(guess.name)
         return Made(float(self.outcomes[int(guess.name)]))
 
-    def shots(self, system, options, watch):
+    def shots(self, system, options, progress):
         assert options.starts is None
         self.tried.append("shot")
-        watch.best = min(watch.best, self.shot)
+        progress.best = min(progress.best, self.shot)
         yield Made(self.shot)
 
 
@@ -68,9 +68,9 @@ def tries(monkeypatch, seed, finds, number, scene):
     """Names of the attempts that are made, and the least duration."""
     table = Table(monkeypatch, seed, finds)
     options = tm.Options(starts=number)
-    watch = starts.Watch(options)
+    progress = starts.Progress(options)
     system = ProblemFunctions.of(reach(scene=scene))
-    made = starts.make_attempts(system, None, options, watch)
+    made = starts.make_attempts(system, None, options, progress)
     durations = [attempt.duration for attempt in made if attempt is not None]
     return table.tried, min(durations)
 

@@ -16,7 +16,7 @@ from tominpmp import stopping
 from tominpmp.linear_programs import LinearProgram, make_solver
 from tominpmp.planner import direct_solve as guessed
 from tominpmp.solvers.torque_variation import TorqueVariationSolver
-from tominpmp.stopping import Stop, Stopper
+from tominpmp.stopping import Deadline, Stop
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 
@@ -185,22 +185,22 @@ def hard_program(size, rows, density):
 @pytest.mark.parametrize("solver", ["highs", "piqp"])
 def test_solvers_keep_a_deadline(solver):
     program = hard_program(1500, 2500, 0.02 if solver == "highs" else 0.003)
-    stopper = Stopper()
+    deadline = Deadline()
     begin = time.perf_counter()
-    stopper.deadline = begin + 0.3
-    with stopper.in_force(), pytest.raises(Stop):
+    deadline.end = begin + 0.3
+    with deadline.in_force(), pytest.raises(Stop):
         for _ in range(100):
             make_solver(solver).solve(program)
     assert time.perf_counter() - begin < 10.0
 
 
 def test_a_request_ends_a_run_of_highs():
-    stopper = Stopper()
+    deadline = Deadline()
     begin = time.perf_counter()
     former = signal.signal(signal.SIGALRM, lambda *_: press())
     signal.setitimer(signal.ITIMER_REAL, 0.5)
     try:
-        with stopper.in_force(), pytest.raises(Stop) as caught:
+        with deadline.in_force(), pytest.raises(Stop) as caught:
             make_solver("highs").solve(hard_program(1500, 2500, 0.02))
     finally:
         signal.signal(signal.SIGALRM, former)
@@ -209,8 +209,8 @@ def test_a_request_ends_a_run_of_highs():
 
 
 def test_code_that_does_not_ask_is_interrupted_all_the_same():
-    stopper = Stopper()
-    with pytest.raises(KeyboardInterrupt), stopper.in_force():
+    deadline = Deadline()
+    with pytest.raises(KeyboardInterrupt), deadline.in_force():
         press()
         end = time.perf_counter() + 30.0
         while time.perf_counter() < end:
@@ -219,8 +219,8 @@ def test_code_that_does_not_ask_is_interrupted_all_the_same():
 
 
 def test_a_second_request_interrupts_at_once():
-    stopper = Stopper()
-    with pytest.raises(KeyboardInterrupt), stopper.in_force():
+    deadline = Deadline()
+    with pytest.raises(KeyboardInterrupt), deadline.in_force():
         press()
         press()
         time.sleep(5.0)

@@ -1,11 +1,11 @@
 """When to stop: a deadline and a request to stop, heeded wherever time may pass.
 
-A plan has one :class:`Stopper`. While it is in force, :func:`check` ends whatever goes
+A plan has one :class:`Deadline`. While it is in force, :func:`check` ends whatever goes
 on by raising :class:`Stop`, in every loop that may take long; what was found until then
-is with the :class:`~tominpmp.planner.watch.Watch`, which knows what to do with it.
+is with the :class:`~tominpmp.planner.progress.Progress`, which knows what to do then.
 Native code that cannot ask is given :func:`seconds_left` as its time limit.
 
-Ctrl-C is such a request while a stopper is in force, so that nothing is torn apart in
+Ctrl-C is such a request while a deadline is in force, so that nothing is torn apart in
 the middle; a second one, or one that is not heeded soon, raises KeyboardInterrupt.
 """
 
@@ -25,6 +25,8 @@ from types import FrameType
 PATIENCE = 2.0
 # Requests of another process are asked for this often [s].
 ASKING = 0.05
+# Evaluations of the dynamics for one start at most: some seconds for a small arm.
+EVALUATIONS = 300_000
 
 
 class Stop(BaseException):
@@ -39,14 +41,14 @@ class Stop(BaseException):
         self.requested = requested
 
 
-class Stopper:
+class Deadline:
     """A deadline and a request to stop.
 
     Args:
         asked: Tells whether another process asks to stop.
 
     Attributes:
-        deadline: When to stop, on the clock of ``time.perf_counter`` [s]; infinite
+        end: When to stop, on the clock of ``time.perf_counter`` [s]; infinite
             without a limit.
         last: When all must have come to its end, what was found being saved by then,
             on the same clock [s]; infinite without a limit.
@@ -55,7 +57,7 @@ class Stopper:
     """
 
     def __init__(self, asked: Callable[[], bool] | None = None) -> None:
-        self.deadline = math.inf
+        self.end = math.inf
         self.last = math.inf
         self.requested = False
         self.heeded = False
@@ -74,7 +76,7 @@ class Stopper:
             if self._asked():
                 self.requested = self.heeded = True
                 return True
-        return now > self.deadline
+        return now > self.end
 
     def check(self) -> None:
         """Stop if it is time.
@@ -87,7 +89,7 @@ class Stopper:
 
     @contextmanager
     def in_force(self) -> Iterator[None]:
-        """Heed this stopper, and Ctrl-C as a request to it."""
+        """Heed this deadline, and Ctrl-C as a request to it."""
         token = _present.set(self)
         try:
             with self._interruptible():
@@ -103,13 +105,13 @@ class Stopper:
         Args:
             until: The deadline, on the clock of ``time.perf_counter`` [s].
         """
-        before = self.deadline, self.requested, self._asked
-        self.deadline, self.requested, self._asked = until, False, None
+        before = self.end, self.requested, self._asked
+        self.end, self.requested, self._asked = until, False, None
         try:
             yield
         finally:
-            deadline, requested, self._asked = before
-            self.deadline, self.requested = deadline, self.requested or requested
+            end, requested, self._asked = before
+            self.end, self.requested = end, self.requested or requested
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
@@ -151,7 +153,7 @@ class Stopper:
             self._wait()
 
 
-_present: ContextVar[Stopper | None] = ContextVar("stopper", default=None)
+_present: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 
 
 def check() -> None:
@@ -160,47 +162,47 @@ def check() -> None:
     Raises:
         Stop: If it is.
     """
-    stopper = _present.get()
-    if stopper is not None and stopper.due:
-        raise Stop(stopper.requested)
+    deadline = _present.get()
+    if deadline is not None and deadline.due:
+        raise Stop(deadline.requested)
 
 
 def due() -> bool:
     """Whether it is time to stop."""
-    stopper = _present.get()
-    return stopper is not None and stopper.due
+    deadline = _present.get()
+    return deadline is not None and deadline.due
 
 
 def seconds_left() -> float:
     """Time until the deadline, a little at least; infinite without one [s]."""
-    stopper = _present.get()
-    if stopper is None or math.isinf(stopper.deadline):
+    deadline = _present.get()
+    if deadline is None or math.isinf(deadline.end):
         return math.inf
-    return max(stopper.deadline - time.perf_counter(), 1e-3)
+    return max(deadline.end - time.perf_counter(), 1e-3)
 
 
 def seconds_to_end() -> float:
     """Time until all must have come to its end; infinite without a limit [s]."""
-    stopper = _present.get()
-    if stopper is None or math.isinf(stopper.last):
+    deadline = _present.get()
+    if deadline is None or math.isinf(deadline.last):
         return math.inf
-    return max(stopper.last - time.perf_counter(), 0.0)
+    return max(deadline.last - time.perf_counter(), 0.0)
 
 
 def request() -> bool:
     """Ask what is going on to stop; returns whether there is anything that will."""
-    stopper = _present.get()
-    return stopper is not None and stopper.ask()
+    deadline = _present.get()
+    return deadline is not None and deadline.ask()
 
 
 @contextmanager
 def grace(seconds: float) -> Iterator[None]:
     """Go on for a little, to save what there is, although it is time to stop."""
-    stopper = _present.get()
-    if stopper is None:
+    deadline = _present.get()
+    if deadline is None:
         yield
         return
-    with stopper.grace(time.perf_counter() + seconds):
+    with deadline.grace(time.perf_counter() + seconds):
         yield
 
 
@@ -210,8 +212,56 @@ def bounded(seconds: float | None) -> Iterator[None]:
     if _present.get() is not None:
         yield
         return
-    stopper = Stopper()
+    deadline = Deadline()
     if seconds is not None:
-        stopper.deadline = time.perf_counter() + seconds
-    with stopper.in_force():
+        deadline.end = time.perf_counter() + seconds
+    with deadline.in_force():
         yield
+
+
+class Budget:
+    """Work that may be done before the deadline.
+
+    It is counted in evaluations and time of the processor, not by the clock: what comes
+    out shall not depend on what else the machine does.
+
+    Args:
+        evaluations: Number of states at which the dynamics may be evaluated.
+        seconds: Time of the processor [s].
+    """
+
+    def __init__(
+        self, evaluations: float = EVALUATIONS, seconds: float = math.inf
+    ) -> None:
+        self.left = self._first = evaluations
+        self._end = time.process_time() + seconds
+
+    @property
+    def spent(self) -> bool:
+        """Whether there is nothing left.
+
+        Raises:
+            Stop: If it is time to stop altogether.
+        """
+        check()
+        return self.left <= 0 or time.process_time() > self._end
+
+    def part(self, evaluations: float = EVALUATIONS) -> Budget:
+        """A part of it, to be taken off when it is used."""
+        part = Budget(min(evaluations, self.left))
+        part._end = self._end
+        return part
+
+    def take(self, part: Budget) -> None:
+        """Take off what was used of a part."""
+        self.left -= part._first - part.left
+
+    def pay(self, evaluations: int) -> None:
+        """Pay for evaluations.
+
+        Raises:
+            StopIteration: If there is nothing left.
+        """
+        self.left -= evaluations
+        if self.spent:
+            raise StopIteration

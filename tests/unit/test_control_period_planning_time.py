@@ -21,7 +21,8 @@ from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt as attempts
 from tominpmp.planner import control_period as clock
-from tominpmp.planner.control_period import Deadline
+from tominpmp.planner.control_period import ClockCallback
+from tominpmp.stopping import Deadline
 from tominpmp.transcription.bspline_basis import Basis
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE
@@ -89,23 +90,23 @@ def told(duration, violation, predicted):
     return record(1, duration=duration, violation=violation, **numbers)
 
 
-def deadline():
-    watch = SimpleNamespace(start=0, seconds=0.0)
-    return Deadline(tm.Options(), watch, None, goal=1.0)
+def callback():
+    progress = SimpleNamespace(start=0, seconds=0.0)
+    return ClockCallback(tm.Options(), progress, Deadline(), goal=1.0)
 
 
 def test_the_iteration_ends_at_the_goal_but_for_a_trace():
-    assert deadline()(told(1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
-    assert deadline()(told(1.0 + 1e-8, 1e-3, 1.0)) is None
-    assert deadline()(told(1.0 + 1e-4, 0.0, 1.0)) is None
+    assert callback()(told(1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
+    assert callback()(told(1.0 + 1e-8, 1e-3, 1.0)) is None
+    assert callback()(told(1.0 + 1e-4, 0.0, 1.0)) is None
 
 
 def test_the_iteration_ends_where_the_duration_stays_above():
     """Removing what violates limits is no progress of the duration."""
-    see = deadline()
+    see = callback()
     assert see(told(1.005, 5e-3, 10.0)) is None
     assert see(told(1.0051, 1e-6, 0.1)) is tm.Status.STALLED
-    see = deadline()
+    see = callback()
     assert see(told(1.005, 5e-3, 10.0)) is None
     assert see(told(1.003, 1e-3, 1.0)) is None  # it still falls
     assert see(told(1.003, 0.5, 1.0)) is None  # and may be far from admissible

@@ -30,10 +30,10 @@ def on_a_rail(velocity=1e3):
     return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
 
 
-def solver(nlp, monitor=lambda record: None, **options):
+def solver(nlp, callback=lambda record: None, **options):
     defaults = {"max_iterations": 400, "control_step": 0.2, "time_step": 0.02}
     options = tm.Options(**{**defaults, **options})
-    return PaperSolver(nlp, options, make_solver("highs"), monitor)
+    return PaperSolver(nlp, options, make_solver("highs"), callback)
 
 
 def test_it_ends_at_the_least_time():
@@ -90,7 +90,7 @@ def test_the_best_iterate_keeps_the_constraints():
     assert long.best.duration == min(good)
 
 
-def test_a_monitor_ends_it():
+def test_a_callback_ends_it():
     nlp, z = on_a_rail()
     seen = []
 

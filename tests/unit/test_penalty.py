@@ -91,7 +91,7 @@ def test_the_iteration_limit_holds():
     assert numbers == list(range(len(numbers)))
 
 
-def test_a_monitor_ends_it():
+def test_a_callback_ends_it():
     nlp, z = on_a_rail()
 
     def stop(record):

@@ -107,14 +107,14 @@ def test_contradiction_is_infeasible_never_converged():
     assert result.best is None
 
 
-def test_merit_never_rises_and_the_monitor_ends_the_iteration():
+def test_merit_never_rises_and_the_callback_ends_the_iteration():
     records = []
 
-    def monitor(record):
+    def callback(record):
         records.append(record)
         return Status.TIME_LIMIT if len(records) == 3 else None
 
-    solver = SlpSolver(circle(), Options(), 0.0, make_solver("highs"), monitor)
+    solver = SlpSolver(circle(), Options(), 0.0, make_solver("highs"), callback)
     result = solver.run(np.array([4.0, 4.0, 10.0]))
     assert result.status is Status.TIME_LIMIT
     assert len(result.history) == 3

@@ -9,22 +9,22 @@ from parallel_work import square, wait_and_tell
 
 import tominpmp as tm
 from tominpmp.initial_guess.parallel import ready, run_parallel
-from tominpmp.stopping import Stop, Stopper
+from tominpmp.stopping import Deadline, Stop
 
 
-def stopper_of(seconds: float, end: float) -> Stopper:
-    stopper = Stopper()
-    stopper.deadline = time.perf_counter() + seconds
-    stopper.last = time.perf_counter() + end
-    return stopper
+def deadline_of(seconds: float, end: float) -> Deadline:
+    deadline = Deadline()
+    deadline.end = time.perf_counter() + seconds
+    deadline.last = time.perf_counter() + end
+    return deadline
 
 
 def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end() -> None:
     list(run_parallel(square, range(3), 2))  # to start processes takes its time
     assert ready()
-    stopper = stopper_of(0.5, 1.0)
+    deadline = deadline_of(0.5, 1.0)
     begin = time.perf_counter()
-    with stopper.in_force(), pytest.raises(Stop):
+    with deadline.in_force(), pytest.raises(Stop):
         list(run_parallel(wait_and_tell, [60.0, 60.0], 2))
     assert time.perf_counter() - begin < 3.0
     assert not ready(), "they were ended, and have to be started anew"
@@ -33,9 +33,9 @@ def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end() -> None:
 
 def test_results_by_the_end_are_kept() -> None:
     list(run_parallel(square, range(3), 2))
-    stopper = stopper_of(0.3, 20.0)
+    deadline = deadline_of(0.3, 20.0)
     found = []
-    with stopper.in_force(), pytest.raises(Stop):
+    with deadline.in_force(), pytest.raises(Stop):
         for number, _ in run_parallel(wait_and_tell, [1.0, 1.0], 2):
             found.append(number)
     assert sorted(found) == [0, 1]

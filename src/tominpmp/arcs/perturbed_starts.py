@@ -20,8 +20,9 @@ from tominpmp.arrays import Array
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
-from tominpmp.solvers.monitor import Budget, Clock
+from tominpmp.solvers.callbacks import Callback
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.stopping import Budget
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
@@ -55,7 +56,7 @@ def on_grid(
     system: ProblemFunctions,
     options: Options,
     lp: LpSolver,
-    clock: Clock,
+    callback: Callback,
     path: Array,
     duration: float,
 ) -> Trajectory:
@@ -68,7 +69,7 @@ def on_grid(
     grid = CollocationTranscription(system, shares, duration)
     start = grid.start(path, np.array([duration]))
     program = NonlinearProgram.of(grid).at(start)
-    found = SlpSolver(program, options, SMOOTHING * duration, lp, clock).run(start)
+    found = SlpSolver(program, options, SMOOTHING * duration, lp, callback).run(start)
     last = found.iterate if found.best is None else found.best
     return program.trajectory(last.z)
 
@@ -77,7 +78,7 @@ def perturbed_motions(
     system: ProblemFunctions,
     options: Options,
     lp: LpSolver,
-    clock: Clock,
+    callback: Callback,
     plan: Trajectory,
     rng: np.random.Generator,
 ) -> Iterator[Trajectory]:
@@ -107,7 +108,7 @@ def perturbed_motions(
         path = np.clip(path, limits.position_lower, limits.position_upper)
         duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
         first = False
-        yield on_grid(system, rough, lp, clock, path, duration)
+        yield on_grid(system, rough, lp, callback, path, duration)
 
 
 def _goal_ends(

@@ -21,7 +21,7 @@ from tominpmp.arcs.shooting import ArcProgram, Shot
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arcs.switching_functions import Change, find_changes
 from tominpmp.arrays import Array, IntArray
-from tominpmp.solvers.monitor import EVALUATIONS, Budget
+from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from tominpmp.bounds import lower_bound
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.watch import Watch
+from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
 from tominpmp.samples import Samples
 from tominpmp.stopping import Stop
@@ -23,7 +23,7 @@ Attempts = Callable[[ProblemFunctions, "WarmStart | None"], Iterator[Attempt | N
 def attempts_of_alternatives(
     problem: Problem,
     make: Attempts,
-    watch: Watch,
+    progress: Progress,
     former: Trajectory | Samples | None = None,
 ) -> Iterator[Attempt]:
     """Solve for each goal of a set, a start each before the second one for any.
@@ -36,7 +36,7 @@ def attempts_of_alternatives(
     Args:
         problem: A problem with a set of goals, or with one.
         make: Makes the attempts for a problem with one goal, given a former motion.
-        watch: Time limit, and the duration of the best motion so far.
+        progress: Time limit, and the duration of the best motion so far.
         former: A former motion; it goes to the goal that it ends nearest to.
 
     Yields:
@@ -65,9 +65,9 @@ def attempts_of_alternatives(
     while order:
         again: list[int] = []
         for place, i in enumerate(order):
-            if bounds[i] >= watch.best:
+            if bounds[i] >= progress.best:
                 continue
-            watch.share(len(order) - place + len(again))
+            progress.share(len(order) - place + len(again))
             if i not in runs:
                 system = ProblemFunctions.of(parts[i])
                 start = None
@@ -79,7 +79,7 @@ def attempts_of_alternatives(
             except StopIteration:
                 continue
             except Stop as stop:
-                if watch.ended(watch.stopped(stop)):
+                if progress.ended(progress.stopped(stop)):
                     raise
                 continue  # its share of the time is used up
             except ProblemError as error:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.watch import Watch
+from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
@@ -25,7 +25,7 @@ BRIEF_TIME = 0.01
 def conclude(
     problem: Problem,
     options: Options,
-    watch: Watch,
+    progress: Progress,
     attempts: Sequence[Attempt],
     status: Status | None,
 ) -> Solution:
@@ -34,7 +34,7 @@ def conclude(
     Args:
         problem: The problem.
         options: Options of the plan.
-        watch: Time that was spent.
+        progress: Time that was spent.
         attempts: All attempts.
         status: How the last one ended, or all of planning.
     """
@@ -52,7 +52,7 @@ def conclude(
             ended.value,
             False,
             None,
-            planning_time=watch.seconds,
+            planning_time=progress.seconds,
         )
     best = min(attempts, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
@@ -72,7 +72,7 @@ def conclude(
         trajectory=best.trajectory,
         initial=best.initial,
         history=history,
-        planning_time=watch.seconds,
+        planning_time=progress.seconds,
         violations=best.violations,
         verification=best.verification,
         lower_bound=bound,

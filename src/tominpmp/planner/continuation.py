@@ -14,8 +14,8 @@ from tominpmp.planner.direct_solve import (
     solve_from_guess,
     with_rows_where_needed,
 )
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.torque_starts import solve_by_shooting
-from tominpmp.planner.watch import Watch
 from tominpmp.robot import JointLimits
 from tominpmp.status import STOPPED, Status
 from tominpmp.trajectory import Trajectory
@@ -35,7 +35,7 @@ FEW_ITERATIONS = 12
 
 
 def solve_from_warm_start(
-    system: ProblemFunctions, options: Options, former: WarmStart, watch: Watch
+    system: ProblemFunctions, options: Options, former: WarmStart, progress: Progress
 ) -> Attempt:
     """Improve a former motion; it stays as it was if nothing faster is found."""
     near = replace(options, trust_region=WARM_START_RADIUS * options.trust_region)
@@ -44,9 +44,9 @@ def solve_from_warm_start(
     if options.method in ("adjoint", "penalty"):
         shares = interval_shares(options.grid, options.intervals)
         first = former.torque_program(system, shares)
-        attempt = solve_by_shooting(system, near, watch, first)
+        attempt = solve_by_shooting(system, near, progress, first)
     else:
-        attempt = solve_and_verify(system, near, former, watch)
+        attempt = solve_and_verify(system, near, former, progress)
     if attempt.duration < former.duration:
         return attempt
     kept = former.remainder(system)
@@ -58,7 +58,7 @@ def solve_from_warm_start(
 
 
 def solve_with_continuous_accelerations(
-    system: ProblemFunctions, options: Options, attempt: Attempt, watch: Watch
+    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
 ) -> Attempt | None:
     """Go on from a motion with constant accelerations in each interval, where it pays.
 
@@ -78,10 +78,10 @@ def solve_with_continuous_accelerations(
 
     def solve(tried: ProblemFunctions, _: Attempt | None) -> Attempt:
         guess = warm_start(tried, motion)
-        found = solve_from_guess(tried, near, guess, watch)
-        return found.verified(system.problem, options, later=watch.puts_off)
+        found = solve_from_guess(tried, near, guess, progress)
+        return found.verified(system.problem, options, later=progress.puts_off)
 
-    faster = with_rows_where_needed(system, watch, solve)
+    faster = with_rows_where_needed(system, progress, solve)
     if not faster.duration < attempt.duration:
         return None
     # Few iterations do, and the motion that they began with had settled.

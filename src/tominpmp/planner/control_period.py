@@ -24,14 +24,14 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.control_period_outcome import Clocked, failed, succeeded
 from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
-from tominpmp.planner.watch import Watch
+from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import FAR, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.stopping import Stop
+from tominpmp.stopping import Deadline, Stop
 from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -107,14 +107,16 @@ def puts_off_replays(options: Options) -> bool:
     return options.control_period is not None and options.max_planning_time is None
 
 
-def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> Solution:
+def on_clock(
+    solution: Solution, attempts: Sequence[Attempt], progress: Progress
+) -> Solution:
     """Bring the motion of a solution to the clock of its options.
 
     Args:
         solution: What planning without the clock has led to.
         attempts: All that it has tried: where the fastest motion cannot be brought to
             the clock, another one may.
-        watch: Time that was spent.
+        progress: Time that was spent.
 
     Returns:
         The solution on the clock; what was given where there is no motion. Where none
@@ -128,26 +130,26 @@ def on_clock(solution: Solution, attempts: Sequence[Attempt], watch: Watch) -> S
         return solution
     assert solution.trajectory is not None  # noqa: S101
     check_period(period, solution.trajectory.duration)
-    monitor = _monitor(options, solution.status, watch)
+    callback = ClockCallback.of(options, solution.status, progress)
     found = sorted((a for a in attempts if a.found), key=lambda a: a.duration)
     outcome = Clocked(Status.INFEASIBLE)
     history, remark = list(solution.history), ""
     try:
         for attempt in found:
-            outcome = _bring(solution.problem, options, attempt.trajectory, monitor)
+            outcome = _bring(solution.problem, options, attempt.trajectory, callback)
             remark = attempt.remark
             history += _numbered(outcome.history, attempts.index(attempt), attempt)
             if outcome.trajectory is not None or outcome.status in STOPPED:
                 break
     except (Stop, KeyboardInterrupt) as stop:
-        outcome = Clocked(watch.stopped(stop))
-    solution = replace(solution, history=tuple(history), planning_time=watch.seconds)
+        outcome = Clocked(progress.stopped(stop))
+    solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
     if outcome.trajectory is None:
-        return failed(_replayed(solution, watch), outcome, period)
+        return failed(_replayed(solution, progress), outcome, period)
     return succeeded(solution, outcome, remark, period)
 
 
-def _replayed(solution: Solution, watch: Watch) -> Solution:
+def _replayed(solution: Solution, progress: Progress) -> Solution:
     """The solution with the replay of its motion, if that was put off."""
     motion, problem = solution.trajectory, solution.problem
     if solution.verification is not None or motion is None:
@@ -157,10 +159,10 @@ def _replayed(solution: Solution, watch: Watch) -> Solution:
             problem, motion, solution.options.tolerances, checker=problem.checker
         )
     except (Stop, KeyboardInterrupt) as stop:
-        watch.stopped(stop)
+        progress.stopped(stop)
         return solution
-    watch.in_vain = not verification.ok
-    return replace(solution, verification=verification, planning_time=watch.seconds)
+    progress.in_vain = not verification.ok
+    return replace(solution, verification=verification, planning_time=progress.seconds)
 
 
 def _numbered(
@@ -195,57 +197,53 @@ def check_period(period: float, duration: float) -> None:
 
 
 @dataclass
-class Deadline:
-    """Monitor of this stage: ends it at a time, or when the callback says so.
+class ClockCallback:
+    """Callback of this stage: ends it in time, or when no more is to be had.
 
     Attributes:
-        options: Callback and feasibility.
-        watch: Time that was spent.
-        until: End on the clock of ``perf_counter`` [s]; None for no end.
+        options: The user's callback, and feasibility.
+        progress: Time that was spent.
+        deadline: When this stage ends.
         goal: Duration that need not be improved [s].
         last: Duration after the last iteration [s]; infinite before the first.
     """
 
     options: Options
-    watch: Watch
-    until: float | None
+    progress: Progress
+    deadline: Deadline
     goal: float = 0.0
     last: float = np.inf
 
-    @property
-    def over(self) -> bool:
-        """Whether the time is used up."""
-        return self.until is not None and time.perf_counter() >= self.until
+    @classmethod
+    def of(cls, options: Options, status: Status, progress: Progress) -> ClockCallback:
+        """That of a stage that follows a search which has ended with a status."""
+        deadline, now = Deadline(), time.perf_counter()
+        if options.max_planning_time is not None:
+            deadline.end = now - progress.seconds + options.max_planning_time
+        if status is Status.INTERRUPTED:
+            # Who interrupts wants the motion soon; without a clock it is none.
+            deadline.end = min(now + PATIENCE, deadline.end)
+            options = replace(options, callback=None)
+        return cls(options, progress, deadline)
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record; a status ends the iteration."""
         callback = self.options.callback
-        seen = replace(record, start=self.watch.start, seconds=self.watch.seconds)
+        seen = replace(record, start=self.progress.start, seconds=self.progress.seconds)
         if callback is not None and callback(seen):
             return Status.INTERRUPTED
         there = record.duration <= self.goal * (1.0 + TRACE)
         if there and record.violation <= self.options.feasibility:
             return Status.FEASIBLE
-        if self.over:
+        if self.deadline.due:
             return Status.TIME_LIMIT
         # Nearly admissible, slower, and no hope of more: it takes another period.
         missing, last = record.duration - self.goal, self.last
         self.last = record.duration
         settled = abs(last - record.duration) < MOVING * missing
-        lost_to_rounding = settled or record.predicted < HOPE * missing
-        lost_to_rounding = lost_to_rounding and record.violation <= FAR
-        return Status.STALLED if not there and lost_to_rounding else None
-
-
-def _monitor(options: Options, status: Status, watch: Watch) -> Deadline:
-    limit = options.max_planning_time
-    now = time.perf_counter()
-    until = None if limit is None else now - watch.seconds + limit
-    if status is Status.INTERRUPTED:
-        # Who interrupts wants the motion soon; without a clock it is none.
-        until = min(now + PATIENCE, np.inf if until is None else until)
-        options = replace(options, callback=None)
-    return Deadline(options, watch, until)
+        hopeless = settled or record.predicted < HOPE * missing
+        hopeless = hopeless and record.violation <= FAR
+        return Status.STALLED if not there and hopeless else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,19 +301,19 @@ class Try:
 
 
 def _bring(
-    problem: Problem, options: Options, motion: Trajectory, monitor: Deadline
+    problem: Problem, options: Options, motion: Trajectory, callback: ClockCallback
 ) -> Clocked:
     """Look for a motion on the clock near one without."""
     period = options.control_period
     assert period is not None  # noqa: S101
     complete = ProblemFunctions.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
-    system = complete if monitor.watch.links_touched else complete.first_tried
+    system = complete if callback.progress.links_touched else complete.first_tried
     fewest = max(ticks_of(motion.duration, period), FEWEST)
     now = Try(fewest, motion.t.size - 1, warm_start(system, motion), fewest)
     last = Clocked(Status.INFEASIBLE)
     for _ in range(TRIES):
         ticks = Ticks.near(period, now.count, motion.t, now.intervals)
-        program, z, result = _solve(system, options, now.guess, ticks, monitor)
+        program, z, result = _solve(system, options, now.guess, ticks, callback)
         last = replace(
             last, status=result.status, history=(*last.history, *result.history)
         )
@@ -329,12 +327,12 @@ def _bring(
             if verification.ok:
                 return replace(last, trajectory=trajectory)
             last = replace(last, status=Status.UNVERIFIED)
-        if result.status in STOPPED or monitor.over:
+        if result.status in STOPPED or callback.deadline.due:
             stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
             return replace(last, status=stopped)
         if z is not None and system is not complete and _touches(verification):
             # As many periods, with rows for the links.
-            system, monitor.watch.links_touched = complete, True
+            system, callback.progress.links_touched = complete, True
         else:
             now = now.after(system, program, ticks, result)
     return last
@@ -349,7 +347,7 @@ def _solve(
     options: Options,
     guess: WarmStart,
     ticks: Ticks,
-    monitor: Deadline,
+    callback: ClockCallback,
 ) -> tuple[NonlinearProgram, Array | None, SlpResult]:
     """Look for a motion on given knots.
 
@@ -366,7 +364,7 @@ def _solve(
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * ticks.duration
-    monitor.goal = ticks.duration
+    callback.goal = ticks.duration
     lp = make_solver(options.lp_solver)
     program, z = guess.clocked_program(system, ticks)
     program = exchanged(program, z, -NEARLY) or program
@@ -374,8 +372,8 @@ def _solve(
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
-        monitor.last = np.inf
-        solver = SlpSolver(program, options, smoothing, lp, monitor)
+        callback.last = np.inf
+        solver = SlpSolver(program, options, smoothing, lp, callback)
         return solver.run(z, after=after)
 
     program, result = solve_in_rounds(program, z, near, solve, rough=False)

@@ -19,8 +19,8 @@ from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS, Attempt
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import refine, unrefined
-from tominpmp.planner.watch import Watch
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import Solve, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
@@ -55,7 +55,7 @@ SMOOTH_STRETCH = 1.3
 
 
 def solve_and_verify(
-    system: ProblemFunctions, options: Options, guess: Guess, watch: Watch
+    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
 ) -> Attempt:
     """Improve a guess; where the replay fails, go on with a finer grid."""
 
@@ -63,28 +63,28 @@ def solve_and_verify(
         first = guess
         if former is not None:
             first = _guess_of(tried, former)
-        return _solve_and_verify(tried, options, first, watch)
+        return _solve_and_verify(tried, options, first, progress)
 
-    return with_rows_where_needed(system, watch, solve)
+    return with_rows_where_needed(system, progress, solve)
 
 
 def with_rows_where_needed(
     system: ProblemFunctions,
-    watch: Watch,
+    progress: Progress,
     solve: Callable[[ProblemFunctions, Attempt | None], Attempt],
 ) -> Attempt:
     """Solve without rows for the links of an arm alone; again with them if they touch.
 
     Args:
         system: The problem.
-        watch: What remembers that links touched: rows are taken at once then.
+        progress: What remembers that links touched: rows are taken at once then.
         solve: Solves a problem, beginning with a former attempt if there is one.
     """
-    first = system if watch.links_touched else system.first_tried
+    first = system if progress.links_touched else system.first_tried
     attempt = solve(first, None)
     if first is system or not attempt.touches or attempt.status in STOPPED:
         return attempt
-    watch.links_touched = True
+    progress.links_touched = True
     return solve(system, attempt).after(attempt)
 
 
@@ -97,11 +97,11 @@ def _guess_of(system: ProblemFunctions, attempt: Attempt) -> Guess:
 
 
 def _solve_and_verify(
-    system: ProblemFunctions, options: Options, guess: Guess, watch: Watch
+    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
 ) -> Attempt:
     problem = system.problem
-    attempt = solve_from_guess(system, options, guess, watch)
-    attempt = attempt.verified(problem, options, later=watch.puts_off)
+    attempt = solve_from_guess(system, options, guess, progress)
+    attempt = attempt.verified(problem, options, later=progress.puts_off)
     unwatched = system.clearance is None
     for _ in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
@@ -113,7 +113,7 @@ def _solve_and_verify(
         # Nor will the first motion do on the finer grid: it was too rough.
         options = replace(options, intervals=2 * options.intervals, objective="time")
         guess = _guess_of(system, attempt)
-        finer = solve_from_guess(system, options, guess, watch)
+        finer = solve_from_guess(system, options, guess, progress)
         finer = finer.verified(problem, options)
         if not finer.feasible:
             break
@@ -126,15 +126,15 @@ def make_slp(
     options: Options,
     smoothing: float,
     lp: LpSolver,
-    watch: Watch,
+    progress: Progress,
 ) -> SlpSolver:
-    """Solver whose motions the watch sees and keeps."""
-    keep = watch.keep
-    return SlpSolver(program, options, smoothing, lp, watch, keep=keep)
+    """Solver whose motions the progress sees and keeps."""
+    keep = progress.keep
+    return SlpSolver(program, options, smoothing, lp, progress, keep=keep)
 
 
 def solve_from_guess(
-    system: ProblemFunctions, options: Options, guess: Guess, watch: Watch
+    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
 ) -> Attempt:
     """Improve a guess with the transcription that the options ask for."""
     smoothing = options.smoothing
@@ -147,7 +147,7 @@ def solve_from_guess(
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
-        solver = make_slp(program, options, smoothing, lp, watch)
+        solver = make_slp(program, options, smoothing, lp, progress)
         return solver.run(z, after=after)
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
@@ -157,7 +157,7 @@ def solve_from_guess(
         found: tuple[Program, SlpResult]
         found = solved[0], unrefined(options, solved[1])
     else:
-        found = refine(system, options, *solved, lp, watch)
+        found = refine(system, options, *solved, lp, progress)
     return Attempt.of(guess.name, found[0], initial, found[1])
 
 

@@ -20,8 +20,8 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.friction import interval_signs
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
+from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.monitor import Monitor
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.trajectory import Trajectory
@@ -62,7 +62,7 @@ def refine_grid(
     program: Program,
     result: SlpResult,
     lp: LpSolver,
-    watch: Monitor,
+    progress: Progress,
 ) -> tuple[Program, SlpResult]:
     """Split intervals until the motion is accurate and gains little more.
 
@@ -73,7 +73,7 @@ def refine_grid(
             handed back with a remark.
         result: Its solution.
         lp: Solver of linear programs.
-        watch: Time limit and callback.
+        progress: Time limit and callback.
 
     Returns:
         Program and solution on the finest grid that brought anything.
@@ -81,7 +81,7 @@ def refine_grid(
     if isinstance(program, NonlinearProgram) and isinstance(
         program.transcription, InverseTranscription | CollocationTranscription
     ):
-        return _refine(system, options, program, result, lp, watch)
+        return _refine(system, options, program, result, lp, progress)
     remark = (
         f"Its grid was not refined: that is not done for method {options.method!r}."
     )
@@ -94,12 +94,12 @@ def _refine(
     program: NonlinearProgram,
     result: SlpResult,
     lp: LpSolver,
-    watch: Monitor,
+    progress: Progress,
 ) -> tuple[NonlinearProgram, SlpResult]:
     best = program, result
     for _ in range(ROUNDS):
         kept, outcome = best
-        if watch.over or outcome.best is None:
+        if progress.over or outcome.best is None:
             break
         z, T = outcome.best.z, outcome.best.duration
         grid = kept.transcription
@@ -109,7 +109,7 @@ def _refine(
         if not np.any(split):
             break
         finer, start = split_intervals(grid, z, split)
-        refined, found = _solve(finer, start, options, outcome, lp, watch)
+        refined, found = _solve(finer, start, options, outcome, lp, progress)
         replayed = replayed_well(system, refined.trajectory(_last(found)), options)
         gain = 1.0 - (np.inf if found.best is None else found.best.duration) / T
         count = losses.size + int(split.sum())
@@ -290,7 +290,7 @@ def _solve(
     options: Options,
     before: SlpResult,
     lp: LpSolver,
-    watch: Monitor,
+    progress: Progress,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """Solve on a new grid, with rows between the nodes where they are needed."""
     smoothing = options.smoothing
@@ -302,7 +302,9 @@ def _solve(
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
-        solver = SlpSolver(program, options, smoothing, lp, watch, keep=watch.keep)
+        solver = SlpSolver(
+            program, options, smoothing, lp, progress, keep=progress.keep
+        )
         result = solver.run(z, after=after)
         if after is None:
             # The rows are others than before: only the history goes on.

@@ -33,9 +33,9 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.continuation import solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import shots
-from tominpmp.planner.watch import Watch
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -109,7 +109,10 @@ class Count(NamedTuple):
 
 
 def make_attempts(
-    system: ProblemFunctions, former: WarmStart | None, options: Options, watch: Watch
+    system: ProblemFunctions,
+    former: WarmStart | None,
+    options: Options,
+    progress: Progress,
 ) -> Iterator[Attempt | None]:
     """Solve from one initial guess after the other, a former motion being the first.
 
@@ -120,38 +123,38 @@ def make_attempts(
         ProblemError: If no guess can be made: the goal is out of reach.
     """
     if former is not None:
-        watch.begin()
-        solve = partial(solve_from_warm_start, system, options, former, watch)
-        attempt = guarded(system.problem, options, watch, former.name, solve)
-        yield _noted(watch, attempt)
+        progress.begin()
+        solve = partial(solve_from_warm_start, system, options, former, progress)
+        attempt = guarded(system.problem, options, progress, former.name, solve)
+        yield _noted(progress, attempt)
         found = attempt is not None and attempt.found
         if found and (options.starts or 1) == 1:
             return
     if options.method in ("adjoint", "penalty"):
-        yield from shots(system, options, watch)
+        yield from shots(system, options, progress)
         return
-    yield from _from_guesses(system, options, watch)
+    yield from _from_guesses(system, options, progress)
 
 
 def _from_guesses(
-    system: ProblemFunctions, options: Options, watch: Watch
+    system: ProblemFunctions, options: Options, progress: Progress
 ) -> Iterator[Attempt | None]:
     rng = np.random.default_rng(options.seed)
     count = Count.of(system, options)
     make = guesses_among_moving if system.problem.scene.moving else initial_guesses
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    guesses = make(system, count.most, rng, options.initial_duration, watch.deadline)
-    source: _Source = _Source(system, options, watch, guesses)
-    left = watch.left
+    guesses = make(system, count.most, rng, options.initial_duration, progress.ends)
+    source: _Source = _Source(system, options, progress, guesses)
+    left = progress.left
     if options.processes > 1 and (left is None or left > TO_START or ready()):
-        source = _SourceOfMany(system, options, watch, guesses)
+        source = _SourceOfMany(system, options, progress, guesses)
     swings = count.swings
     for number in itertools.count():
-        if number >= count.rescues and swings and watch.best == np.inf:
+        if number >= count.rescues and swings and progress.best == np.inf:
             swings = False
-            yield from shots(system, replace(options, **SHOOTING), watch)
-        enough = watch.best < np.inf or number >= count.rescues
+            yield from shots(system, replace(options, **SHOOTING), progress)
+        enough = progress.best < np.inf or number >= count.rescues
         if number >= count.wanted and enough:
             break
         # None is made, which may take a search, before it is known to be wanted.
@@ -160,23 +163,23 @@ def _from_guesses(
             if not number:
                 raise unreachable(system, rng)
             break
-        if guess.timed and guess.duration > TOO_SLOW * watch.best:
+        if guess.timed and guess.duration > TOO_SLOW * progress.best:
             yield None
             continue
         try:
             attempt = source.solve(number, guess)
         except Stop:
             # The others may have found something by then.
-            yield from (_noted(watch, attempt) for attempt in source.left())
+            yield from (_noted(progress, attempt) for attempt in source.left())
             raise
-        yield _noted(watch, attempt)
-    if swings and watch.best == np.inf:
-        yield from shots(system, replace(options, **SHOOTING), watch)
+        yield _noted(progress, attempt)
+    if swings and progress.best == np.inf:
+        yield from shots(system, replace(options, **SHOOTING), progress)
 
 
-def _noted(watch: Watch, attempt: Attempt | None) -> Attempt | None:
+def _noted(progress: Progress, attempt: Attempt | None) -> Attempt | None:
     if attempt is not None:
-        watch.best = min(watch.best, attempt.duration)
+        progress.best = min(progress.best, attempt.duration)
     return attempt
 
 
@@ -197,10 +200,10 @@ class _Source:
         self,
         system: ProblemFunctions,
         options: Options,
-        watch: Watch,
+        progress: Progress,
         guesses: Iterator[Guess],
     ) -> None:
-        self.system, self.options, self.watch = system, options, watch
+        self.system, self.options, self.progress = system, options, progress
         self.guesses = guesses
 
     def next(self, ahead: int) -> Guess | None:
@@ -209,10 +212,12 @@ class _Source:
 
     def solve(self, number: int, guess: Guess) -> Attempt | None:
         """What a guess leads to."""
-        self.watch.begin()
-        solve = partial(solve_and_verify, self.system, self.options, guess, self.watch)
+        self.progress.begin()
+        solve = partial(
+            solve_and_verify, self.system, self.options, guess, self.progress
+        )
         problem = self.system.problem
-        return guarded(problem, self.options, self.watch, guess.name, solve)
+        return guarded(problem, self.options, self.progress, guess.name, solve)
 
     def left(self) -> list[Attempt]:
         """Attempts that were made and not asked for, the fastest first."""
@@ -226,10 +231,10 @@ class _SourceOfMany(_Source):
         self,
         system: ProblemFunctions,
         options: Options,
-        watch: Watch,
+        progress: Progress,
         guesses: Iterator[Guess],
     ) -> None:
-        super().__init__(system, options, watch, guesses)
+        super().__init__(system, options, progress, guesses)
         cores = max(available_processes(), LEAST_PROCESSES)
         self.processes = min(options.processes, cores)
         self.ready: deque[Guess] = deque()
@@ -254,8 +259,8 @@ class _SourceOfMany(_Source):
     def _begin(self, batch: list[Guess]) -> None:
         self.ready.extend(batch)
         self.first, self.made = self.made, self.made + len(batch)
-        start = self.watch.begin(len(batch))
-        left = self.watch.left
+        start = self.progress.begin(len(batch))
+        left = self.progress.left
         alone = replace(self.options, callback=None, processes=1)
         ends = None
         if left is not None:
@@ -272,11 +277,11 @@ class _SourceOfMany(_Source):
                 raise Stop(requested=False)  # it was late, and is not waited for
             self.results[self.first + following[0]] = following[1]
         attempt, failures = self.results[number]
-        self.watch.failures.extend(failures)
+        self.progress.failures.extend(failures)
         if attempt is not None:
-            self.watch.replay(attempt.history)
+            self.progress.replay(attempt.history)
             if attempt.verification is not None:
-                self.watch.replayed(attempt.verification.seconds)
+                self.progress.replayed(attempt.verification.seconds)
         del self.results[number]
         return attempt
 
@@ -312,12 +317,12 @@ def solve_alone(
     if ends is not None:
         left = max(ends - time.time(), 1e-3)
         options = replace(options, max_planning_time=left)
-    watch = Watch(options, first=number, asked=asked_to_stop)
-    watch.begin()
-    solve = partial(solve_and_verify, system, options, guess, watch)
-    with watch.stopper.in_force():
-        attempt = guarded(system.problem, options, watch, guess.name, solve)
-    return attempt, watch.failures
+    progress = Progress(options, first=number, asked=asked_to_stop)
+    progress.begin()
+    solve = partial(solve_and_verify, system, options, guess, progress)
+    with progress.deadline.in_force():
+        attempt = guarded(system.problem, options, progress, guess.name, solve)
+    return attempt, progress.failures
 
 
 def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:

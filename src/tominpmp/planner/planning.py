@@ -24,9 +24,9 @@ from tominpmp.planner.control_period import (
     searching,
 )
 from tominpmp.planner.multistart import make_attempts
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.smoothing import smooth
-from tominpmp.planner.watch import Watch
 from tominpmp.problem import Problem
 from tominpmp.samples import Samples
 from tominpmp.solution import Solution
@@ -76,46 +76,46 @@ def plan(
     """
     expect(problem, Problem, "problem", "a Problem")
     options = resolve_options(problem, Options.of(options).changed(changes))
-    watch = Watch(searching(options), puts_off=puts_off_replays(options))
-    with watch.stopper.in_force():
-        solution = _plan(problem, options, watch, start)
-    if not watch.in_vain or watch.stopper.requested:
+    progress = Progress(searching(options), puts_off=puts_off_replays(options))
+    with progress.deadline.in_force():
+        solution = _plan(problem, options, progress, start)
+    if not progress.in_vain or progress.deadline.requested:
         return solution
     # The search ended with a motion whose replay was put off, and has failed since.
-    again = Watch(searching(options))
-    with again.stopper.in_force():
+    again = Progress(searching(options))
+    with again.deadline.in_force():
         solution = _plan(problem, options, again, start)
-    return replace(solution, planning_time=watch.seconds)
+    return replace(solution, planning_time=progress.seconds)
 
 
 def _plan(
     problem: Problem,
     options: Options,
-    watch: Watch,
+    progress: Progress,
     start: Solution | Trajectory | Samples | None,
 ) -> Solution:
     """Plan, until it is time to stop; what was found by then is the solution."""
     attempts: list[Attempt] = []
     status = None
     try:
-        for attempt in _attempts(problem, options, watch, start):
+        for attempt in _attempts(problem, options, progress, start):
             attempts.append(attempt)
             status = attempt.status
-            if watch.ended(status):
+            if progress.ended(status):
                 break
     except (Stop, KeyboardInterrupt) as stop:
-        status = watch.stopped(stop)
-    if not attempts and watch.failures:
-        raise watch.failures[0]
-    with watch.saving():
-        solution = conclude(problem, options, watch, attempts, status)
-    watch.extend(options.max_planning_time)
+        status = progress.stopped(stop)
+    if not attempts and progress.failures:
+        raise progress.failures[0]
+    with progress.saving():
+        solution = conclude(problem, options, progress, attempts, status)
+    progress.extend(options.max_planning_time)
     if options.control_period is not None:
-        with watch.saving():
-            solution = on_clock(solution, attempts, watch)
+        with progress.saving():
+            solution = on_clock(solution, attempts, progress)
     if options.slack is not None and solution.success and status not in STOPPED:
         solution = smooth(solution, options.slack)
-    if watch.stopper.requested:
+    if progress.deadline.requested:
         solution = _interrupted(solution)
     return solution.with_acceleration_remark()
 
@@ -123,7 +123,7 @@ def _plan(
 def _attempts(
     problem: Problem,
     options: Options,
-    watch: Watch,
+    progress: Progress,
     start: Solution | Trajectory | Samples | None,
 ) -> Iterator[Attempt]:
     """One attempt after the other."""
@@ -133,15 +133,15 @@ def _attempts(
             "start: a motion of several segments does not begin with a former one",
             "start",
         )
-    make = partial(make_attempts, options=options, watch=watch)
+    make = partial(make_attempts, options=options, progress=progress)
     attempts: list[Attempt] = []
-    for attempt in attempts_of_alternatives(problem, make, watch, former):
-        logger.info("start %d: %s", watch.start, attempt.status.value)
+    for attempt in attempts_of_alternatives(problem, make, progress, former):
+        logger.info("start %d: %s", progress.start, attempt.status.value)
         attempts.append(attempt)
         yield attempt
         if options.objective == "feasible" and attempt.found:
             return
-    yield from continued(problem, options, watch, attempts)
+    yield from continued(problem, options, progress, attempts)
 
 
 def _interrupted(solution: Solution) -> Solution:
@@ -155,7 +155,7 @@ def _interrupted(solution: Solution) -> Solution:
 
 
 def continued(
-    problem: Problem, options: Options, watch: Watch, attempts: Sequence[Attempt]
+    problem: Problem, options: Options, progress: Progress, attempts: Sequence[Attempt]
 ) -> Iterator[Attempt]:
     """Go on with continuous accelerations, if that is free.
 
@@ -172,15 +172,15 @@ def continued(
         if options.refine == "switching" and not former.remark:
             continue  # its torques switch exactly: there is nothing left to gain
         system = ProblemFunctions.of(problem.alternative_of(former.trajectory))
-        watch.share(1)
-        watch.begin()
+        progress.share(1)
+        progress.begin()
         solve = partial(
-            solve_with_continuous_accelerations, system, options, former, watch
+            solve_with_continuous_accelerations, system, options, former, progress
         )
-        faster = guarded(problem, options, watch, former.name, solve)
+        faster = guarded(problem, options, progress, former.name, solve)
         if faster is not None and faster.duration < former.duration:
             yield replace(faster, remark=f"{former.remark} {faster.remark}".strip())
-        watch.stopper.check()
+        progress.deadline.check()
 
 
 def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.planner.grid_refinement import refine_grid
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.switching_refinement import refine_switching
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.monitor import Monitor
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -28,7 +28,7 @@ def refine(
     program: Program,
     result: SlpResult,
     lp: LpSolver,
-    watch: Monitor,
+    progress: Progress,
 ) -> tuple[Program, SlpResult]:
     """Refine a motion as ``options.refine`` says.
 
@@ -38,7 +38,7 @@ def refine(
         program: The program of the motion.
         result: Its solution.
         lp: Solver of linear programs.
-        watch: Time limit and callback.
+        progress: Time limit and callback.
 
     Returns:
         Program and solution of the refined motion; what was given where nothing better
@@ -52,9 +52,9 @@ def refine(
             remark = "The start meets the goal: there is nothing to refine."
             return program, replace(result, remark=remark)
     if options.refine == "grid":
-        return refine_grid(system, options, program, result, lp, watch)
+        return refine_grid(system, options, program, result, lp, progress)
     if options.refine == "switching":
-        return refine_switching(system, options, program, result, lp, watch)
+        return refine_switching(system, options, program, result, lp, progress)
     return program, result
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.watch import Watch
+from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import Status
@@ -24,7 +24,7 @@ NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 def guarded(
     problem: Problem,
     options: Options,
-    watch: Watch,
+    progress: Progress,
     name: str,
     work: Callable[[], Attempt | None],
 ) -> Attempt | None:
@@ -33,7 +33,7 @@ def guarded(
     Args:
         problem: What the attempt is to solve.
         options: Options of the plan.
-        watch: Has kept what was found.
+        progress: Has kept what was found.
         name: What the attempt begins with.
         work: Makes the attempt.
 
@@ -46,20 +46,20 @@ def guarded(
     try:
         attempt = work()
         if attempt is not None and attempt.verification is not None:
-            watch.replayed(attempt.verification.seconds)
+            progress.replayed(attempt.verification.seconds)
         return attempt
     except (Stop, KeyboardInterrupt) as stop:
-        return rescued(problem, options, watch, name, watch.stopped(stop))
+        return rescued(problem, options, progress, name, progress.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
-        found = any(item.feasible for item in watch.kept)
+        found = any(item.feasible for item in progress.kept)
         if isinstance(error, TominpmpError) and not found:
             raise
-        logger.warning("start %d failed: %r", watch.start, error)
+        logger.warning("start %d failed: %r", progress.start, error)
         if not found:
-            watch.failures.append(error)
+            progress.failures.append(error)
             return None
         failed = Status.NUMERICAL_FAILURE
-        attempt = rescued(problem, options, watch, name, failed)
+        attempt = rescued(problem, options, progress, name, failed)
         if attempt is None or not attempt.found:
             return attempt
         remark = f"A later stage failed ({type(error).__name__}), and this was kept."
@@ -67,14 +67,14 @@ def guarded(
 
 
 def rescued(
-    problem: Problem, options: Options, watch: Watch, name: str, status: Status
+    problem: Problem, options: Options, progress: Progress, name: str, status: Status
 ) -> Attempt | None:
     """The best of what an attempt has found, replayed in a little time.
 
     Args:
         problem: What the attempt is to solve.
         options: Options of the plan.
-        watch: Has kept what was found, and knows how much time there is.
+        progress: Has kept what was found, and knows how much time there is.
         name: What the attempt began with.
         status: How it ended.
 
@@ -82,22 +82,22 @@ def rescued(
         The newest motion that its replay confirms. Without one, the newest that was
         found; None if there is nothing.
     """
-    if not watch.kept:
+    if not progress.kept:
         return None
-    first, *_ = watch.kept
+    first, *_ = progress.kept
     initial = first.program.trajectory(first.iterate.z)
-    feasible = [item for item in reversed(watch.kept) if item.feasible]
+    feasible = [item for item in reversed(progress.kept) if item.feasible]
     last: Attempt | None = None
-    with watch.saving():
-        for item in feasible or watch.kept[-1:]:
+    with progress.saving():
+        for item in feasible or progress.kept[-1:]:
             best = item.iterate if item.feasible else None
-            result = SlpResult(status, item.iterate, best, tuple(watch.records))
+            result = SlpResult(status, item.iterate, best, tuple(progress.records))
             try:
                 attempt = Attempt.of(name, item.program, initial, result)
                 last = last or replace(attempt, unconfirmed=item.feasible)
                 attempt = attempt.verified(problem, options)
             except (Stop, KeyboardInterrupt) as again:
-                watch.stopped(again)
+                progress.stopped(again)
                 break
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("what was found could not be replayed: %r", error)

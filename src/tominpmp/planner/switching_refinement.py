@@ -25,9 +25,10 @@ from tominpmp.arcs.transcription import ArcTranscription
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.planner.grid_refinement import replayed_well
+from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.solvers.monitor import EVALUATIONS, Budget, Clock, Monitor
-from tominpmp.status import Status
+from tominpmp.status import IterationRecord, Status
+from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import driven_joints
@@ -72,14 +73,16 @@ class Search:
 
     Attributes:
         system: The functions of the problem.
-        clock: Tells when to stop.
+        progress: Sees records, and keeps what is found.
+        budget: What may be spent in all.
         limit: Longer motions are of no use [s].
         plan: The motion to begin with.
         found: The motions, each faster than those before.
     """
 
     system: ProblemFunctions
-    clock: Clock
+    progress: Progress
+    budget: Budget
     limit: float
     plan: Iterate
     found: list[OptimisedArcs] = field(default_factory=list)
@@ -89,11 +92,16 @@ class Search:
         """T to be beaten [s]."""
         return self.found[-1].duration * (1.0 - SAME) if self.found else self.limit
 
+    def seen(self, record: IterationRecord) -> Status | None:
+        """See a record of a motion to begin with; a status ends its iteration."""
+        status = self.progress.see(record)
+        return status or (Status.TIME_LIMIT if self.budget.spent else None)
+
     def follow(self, arcs: Arcs, states: States, evaluations: int) -> bool:
         """Go from rough arcs to a locally optimal motion; tells if that is of use."""
-        if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.clock.over:
+        if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.budget.spent:
             return False
-        budget = Budget(evaluations, stop=lambda: self.clock.over)
+        budget = self.budget.part(evaluations)
         motion = refine_arcs(self.system, arcs, states, budget)
         if motion is None:
             return False
@@ -101,7 +109,7 @@ class Search:
         if motion.duration <= self.duration:
             self.found.append(motion)
             arcs_found, y = _transcribe(motion)
-            self.clock.keep(arcs_found, _iterate(arcs_found, y, self.plan))
+            self.progress.keep(arcs_found, _iterate(arcs_found, y, self.plan))
         return motion.duration <= self.limit
 
     def read(self, trajectory: Trajectory, evaluations: int) -> bool:
@@ -116,7 +124,7 @@ def refine_switching(
     program: Program,
     result: SlpResult,
     lp: LpSolver,
-    watch: Monitor,
+    progress: Progress,
 ) -> tuple[Program, SlpResult]:
     """Place the switches of a motion exactly.
 
@@ -126,7 +134,7 @@ def refine_switching(
         program: The program of the motion.
         result: Its solution.
         lp: Solver of linear programs.
-        watch: Time limit and callback.
+        progress: Time limit and callback.
 
     Returns:
         Program and solution of the refined motion, which its replay confirms; what was
@@ -142,18 +150,17 @@ def refine_switching(
     else:
         granted = system
     few = driven_joints(system).size <= EXPLORED_MOTORS
-    clock = Clock(watch, PATIENCE if few else PATIENCE_OF_MANY)
+    budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     given = result.best is not None and replayed_well(system, plan, options)
     limit = np.inf
     if result.best is not None:
         # A motion that its replay does not confirm may be somewhat too fast; without
         # arcs that are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if given else UNCONFIRMED))
-    search = Search(granted, clock, limit, iterate)
+    search = Search(granted, progress, budget, limit, iterate)
     _look(search, options, without_friction(granted, plan), lp)
     for motion in reversed(search.found):
-        budget = Budget(stop=lambda: clock.over)
-        arcs = _transcribe(sharpen(granted, motion, budget))
+        arcs = _transcribe(sharpen(granted, motion, budget.part()))
         if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
             return arcs[0], _result(*arcs, result, iterate)
     return program, replace(result, remark=KEPT)
@@ -167,12 +174,12 @@ def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> N
     # More starts look at no less than fewer would, and a single one not elsewhere.
     tries = 0 if options.starts == 1 else max(TRIES, (options.starts or 1) - 1)
     # Where ways are taken for granted, perturbed motions would not go them.
-    if small and search.clock.first and search.system.ways is None:
+    if small and search.progress.start == 0 and search.system.ways is None:
         _explore(search, options, plan, lp, tries)
     # What was found elsewhere is no reason to give up what lies near.
     if small and not near:
         near = search.read(plan, EVALUATIONS)
-    for trajectory in _finer(search.system, options, plan, lp, search.clock):
+    for trajectory in _finer(search, options, plan, lp):
         if near:
             return
         near = search.read(trajectory, EVALUATIONS)
@@ -182,37 +189,33 @@ def _explore(
     search: Search, options: Options, plan: Trajectory, lp: LpSolver, tries: int
 ) -> None:
     """Look for arcs elsewhere."""
-    system, clock = search.system, search.clock
+    system, budget = search.system, search.budget
     rng = np.random.default_rng(options.seed)
-    perturbed = perturbed_motions(system, options, lp, clock, plan, rng)
+    perturbed = perturbed_motions(system, options, lp, search.seen, plan, rng)
     for _, trajectory in zip(range(tries), perturbed, strict=False):
-        if clock.over:
+        if budget.spent:
             return
         search.read(trajectory, TRY_EVALUATIONS)
     if tries and driven_joints(system).size == 1:
-        budget = Budget(stop=lambda: clock.over)
+        part = budget.part()
         duration = search.duration if search.found else plan.duration
-        for rough in single_motor_motions(system, duration, rng, budget):
+        for rough in single_motor_motions(system, duration, rng, part):
             search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
 
 
 def _finer(
-    system: ProblemFunctions,
-    options: Options,
-    plan: Trajectory,
-    lp: LpSolver,
-    clock: Clock,
+    search: Search, options: Options, plan: Trajectory, lp: LpSolver
 ) -> Iterator[Trajectory]:
     """The plan with torques that are constant on finer grids."""
     few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
     for intervals in GRIDS:
-        if clock.over:
+        if search.budget.spent:
             return
         nodes = np.concatenate(
             [[0.0], np.cumsum(interval_shares("uniform", intervals))]
         )
         path = plan(nodes * plan.duration).q
-        yield on_grid(system, few, lp, clock, path, plan.duration)
+        yield on_grid(search.system, few, lp, search.seen, path, plan.duration)
 
 
 def _transcribe(motion: OptimisedArcs) -> tuple[ArcTranscription, np.ndarray]:

@@ -13,9 +13,9 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS, Attempt
 from tominpmp.planner.direct_solve import make_slp, with_rows_where_needed
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import refine, unrefined
 from tominpmp.planner.rescue import guarded
-from tominpmp.planner.watch import Watch
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.solvers.penalty import PenaltySolver
@@ -44,7 +44,7 @@ LONGER = 2.0
 
 
 def shots(
-    system: ProblemFunctions, options: Options, watch: Watch
+    system: ProblemFunctions, options: Options, progress: Progress
 ) -> Iterator[Attempt | None]:
     """Improve the torques to begin with, then random ones where that led to nothing."""
     rng = np.random.default_rng(options.seed)
@@ -52,14 +52,14 @@ def shots(
     if options.method == "adjoint":
         most = max(wanted, RESCUE_SHOTS)
     for number in range(most):
-        if number >= wanted and watch.best < np.inf:
+        if number >= wanted and progress.best < np.inf:
             return
-        watch.begin()
+        progress.begin()
         first = random_torques(system, options, rng) if number else None
-        solve = partial(solve_by_shooting, system, options, watch, first)
-        attempt = guarded(system.problem, options, watch, "shooting", solve)
+        solve = partial(solve_by_shooting, system, options, progress, first)
+        attempt = guarded(system.problem, options, progress, "shooting", solve)
         if attempt is not None:
-            watch.best = min(watch.best, attempt.duration)
+            progress.best = min(progress.best, attempt.duration)
         yield attempt
 
 
@@ -86,7 +86,10 @@ def random_torques(
 
 
 def solve_by_shooting(
-    system: ProblemFunctions, options: Options, watch: Watch, first: Array | None = None
+    system: ProblemFunctions,
+    options: Options,
+    progress: Progress,
+    first: Array | None = None,
 ) -> Attempt:
     """Improve torques, the paper's kind of start unless others are given.
 
@@ -94,22 +97,22 @@ def solve_by_shooting(
     """
 
     def solve(tried: ProblemFunctions, _: Attempt | None) -> Attempt:
-        return _solve_by_shooting(tried, options, watch, first)
+        return _solve_by_shooting(tried, options, progress, first)
 
-    return with_rows_where_needed(system, watch, solve)
+    return with_rows_where_needed(system, progress, solve)
 
 
 def _solve_by_shooting(
-    system: ProblemFunctions, options: Options, watch: Watch, first: Array | None
+    system: ProblemFunctions, options: Options, progress: Progress, first: Array | None
 ) -> Attempt:
     z = given_torques(system, options) if first is None else first
-    attempt, z = shoot(system, options, watch, z, substeps=1)
+    attempt, z = shoot(system, options, progress, z, substeps=1)
     for refinement in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
             break
         if system.clearance is None and attempt.touches:
             break  # shorter steps do not part the links
-        finer, z = shoot(system, options, watch, z, substeps=2 ** (refinement + 1))
+        finer, z = shoot(system, options, progress, z, substeps=2 ** (refinement + 1))
         if not finer.feasible:
             break
         attempt = finer.after(attempt)
@@ -117,7 +120,11 @@ def _solve_by_shooting(
 
 
 def shoot(
-    system: ProblemFunctions, options: Options, watch: Watch, z: Array, substeps: int
+    system: ProblemFunctions,
+    options: Options,
+    progress: Progress,
+    z: Array,
+    substeps: int,
 ) -> tuple[Attempt, Array]:
     """Improve torques and duration with so many integration steps an interval."""
     shares = interval_shares(options.grid, options.intervals)
@@ -134,11 +141,11 @@ def shoot(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         if options.method == "penalty":
-            result = PenaltySolver(program, options, watch, watch.keep).run(z)
+            result = PenaltySolver(program, options, progress, progress.keep).run(z)
         elif paper:
-            result = PaperSolver(program, options, lp, watch, watch.keep).run(z)
+            result = PaperSolver(program, options, lp, progress, progress.keep).run(z)
         else:
-            solver = make_slp(program, options, options.smoothing or 0.0, lp, watch)
+            solver = make_slp(program, options, options.smoothing or 0.0, lp, progress)
             return solver.run(z, after=after)
         former = () if after is None else after.history
         return replace(result, history=(*former, *result.history))
@@ -148,6 +155,6 @@ def shoot(
     if paper or options.method == "penalty":
         refined: tuple[Program, SlpResult] = program, unrefined(options, result)
     else:
-        refined = refine(system, options, program, result, lp, watch)
+        refined = refine(system, options, program, result, lp, progress)
     attempt = Attempt.of("shooting", refined[0], first, refined[1])
     return attempt.verified(system.problem, options), found.z

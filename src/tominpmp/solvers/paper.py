@@ -17,8 +17,7 @@ then the proper minimization of the functional (10) follows".
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,8 +25,8 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LinearProgram, LpSolver
 from tominpmp.options import Options
+from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.iterate import Effort, Iterate, SlpResult
-from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
@@ -43,8 +42,6 @@ ELASTIC_WEIGHT = 10.0
 SETTLED = 1e-6
 WINDOW = 20
 
-Monitor = Callable[[IterationRecord], Status | None]
-
 
 @dataclass(frozen=True, eq=False)
 class PaperSolver:
@@ -54,14 +51,14 @@ class PaperSolver:
         nlp: The nonlinear program.
         options: ``control_step`` (rho), ``time_step`` (epsilon), limits and tolerances.
         lp: Solver of the linear programs.
-        monitor: Sees every record; a status ends the iteration.
+        callback: Sees every record; a status ends the iteration.
         keep: Is given the best motion so far, or the present one.
     """
 
     nlp: NonlinearProgram
     options: Options
     lp: LpSolver
-    monitor: Monitor = field(default=lambda record: None)
+    callback: Callback = go_on
     keep: Keep = keep_nothing
 
     def run(self, z: Array) -> SlpResult:
@@ -92,7 +89,7 @@ class PaperSolver:
             self.keep(self.nlp, best or iterate)
             record = self.record(len(history), iterate, effort, begin)
             history.append(record)
-            status = self.terminate(history) or self.monitor(record)
+            status = self.terminate(history) or self.callback(record)
         return SlpResult(status, iterate, best, tuple(history))
 
     def init(self, z: Array) -> Iterate:

@@ -13,16 +13,15 @@ equation.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
+from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
@@ -48,8 +47,6 @@ MEMORY = 30
 # the smallest weight begins with a motion that hardly lasts.
 DURATIONS = (0.3, 20.0)
 
-Monitor = Callable[[IterationRecord], Status | None]
-
 
 class _Stop(Exception):
     """Leaves the quasi-Newton method.
@@ -70,13 +67,13 @@ class PenaltySolver:
     Attributes:
         nlp: The nonlinear program.
         options: Tolerances and limits.
-        monitor: Sees every record; a status ends the iteration.
+        callback: Sees every record; a status ends the iteration.
         keep: Is given the best motion so far, or the present one.
     """
 
     nlp: NonlinearProgram
     options: Options
-    monitor: Monitor = field(default=lambda record: None)
+    callback: Callback = go_on
     keep: Keep = keep_nothing
 
     def run(self, z: Array) -> SlpResult:
@@ -211,7 +208,7 @@ class _Run:
             seconds=time.perf_counter() - self.begin,
         )
         self.history.append(record)
-        status = solver.monitor(record)
+        status = solver.callback(record)
         limit = ITERATION_FACTOR * solver.options.max_iterations
         if status is None and len(self.history) >= limit:
             status = Status.ITERATION_LIMIT

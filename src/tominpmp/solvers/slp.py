@@ -10,16 +10,15 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
 from tominpmp.options import Options
+from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
-from tominpmp.solvers.keeping import Keep, keep_nothing
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.step_search import StepSearch
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
@@ -61,7 +60,6 @@ SHORTEST = 0.01
 ADDITIONS = 3
 MISSED = 1e-4
 
-Monitor = Callable[[IterationRecord], Status | None]
 # Time for slowing a motion down once the iteration was told to stop [s].
 RESTORING = 0.2
 
@@ -75,7 +73,7 @@ class SlpSolver:
         options: Tolerances, limits and the trust region.
         smoothing: Weight of the total variation [s].
         lp: Solver of the linear programs.
-        monitor: Sees every record; a status ends the iteration.
+        callback: Sees every record; a status ends the iteration.
         corrections: Second-order corrections of a step at most; several help where the
             dynamics are equations.
         keep: Is given the best motion so far, or the present one while there is none:
@@ -86,7 +84,7 @@ class SlpSolver:
     options: Options
     smoothing: float
     lp: LpSolver
-    monitor: Monitor = field(default=lambda record: None)
+    callback: Callback = go_on
     corrections: int = 4
     keep: Keep = keep_nothing
 
@@ -121,7 +119,7 @@ class SlpSolver:
                 record = self.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
                 status = self.terminate(iterate, outcome, len(history) - former)
-                status = status or self.monitor(record)
+                status = status or self.callback(record)
                 if best is not None and self.options.objective == "feasible":
                     status = Status.FEASIBLE
         except (Stop, KeyboardInterrupt):

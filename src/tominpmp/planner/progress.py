@@ -13,7 +13,7 @@ import numpy as np
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
-from tominpmp.stopping import Stop, Stopper
+from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import Program
 
 # Of what an attempt has found so many motions are kept, should it be cut short.
@@ -42,8 +42,8 @@ class Kept(NamedTuple):
     feasible: bool
 
 
-class Watch:
-    """Time limit, callback and interruption of a planning, as a monitor of solvers.
+class Progress:
+    """Time limit, callback and interruption of a planning, as a callback of solvers.
 
     It raises :class:`~tominpmp.stopping.Stop` when planning is to end, and has kept the
     best that the present attempt has found by then.
@@ -58,7 +58,7 @@ class Watch:
         best: Duration of the best motion so far [s]; infinite if there is none.
         links_touched: Whether links of an arm that is alone have touched each other in
             the present attempt.
-        stopper: What tells to stop.
+        deadline: When to stop.
         records: One record an iteration of the present attempt.
         kept: Motions of the present attempt, the newest last.
         failures: What went wrong with attempts that have led to nothing.
@@ -79,7 +79,7 @@ class Watch:
         self.start = first
         self.best = np.inf
         self.links_touched = False
-        self.stopper = Stopper(asked)
+        self.deadline = Deadline(asked)
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
         self.failures: list[Exception] = []
@@ -125,7 +125,7 @@ class Watch:
         return status is Status.INTERRUPTED or (status is Status.TIME_LIMIT and used_up)
 
     @property
-    def deadline(self) -> float | None:
+    def ends(self) -> float | None:
         """When the planning time is used up, on the clock of perf_counter [s]."""
         return None if self._limit is None else self._begin + self._limit
 
@@ -161,7 +161,7 @@ class Watch:
         """How planning ends that was stopped by an exception."""
         if isinstance(cause, Stop) and not cause.requested:
             return Status.TIME_LIMIT
-        self.stopper.requested = True
+        self.deadline.requested = True
         return Status.INTERRUPTED
 
     @contextmanager
@@ -169,9 +169,9 @@ class Watch:
         """Go on for a little, to save what was found although it is time to stop."""
         now = time.perf_counter()
         until = now + SAVING
-        if not self.stopper.requested:
+        if not self.deadline.requested:
             until = np.inf if self._limit is None else self._end(self._limit)
-        with self.stopper.grace(until):
+        with self.deadline.grace(until):
             yield
 
     def extend(self, limit: float | None) -> None:
@@ -192,13 +192,13 @@ class Watch:
 
     def _set_deadline(self) -> None:
         if self._until is None or self._limit is None:
-            self.stopper.deadline = self.stopper.last = np.inf
+            self.deadline.end = self.deadline.last = np.inf
             return
         more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
-        self.stopper.deadline = self._begin + self._until + more
-        self.stopper.last = self._end(self._limit)
+        self.deadline.end = self._begin + self._until + more
+        self.deadline.last = self._end(self._limit)
 
-    # -- the monitor -------------------------------------------------------------------
+    # -- the callback ------------------------------------------------------------------
 
     def replay(self, history: tuple[IterationRecord, ...]) -> None:
         """Show records that were made in another process to the callback.
@@ -234,5 +234,5 @@ class Watch:
     def _show(self, record: IterationRecord) -> None:
         record = replace(record, start=self.start, seconds=self.seconds)
         if self._callback is not None and self._callback(record):
-            self.stopper.requested = self.stopper.heeded = True
+            self.deadline.requested = self.deadline.heeded = True
             raise Stop(requested=True)
