@@ -339,7 +339,7 @@ class Problem(Record):
         Links are watched against each other as they were.
         """
         other = copy.copy(self)
-        for name in ("checker", "margins"):
+        for name in ("checker", "margins", "_phases"):
             other.__dict__.pop(name, None)
         object.__setattr__(other, "self_collision", self.checker.self_collision)
         object.__setattr__(other, "scene", scene)
