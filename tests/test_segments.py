@@ -172,6 +172,14 @@ def test_goals_of_a_frame_on_the_way():
     assert solution.T < slower.T
 
 
+def test_a_guess_that_stays_at_the_start_leads_nowhere():
+    near_elbow = tm.JointRegionGoal([-0.9], tolerance=0.1, joints=["joint1"])
+    segments = [tm.Segment(near_elbow), tm.Segment(tm.JointGoal([-1.57, 0.0]))]
+    problem = tm.Problem(two_links(), [-1.57, 0.0], segments=segments)
+    solution = planned(problem, starts=1, intervals=30)
+    assert {record.start for record in solution.history} == {0}
+
+
 def test_any_of_several_goals_on_the_way():
     goals = tm.AnyGoal([tm.JointGoal([2.0]), tm.JointGoal([0.5])])
     problem = problem_on_rail(tm.Segment(goals), at(1.0))

@@ -29,6 +29,8 @@ KINEMATIC_STARTS = 20
 STRAIGHT_LINES = 10
 # Durations of untimed guesses, in multiples of what the speed limits demand.
 DURATION_FACTOR = 2.0
+# Name of the guess that stays at the start.
+RESTING = "at rest"
 # Samples of a guess.
 SAMPLES = 200
 # Sampled paths that are compared before the fastest is tried. One takes a tenth of the
@@ -104,7 +106,7 @@ def _timed_guess(system: ProblemFunctions, timing: PathTiming, name: str) -> Gue
 def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
     """Stay at the start for a duration [s]."""
     q = np.tile(system.problem.q_start, (2, 1))
-    return Guess("at rest", np.array([0.0, duration]), q, False)
+    return Guess(RESTING, np.array([0.0, duration]), q, False)
 
 
 def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
 from tominpmp.problem import Problem
 from tominpmp.segments import Segment, segments_of
@@ -89,8 +89,10 @@ def _guess(
     for part in system.parts:
         alone = _from(part, q)
         make = guesses_among_moving if part.problem.scene.moving else initial_guesses
-        guesses = make(alone, number + 1, rng, duration, deadline)
-        made = [*itertools.islice(guesses, number + 1)]
+        guesses = make(alone, number + 2, rng, duration, deadline)
+        # One that rests at its start does not lead on to the next segment.
+        moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
+        made = [*itertools.islice(moving, number + 1)]
         if not made:
             return None
         found.append(made[-1])
