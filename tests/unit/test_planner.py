@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner.planning import resolve_options
+from tominpmp.planner.automatic_options import resolve_options
 
 START = (0.5, 1.7, -1.7)
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])

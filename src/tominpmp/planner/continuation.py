@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +17,9 @@ from tominpmp.planner.direct_solve import (
     with_rows_where_needed,
 )
 from tominpmp.planner.progress import Progress
+from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import solve_by_shooting
+from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
 from tominpmp.status import STOPPED, Status
 from tominpmp.trajectory import Trajectory
@@ -55,6 +59,35 @@ def solve_from_warm_start(
     same = replace(attempt, feasible=True, trajectory=kept, violations={})
     same = same.verified(system.problem, options)
     return same if same.duration < attempt.duration else attempt
+
+
+def continued(
+    problem: Problem, options: Options, progress: Progress, attempts: Sequence[Attempt]
+) -> Iterator[Attempt]:
+    """Go on with continuous accelerations, if that is free.
+
+    From the fastest motion, and from all that were the fastest when they were found:
+    fewer starts would have gone on from one of them, and might have come farther.
+    """
+    if options.control != "auto" or problem.segments:
+        return
+    records: list[Attempt] = []
+    for attempt in attempts:
+        if attempt.duration < min((a.duration for a in records), default=np.inf):
+            records.append(attempt)
+    for former in reversed(records):
+        if options.refine == "switching" and not former.remark:
+            continue  # its torques switch exactly: there is nothing left to gain
+        system = ProblemFunctions.of(problem.alternative_of(former.trajectory))
+        progress.share(1)
+        progress.begin()
+        solve = partial(
+            solve_with_continuous_accelerations, system, options, former, progress
+        )
+        faster = guarded(problem, options, progress, former.name, solve)
+        if faster is not None and faster.duration < former.duration:
+            yield replace(faster, remark=f"{former.remark} {faster.remark}".strip())
+        progress.deadline.check()
 
 
 def solve_with_continuous_accelerations(

@@ -64,31 +64,6 @@ DEAR = 0.01
 MOST_INTERVALS = 400
 
 
-def check_clock(problem: Problem, options: Options) -> None:
-    """Refuse options and robots that know no clock.
-
-    Raises:
-        OptionsError: If a joint has no motor, or torques are to switch exactly.
-    """
-    if options.control_period is None:
-        return
-    passive = problem.robot.passive_joints
-    if passive:
-        raise OptionsError(
-            f"control_period is {options.control_period:g} s, and {', '.join(passive)} "
-            "has no motor: no controller makes it follow samples; expected None for "
-            "this robot",
-            "control_period",
-        )
-    if options.refine == "switching":
-        raise OptionsError(
-            "refine is 'switching', which places switches between ticks, and "
-            f"control_period is {options.control_period:g} s, which allows them at "
-            "ticks only: expected refine 'grid' or None",
-            "refine",
-        )
-
-
 def searching(options: Options) -> Options:
     """Options for the search without a clock, which leaves some of the time."""
     limit = options.max_planning_time

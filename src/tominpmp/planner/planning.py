@@ -1,31 +1,27 @@
-"""Planning: choose a method and initial guesses, solve, keep the best."""
+"""Planning: attempts from initial guesses, the best of them, then its later stages."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from tominpmp.exceptions import OptionsError, ProblemError, expect
-from tominpmp.linear_programs import make_solver
-from tominpmp.options import Control, Options
+from tominpmp.exceptions import ProblemError, expect
+from tominpmp.options import Options
 from tominpmp.planner.alternatives import attempts_of_alternatives
 from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.conclusion import conclude
-from tominpmp.planner.continuation import solve_with_continuous_accelerations
+from tominpmp.planner.continuation import continued
 from tominpmp.planner.control_period import (
-    check_clock,
     on_clock,
     puts_off_replays,
     searching,
 )
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
 from tominpmp.planner.smoothing import smooth
 from tominpmp.problem import Problem
 from tominpmp.samples import Samples
@@ -33,17 +29,8 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
-
-# Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
-LP_SOLVERS = {
-    "inverse": "piqp",
-    "collocation": "piqp",
-    "adjoint": "highs",
-    "penalty": "highs",
-}
 
 
 def plan(
@@ -154,35 +141,6 @@ def _interrupted(solution: Solution) -> Solution:
     return replace(solution, status=Status.INTERRUPTED, message=message)
 
 
-def continued(
-    problem: Problem, options: Options, progress: Progress, attempts: Sequence[Attempt]
-) -> Iterator[Attempt]:
-    """Go on with continuous accelerations, if that is free.
-
-    From the fastest motion, and from all that were the fastest when they were found:
-    fewer starts would have gone on from one of them, and might have come farther.
-    """
-    if options.control != "auto" or problem.segments:
-        return
-    records: list[Attempt] = []
-    for attempt in attempts:
-        if attempt.duration < min((a.duration for a in records), default=np.inf):
-            records.append(attempt)
-    for former in reversed(records):
-        if options.refine == "switching" and not former.remark:
-            continue  # its torques switch exactly: there is nothing left to gain
-        system = ProblemFunctions.of(problem.alternative_of(former.trajectory))
-        progress.share(1)
-        progress.begin()
-        solve = partial(
-            solve_with_continuous_accelerations, system, options, former, progress
-        )
-        faster = guarded(problem, options, progress, former.name, solve)
-        if faster is not None and faster.duration < former.duration:
-            yield replace(faster, remark=f"{former.remark} {faster.remark}".strip())
-        progress.deadline.check()
-
-
 def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:
     """Motion to begin with.
 
@@ -194,91 +152,3 @@ def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:
     if start.trajectory is None:
         raise ProblemError(f"start: there is no motion in it: {start.message}", "start")
     return start.trajectory
-
-
-def resolve_options(problem: Problem, options: Options) -> Options:
-    """Replace "auto" and None by what fits the problem.
-
-    Raises:
-        OptionsError: If an option does not fit the problem.
-    """
-    robot = problem.robot
-    method = options.method
-    check_clock(problem, options)
-    check_segments(problem, options)
-    if method == "auto":
-        method = "collocation" if robot.passive_joints else "inverse"
-    if method == "inverse" and robot.passive_joints:
-        raise OptionsError(
-            "method 'inverse' needs a motor at every joint, and "
-            f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
-            "method",
-        )
-    control = resolve_control(problem, options, method)
-    lp_solver = options.lp_solver
-    if lp_solver == "auto":
-        lp_solver = LP_SOLVERS[method]
-    make_solver(lp_solver)
-    torque = options.initial_control
-    if torque is not None and torque.shape not in (
-        (robot.n,),
-        (options.intervals, robot.n),
-    ):
-        raise OptionsError(
-            f"initial_control has shape {torque.shape}, expected ({robot.n},) or "
-            f"({options.intervals}, {robot.n}) for {options.intervals} intervals",
-            "initial_control",
-        )
-    return replace(options, method=method, lp_solver=lp_solver, control=control)
-
-
-def check_segments(problem: Problem, options: Options) -> None:
-    """Refuse options that are not for motions of several segments.
-
-    Raises:
-        OptionsError: If there is one.
-    """
-    if not problem.segments:
-        return
-    known = {
-        "method": ("auto", "inverse"),
-        "refine": (None,),
-        "slack": (None,),
-        "control_period": (None,),
-    }
-    for name, allowed in known.items():
-        value = getattr(options, name)
-        if value not in allowed:
-            raise OptionsError(
-                f"{name} is {value!r}, and the problem has several segments: expected "
-                f"{' or '.join(map(repr, allowed))}",
-                name,
-            )
-
-
-def resolve_control(problem: Problem, options: Options, method: str) -> Control:
-    """Control parameterisation that fits the problem and the method.
-
-    Raises:
-        OptionsError: If there is none.
-    """
-    limits, control = problem.motion_limits, options.control
-    smooth = limits is not None and limits.need_smooth
-    if method != "inverse" and (smooth or control not in ("auto", "constant")):
-        raise OptionsError(
-            f"method {method!r} knows piecewise constant torques only: motion limits "
-            "and controls 'linear' and 'spline' need method 'inverse'",
-            "control",
-        )
-    if control == "constant" and smooth:
-        raise OptionsError(
-            "control is 'constant', and the motion limits of the problem need "
-            "continuous accelerations: expected 'linear', 'spline' or 'auto'",
-            "control",
-        )
-    if control != "auto":
-        return control
-    if smooth:
-        return "linear"
-    # Left to choose, "constant" and then "linear" where that is faster.
-    return "auto" if options.method == "auto" and method == "inverse" else "constant"

@@ -1,0 +1,131 @@
+"""Options left open: the method, control and solver that fit a problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tominpmp.exceptions import OptionsError
+from tominpmp.linear_programs import make_solver
+from tominpmp.options import Control, Options
+from tominpmp.problem import Problem
+
+# Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
+LP_SOLVERS = {
+    "inverse": "piqp",
+    "collocation": "piqp",
+    "adjoint": "highs",
+    "penalty": "highs",
+}
+
+
+def resolve_options(problem: Problem, options: Options) -> Options:
+    """Replace "auto" and None by what fits the problem.
+
+    Raises:
+        OptionsError: If an option does not fit the problem.
+    """
+    robot = problem.robot
+    method = options.method
+    check_clock(problem, options)
+    check_segments(problem, options)
+    if method == "auto":
+        method = "collocation" if robot.passive_joints else "inverse"
+    if method == "inverse" and robot.passive_joints:
+        raise OptionsError(
+            "method 'inverse' needs a motor at every joint, and "
+            f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
+            "method",
+        )
+    control = resolve_control(problem, options, method)
+    lp_solver = options.lp_solver
+    if lp_solver == "auto":
+        lp_solver = LP_SOLVERS[method]
+    make_solver(lp_solver)
+    torque = options.initial_control
+    if torque is not None and torque.shape not in (
+        (robot.n,),
+        (options.intervals, robot.n),
+    ):
+        raise OptionsError(
+            f"initial_control has shape {torque.shape}, expected ({robot.n},) or "
+            f"({options.intervals}, {robot.n}) for {options.intervals} intervals",
+            "initial_control",
+        )
+    return replace(options, method=method, lp_solver=lp_solver, control=control)
+
+
+def check_segments(problem: Problem, options: Options) -> None:
+    """Refuse options that are not for motions of several segments.
+
+    Raises:
+        OptionsError: If there is one.
+    """
+    if not problem.segments:
+        return
+    known = {
+        "method": ("auto", "inverse"),
+        "refine": (None,),
+        "slack": (None,),
+        "control_period": (None,),
+    }
+    for name, allowed in known.items():
+        value = getattr(options, name)
+        if value not in allowed:
+            raise OptionsError(
+                f"{name} is {value!r}, and the problem has several segments: expected "
+                f"{' or '.join(map(repr, allowed))}",
+                name,
+            )
+
+
+def resolve_control(problem: Problem, options: Options, method: str) -> Control:
+    """Control parameterisation that fits the problem and the method.
+
+    Raises:
+        OptionsError: If there is none.
+    """
+    limits, control = problem.motion_limits, options.control
+    smooth = limits is not None and limits.need_smooth
+    if method != "inverse" and (smooth or control not in ("auto", "constant")):
+        raise OptionsError(
+            f"method {method!r} knows piecewise constant torques only: motion limits "
+            "and controls 'linear' and 'spline' need method 'inverse'",
+            "control",
+        )
+    if control == "constant" and smooth:
+        raise OptionsError(
+            "control is 'constant', and the motion limits of the problem need "
+            "continuous accelerations: expected 'linear', 'spline' or 'auto'",
+            "control",
+        )
+    if control != "auto":
+        return control
+    if smooth:
+        return "linear"
+    # Left to choose, "constant" and then "linear" where that is faster.
+    return "auto" if options.method == "auto" and method == "inverse" else "constant"
+
+
+def check_clock(problem: Problem, options: Options) -> None:
+    """Refuse options and robots that know no clock.
+
+    Raises:
+        OptionsError: If a joint has no motor, or torques are to switch exactly.
+    """
+    if options.control_period is None:
+        return
+    passive = problem.robot.passive_joints
+    if passive:
+        raise OptionsError(
+            f"control_period is {options.control_period:g} s, and {', '.join(passive)} "
+            "has no motor: no controller makes it follow samples; expected None for "
+            "this robot",
+            "control_period",
+        )
+    if options.refine == "switching":
+        raise OptionsError(
+            "refine is 'switching', which places switches between ticks, and "
+            f"control_period is {options.control_period:g} s, which allows them at "
+            "ticks only: expected refine 'grid' or None",
+            "refine",
+        )
