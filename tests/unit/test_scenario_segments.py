@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from typer.testing import CliRunner
 
 import tominpmp as tm
+from tominpmp.cli.app import app
+from tominpmp.cli.json_text import json_text
+from tominpmp.cli.report import report_data, report_text
+from tominpmp.io.export_check import check_file
 from tominpmp.scenario.scenario import tomllib
 
 START = np.array([0.5, 1.7, -1.7])
@@ -434,3 +440,77 @@ def test_what_stands_in_the_way_of_a_segment_is_said_of_it(tmp_path: Path) -> No
         error = refused(tmp_path, FIRST + LAST + there.replace("0.3,", "3.0,"))
     assert error.key in ("segments[1]", "segments[1].goal")
     assert "segment 2 of 2" in str(error)
+
+
+# -- the command line ------------------------------------------------------------------
+
+PLANNED = f"""
+{FIRST}
+[[segments]]
+dwell = 0.1
+goal = {{type = "joint", q = [1.0, 0.3, -0.6]}}
+{LAST}
+payload = {{mass = 0.05, frame = "tip"}}
+[options]
+control = "constant"
+intervals = 20
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("segments") / "s.toml"
+    path.write_text(SMALL + PLANNED, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def solution(scenario: Path) -> tm.Solution:
+    loaded = tm.load_scenario(scenario)
+    found = tm.plan(loaded.problem, loaded.options)
+    assert found.success, found.message
+    return found
+
+
+def test_the_report_has_the_segments(solution: tm.Solution) -> None:
+    data = report_data(solution, {})
+    first, second, third = data["segments"]
+    assert first["begin"] == 0.0 and first["end"] == second["begin"]
+    assert third["end"] == solution.T
+    assert second["end"] - second["arrival"] == pytest.approx(0.1)
+    assert [item["stop"] for item in data["segments"]] == [False, True, True]
+    assert [item["dwell"] for item in data["segments"]] == [0.0, 0.1, 0.0]
+    json.loads(json_text(data))
+    rows = [row.split() for row in report_text(data).splitlines() if "segment " in row]
+    assert [row[:2] for row in rows[:3]] == [["segment", str(k)] for k in (1, 2, 3)]
+    assert [row[4] for row in rows[:3]] == ["passes", "arrives", "arrives"]
+    assert rows[1][2] == f"{second['duration']:.4f}"
+    assert rows[1][-3:] == ["stays", "0.1", "s"]
+
+
+@pytest.mark.parametrize(("name", "dt"), [("m.csv", None), ("m.npz", 0.001)])
+def test_a_file_of_several_segments_holds_as_it_is_read(
+    solution: tm.Solution, name: str, dt: float | None, tmp_path: Path
+) -> None:
+    """Where it meets a goal within what is tolerated is not yet where it ends."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = solution.export(tmp_path / name, dt=dt)
+    found = check_file(solution.problem, path)
+    assert found.ok, found.message
+
+
+def test_the_command_line_plans_and_judges(scenario: Path, tmp_path: Path) -> None:
+    motion, runner = tmp_path / "m.csv", CliRunner()
+    planned = runner.invoke(app, ["plan", str(scenario), "-o", str(motion), "--json"])
+    assert planned.exit_code == 0, planned.output
+    assert len(json.loads(planned.stdout)["segments"]) == 3
+    judged = runner.invoke(app, ["verify", str(scenario), str(motion)])
+    assert judged.exit_code == 0, judged.output
+    # The same motion past another goal on the way, and without its stay.
+    text = scenario.read_text(encoding="utf-8")
+    for before, after in (("[1.2, 0.6, -0.6]", "[1.2, 0.7, -0.6]"), ("0.1", "0.3")):
+        other = tmp_path / "other.toml"
+        other.write_text(text.replace(before, after, 1), encoding="utf-8")
+        judged = runner.invoke(app, ["verify", str(other), str(motion)])
+        assert judged.exit_code == 1, judged.output

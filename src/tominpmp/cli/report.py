@@ -72,6 +72,8 @@ def report_data(
             data["peak_acceleration"] = solution.peak_acceleration
         if not solution.success:
             data["best_attempt"] = trajectory.duration
+        if trajectory.segment_ends is not None:
+            data["segments"] = segments_data(solution)
     if found is not None:
         data |= {"verified": found.ok, "goal_error": found.goal_error}
         data["min_clearance"] = found.min_clearance
@@ -88,12 +90,49 @@ def report_data(
     return cast("dict[str, Any]", plain(data))
 
 
+def segments_data(solution: Solution) -> list[dict[str, Any]]:
+    """What there is to report of the segments of a motion, one after the other.
+
+    Times are from the start of the motion [s]; "arrival" is when the goal is met, and
+    "end" when the arm has stayed there as long as it was to.
+    """
+    asked = solution.problem.segments
+    return [
+        {
+            "begin": found.begin,
+            "arrival": found.arrival,
+            "end": found.end,
+            "duration": found.duration,
+            "stop": segment.stop or number == len(asked) - 1,
+            "dwell": segment.dwell,
+        }
+        for number, (found, segment) in enumerate(
+            zip(solution.segments, asked, strict=True)
+        )
+    ]
+
+
+def _segment_rows(segments: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """A line for each segment: how long it takes, and what happens at its end."""
+    rows = []
+    for number, item in enumerate(segments, start=1):
+        how = "arrives" if item["stop"] else "passes"
+        text = f"{item['duration']:.4f} s, {how} at {item['arrival']:.4f} s"
+        if item["dwell"]:
+            text += f", stays {item['dwell']:g} s"
+        elif item["stop"] and number < len(segments):
+            text += ", stops"
+        rows.append((f"segment {number}", text))
+    return rows
+
+
 def report_text(data: Mapping[str, Any]) -> str:
     """Write the report for people, a line an item."""
     rows: list[tuple[str, str]] = []
     for key, kind in (("T", "duration"), ("best_attempt", "best attempt")):
         if data.get(key) is not None:
             rows.append((kind, f"{data[key]:.4f} s"))
+    rows += _segment_rows(data.get("segments", ()))
     count, starts = data["programs"], data["starts"]
     programs = f"{count} linear program{'' if count == 1 else 's'}"
     programs += f", {starts} starts" if starts > 1 else ""

@@ -303,11 +303,11 @@ class _Judge:
         tolerances = self.solution.options.tolerances
         if known is not None and known.ok and self._is_planned(motion):
             return _Found((), known)
-        broken = tuple(
-            limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
-        )
-        if broken:
-            return _Found(broken, None)
+        # Of several segments, torques are known only when it is known where they end.
+        if not problem.segments:
+            broken = limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
+            if broken:
+                return _Found(tuple(broken), None)
         found = verify(problem, motion, tolerances)
         return _Found(found.violations, found)
 

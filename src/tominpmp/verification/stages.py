@@ -24,6 +24,8 @@ from tominpmp.verification.replay import TIME_STEP, Replay
 
 # Instants of a recorded motion at which it is looked for where its segments end.
 MOST_LOOKS = 20_000
+# Share of what is tolerated that a goal is missed by where it counts as met.
+MET = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +108,8 @@ def with_segments(
 ) -> Trajectory:
     """A motion with the times at which its segments end, and what it carries on each.
 
-    A recorded motion does not tell: its segments end where it first meets their goals,
-    one after the other, or comes nearest.
+    A recorded motion does not tell: its segments end where it meets their goals for the
+    first time, one after the other, or comes nearest.
     """
     phases = problem.phases
     if not problem.segments:
@@ -141,9 +143,11 @@ def _found(problem: Problem, motion: Trajectory, tolerances: Tolerances) -> Arra
             for miss in phase.goal.nearest(kinematics, q, v).misses(kinematics, q, v):
                 allowed = tolerances.speed if miss.moving else tolerances.goal
                 missed = max(missed, miss.amount / allowed)
-            if missed < least:
+            nearer = missed < least
+            if nearer:
                 best, least = k, missed
-            if missed <= 1.0:
+            # What is tolerated is met before the goal is: it ends where it is nearest.
+            if least <= MET or (least <= 1.0 and not nearer):
                 break
         later = int(np.searchsorted(times, times[best] + segment.dwell - 1e-9))
         first = min(max(later, first + 1), times.size - 2)
