@@ -1,4 +1,4 @@
-"""Other motions to read arcs from, of which some lead to other local optima.
+"""Perturbed starts: motions to read arcs from that may lead to other local optima.
 
 Time-optimal motions of the same arm between the same states often come in several
 kinds that differ by the order of the switches, and no small change leads from one to

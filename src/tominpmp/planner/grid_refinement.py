@@ -1,4 +1,4 @@
-"""refine="grid": intervals are split where the motion needs it, coarse to fine.
+"""Grid refinement: intervals are split where the motion needs it, coarse to fine.
 
 With constant accelerations an interval loses time where its torques change along the
 way, since they come to a limit at one instant of it only, and where a torque would

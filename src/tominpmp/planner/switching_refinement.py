@@ -1,4 +1,4 @@
-"""refine="switching": from a motion on a grid to arcs of exact length."""
+"""Switching refinement: from a motion on a grid to arcs of exact length."""
 
 from __future__ import annotations
 

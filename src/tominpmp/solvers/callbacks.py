@@ -1,4 +1,4 @@
-"""What solvers call as they go: to be told of motions on the way, and to stop."""
+"""Callbacks of solvers: they are told of motions on the way, and may stop."""
 
 from __future__ import annotations
 
