@@ -81,17 +81,7 @@ class Assembly:
     def derivatives(
         self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
     ) -> tuple[Array, Array]:
-        """Derivatives of distances by the coordinates of the model, and by time.
-
-        Args:
-            rows: Configurations of the model, shape (m, nv).
-            instants: Index of the configuration of each pair, shape (k,).
-            pairs: Indices of the pairs, shape (k,).
-            times: Times [s], shape (m,).
-
-        Returns:
-            Shapes (k, nv) and (k,) [m/s].
-        """
+        """As the checker's, by the coordinates of the model, shape (k, nv)."""
         k, obstacles = len(pairs), self.query.obstacles
         normal, points = np.empty((k, 3)), np.empty((2, k, 3))
         order = np.argsort(instants, kind="stable")
@@ -117,11 +107,7 @@ class Assembly:
         return out, obstacles.approach(other, times[instants], points[1], normal)
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
-        """Bounds on the speed of all points of the other body of each pair.
-
-        Over stretches of time, shape (m,) [s]; shape (m, pairs) [m/s], zero for links
-        and for obstacles at rest.
-        """
+        """As the checker's."""
         obstacles = self.query.obstacles
         out = np.zeros((begin.size, len(self.pairs)))
         moving = np.flatnonzero(self.joint[self.second] >= obstacles.first)

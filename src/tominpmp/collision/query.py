@@ -58,17 +58,7 @@ class DistanceQuery:
     def distances(
         self, q_model: Array, cutoff: float | Array, times: Array | None = None
     ) -> Array:
-        """Distances where they are below the cutoff, else lower bounds at least.
-
-        Args:
-            q_model: Configurations of the model, shape (m, nv).
-            cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
-                or by pair, shape (pairs,).
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            Shape (m, pairs) [m].
-        """
+        """As the checker's, at configurations of the model, shape (m, nv)."""
         placed = self.place(q_model, times)
         limit = np.broadcast_to(np.asarray(cutoff, dtype=np.float64), (self.pairs,))
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
@@ -92,18 +82,9 @@ class DistanceQuery:
         enough: Array,
         times: Array | None = None,
     ) -> Array:
-        """Distances of single pairs at single instants.
+        """As the checker's, at configurations of the model, shape (m, nv).
 
-        Args:
-            q_model: Configurations of the model, shape (m, nv).
-            placed: Placements body_to_world there.
-            instant: Index of the configuration, shape (k,).
-            pair: Index of the pair, shape (k,).
-            enough: Distances from which on a lower bound will do, shape (k,) [m].
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            Shape (k,) [m]; exact where below ``enough``.
+        With the placements body_to_world there.
         """
         self.count.pairs += instant.size
         R, t = self._relative(placed, instant, pair)
