@@ -42,6 +42,17 @@ def test_ur5_post(tmp_path: Path) -> None:
         assert (tmp_path / f"ur5_post.{ending}").stat().st_size > 10_000
 
 
+@needs_robots
+@needs_meshcat
+def test_pick_and_place(tmp_path: Path) -> None:
+    assert "segment 7: " in output_of("pick_and_place", "--out", tmp_path)
+    problem = tm.load_scenario(EXAMPLES / "scenarios" / "pick_and_place.toml").problem
+    motion = tm.load_motion(tmp_path / "pick_and_place.csv")
+    assert tm.verify(problem, motion).ok
+    for ending in ("png", "html"):
+        assert (tmp_path / f"pick_and_place.{ending}").stat().st_size > 10_000
+
+
 @needs_meshcat
 def test_certificate(tmp_path: Path) -> None:
     output = output_of("certificate", "--out", tmp_path)
@@ -67,7 +78,7 @@ def test_scenarios_load(path: Path) -> None:
 
 
 @needs_robots
-@pytest.mark.parametrize("name", ["ur5_post", "swinging_gate"])
+@pytest.mark.parametrize("name", ["ur5_post", "swinging_gate", "pick_and_place"])
 def test_script_and_scenario_are_the_same_problem(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
