@@ -19,6 +19,7 @@ from tominpmp.cli.json_text import json_text
 from tominpmp.cli.report import report_data, report_text
 from tominpmp.io.export_check import check_file
 from tominpmp.scenario.scenario import tomllib
+from tominpmp.viz.skeleton import end_frame
 
 START = np.array([0.5, 1.7, -1.7])
 MIDDLE = np.array([1.2, 0.6, -0.6])
@@ -514,3 +515,24 @@ def test_the_command_line_plans_and_judges(scenario: Path, tmp_path: Path) -> No
         other.write_text(text.replace(before, after, 1), encoding="utf-8")
         judged = runner.invoke(app, ["verify", str(other), str(motion)])
         assert judged.exit_code == 1, judged.output
+
+
+# -- pictures --------------------------------------------------------------------------
+
+
+def test_plots_show_where_segments_end(solution: tm.Solution) -> None:
+    pytest.importorskip("matplotlib")
+    panel = solution.plot().axes[0]
+    upright = [
+        line.get_xdata()[0]
+        for line in panel.get_lines()
+        if len(line.get_xdata()) == 2 and line.get_xdata()[0] == line.get_xdata()[1]
+    ]
+    assert upright == [segment.end for segment in solution.segments[:-1]]
+
+
+def test_a_goal_of_what_is_carried_has_a_frame_to_watch(arm: tm.Robot) -> None:
+    load = tm.Payload(0.01, "tip", name="cup")
+    goal = tm.PositionGoal("cup", [4.0, 1.0, 0.0])
+    problem = problem_of(arm, at(MIDDLE), tm.Segment(goal, payload=load))
+    assert end_frame(problem) in arm.frame_names

@@ -46,6 +46,9 @@ FAR_LIMIT = 2.5
 # scale, or the other would be a point.
 ITERATION_RATIO = 6.0
 
+# Of the lines where segments end: darker than the grid, lighter than the axes.
+SEGMENT_COLOR = "0.55"
+
 # Violations below this count as none; a logarithm needs something.
 LEAST_VIOLATION = 1e-12
 
@@ -102,6 +105,7 @@ def plot_trajectory(
                     panel.set_title(heading, loc="left")
             _name_row(axes[i, 0], joint, color(i))
         _time_axes(axes, trajectory.duration)
+        _show_segments(axes, trajectory)
         add_legend(figure, _limit_handles(), 2)
         return finish(figure, path)
 
@@ -333,6 +337,17 @@ def _time_axes(axes: np.ndarray[Any, np.dtype[np.object_]], duration: float) -> 
         panel.set_xlim(0.0, duration)
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
+
+
+def _show_segments(
+    axes: np.ndarray[Any, np.dtype[np.object_]], trajectory: Trajectory
+) -> None:
+    """Draw a thin line where a segment ends and another follows."""
+    if trajectory.segment_ends is None:
+        return
+    for panel in axes.reshape(-1):
+        for end in trajectory.segment_ends[:-1]:
+            panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
 
 
 def _spread_first_iterations(panel: Axes, longest: int) -> None:

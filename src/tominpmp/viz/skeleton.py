@@ -85,8 +85,10 @@ def check_motion(problem: Problem, trajectory: Trajectory) -> None:
 
 def end_frame(problem: Problem) -> str:
     """Name of the frame to watch: that of the goal, else the last at the end."""
-    if problem.goal.frame_name is not None:
-        return problem.goal.frame_name
+    name = problem.goal.frame_name
+    # A goal of the last segment may be on what is carried there only.
+    if name is not None and (not problem.segments or name in problem.robot.frame_names):
+        return name
     model = problem.robot.model
     depth = [len(model.supports[joint]) for joint in range(model.njoints)]
     last = max(range(model.njoints), key=lambda joint: (depth[joint], joint))
