@@ -25,18 +25,19 @@ from scipy.sparse.linalg import spsolve
 from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, StepBounds, Variation
+from tominpmp.transcription.base import Hull, Variation
 from tominpmp.transcription.bspline_basis import Basis, Elimination
-from tominpmp.transcription.curve import CurveTranscription
+from tominpmp.transcription.control_points import (
+    TORQUE_SHARES,
+    ControlPointTranscription,
+)
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 DEGREES = {"linear": 3, "spline": 5}
-# T changes by this share at most in one step.
-TIME_STEP = 0.3
-# Instants of each interval at which torques and other constraints are looked at to
-# begin with; torques at the end of the last one too.
-TORQUE_SHARES, SHARES = (0.0, 0.5), (0.5, 1.0)
+# Instants of each interval at which other constraints than torques are looked at to
+# begin with.
+SHARES = (0.5, 1.0)
 # A torque rate is taken over this share of an interval, at both of its ends; a hair
 # inside, so that both instants are of the same interval.
 RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
@@ -58,7 +59,7 @@ class BSplineMotion:
     finite: bool = True
 
 
-class BSplineTranscription(CurveTranscription[BSplineMotion]):
+class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
     """A problem in the control points of a B-spline and T.
 
     Attributes:
@@ -68,10 +69,6 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         acceleration_range: What the full torque range of each joint brings about, shape
             (n,), which controls are measured in; None before a motion was looked at.
     """
-
-    kept = frozenset({"q"})
-    inspected = ((0.125, 0.25, 0.375), (0.625, 0.75, 0.875))
-    highest = 3
 
     def __init__(
         self,
@@ -90,15 +87,10 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         ends = Elimination.of(system, self.basis)
         self._bases: WeakKeyDictionary[Instants, dict[int, sp.csr_matrix]]
         self._bases = WeakKeyDictionary()
-        self.map, self._offset = ends.matrix, ends.offset
-        self._free, self._fixed_end = ends.free, ends.fixed_end
+        self.map, self.offset = ends.matrix, ends.offset
+        self.free, self.fixed_end = ends.free, ends.fixed_end
 
     # -- unknowns ----------------------------------------------------------------------
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self._free * self._n + 1
 
     @property
     def cost(self) -> Array:
@@ -106,10 +98,6 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         cost = np.zeros(self.size)
         cost[-1] = 1.0
         return cost
-
-    def points(self, z: Array) -> Array:
-        """Control points, shape (M, n)."""
-        return np.asarray(self.map @ z + self._offset).reshape(-1, self._n)
 
     def start(
         self, position: Callable[[Array], Array], guessed: float, duration: float
@@ -119,7 +107,7 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         greville = np.array(
             [t[i + 1 : i + p + 1].mean() for i in range(self.basis.count)]
         )
-        wanted = position(greville * guessed).ravel() - self._offset
+        wanted = position(greville * guessed).ravel() - self.offset
         wanted -= self.map[:, -1].toarray().ravel() * duration
         free = self.map[:, :-1]
         count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
@@ -129,31 +117,13 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         """Iterate that is nearest to positions at shares of T, in least squares."""
         design = sp.kron(self.basis.at(times, 0), sp.identity(self._n), format="csr")
         free = (design @ self.map)[:, :-1]
-        rest = q.ravel() - design @ (self._offset + self.map[:, -1:] @ [duration])
+        rest = q.ravel() - design @ (self.offset + self.map[:, -1:] @ [duration])
         points = spsolve((free.T @ free).tocsc(), free.T @ rest).reshape(-1, self._n)
         limits = self.system.problem.robot.limits
         points = np.clip(points, limits.position_lower, limits.position_upper)
         return np.append(points.ravel(), duration)
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within position limits."""
-        limits = self.system.problem.robot.limits
-        points = z[:-1].reshape(-1, self._n)
-        box = np.broadcast_to(radius * self.system.step_scale, points.shape)
-        lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
-        upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
-        length = min(TIME_STEP, radius) * z[-1]
-        return StepBounds(
-            np.append(lower.ravel(), -length), np.append(upper.ravel(), length)
-        )
-
     # -- states ------------------------------------------------------------------------
-
-    @property
-    def goal_scale(self) -> Array | None:
-        """None for a configuration that is built in."""
-        built_in = self.system.final_configuration is not None and self._fixed_end
-        return None if built_in else super().goal_scale
 
     def motion(self, z: Array) -> BSplineMotion:
         """Spline of an iterate."""
@@ -222,20 +192,11 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         """Derivatives are in the convex hull of their control points."""
         return DerivativeHull(self, limit)
 
-    @property
-    def point_unknowns(self) -> int:
-        """All but the duration."""
-        return self.size - 1
-
     # -- the rest of the interface -----------------------------------------------------
 
     def scaled_at(self, z: Array) -> BSplineTranscription:
         """The same with the range of accelerations at a motion."""
-        at = self.instants(2, "")
-        _, q, v, a, _ = self.states(self.motion(z), at, 2)
-        by = self.system.dynamics.inverse_jacobians(q, v, a)
-        mass = np.abs(np.einsum("mii->mi", by.tau_a)).mean(axis=0)
-        scale = 2.0 * self.system.effort_half / np.maximum(mass, 1e-12)
+        scale = self.full_range(z)
         return BSplineTranscription(self.system, self.shares, self.degree, scale)
 
     def variation(self, z: Array) -> Variation:
@@ -253,20 +214,9 @@ class BSplineTranscription(CurveTranscription[BSplineMotion]):
         values = np.asarray(matrix @ self.points(z).ravel())
         return Variation(sp.csr_matrix(full), values - np.asarray(full @ z))
 
-    @property
-    def torque_sequence(self) -> sp.csr_matrix:
-        """Torques at nodes and between them, as they are rows."""
-        return sp.csr_matrix(sp.identity(len(TORQUE_SHARES) * self.intervals + 1))
-
     def sequence_times(self, z: Array) -> Array:
         """Instants of that sequence as shares of T: nodes and middles."""
         return self.shares_of(self.instants(2, ""))
-
-    def stretch(self, z: Array, factor: float) -> Array:
-        """The same points, traversed slower."""
-        out = z.copy()
-        out[-1] *= factor
-        return out
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""

@@ -17,20 +17,19 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, StepBounds, Variation
-from tominpmp.transcription.bspline import RATE_SHARES, TORQUE_SHARES, products
+from tominpmp.transcription.base import Hull, Variation
+from tominpmp.transcription.bspline import RATE_SHARES, SHARES, products
 from tominpmp.transcription.bspline_basis import Basis, Elimination
-from tominpmp.transcription.curve import CurveTranscription
+from tominpmp.transcription.control_points import (
+    TORQUE_SHARES,
+    ControlPointTranscription,
+)
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.segmented import trajectory_of_segments
 
-# A duration changes by this share at most in one step.
-LENGTH_STEP = 0.3
 # Step of the central differences, as a share of the durations.
 DIFFERENCE = 1e-5
-# Shares of intervals of constraints that do not jump at the nodes.
-SHARES = (0.5, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ class SegmentedCurve:
         )
 
 
-class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
+class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
     """A problem of several segments in the control points of a B-spline.
 
     The unknowns are z = (free control points, durations).
@@ -116,9 +115,6 @@ class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
             (n,), which controls are measured in; None before a motion was looked at.
     """
 
-    kept = frozenset({"q"})
-    inspected = ((0.125, 0.25, 0.375), (0.625, 0.75, 0.875))
-    highest = 3
     segment_ends: tuple[int, ...]
 
     def __init__(
@@ -136,23 +132,13 @@ class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
         each = [Elimination.of(system, self._basis_of(column)) for column in shares.T]
         free = each[0].matrix[:, :-1]
         self.map = sp.csr_matrix(sp.hstack([free, *(e.matrix[:, -1:] for e in each)]))
-        self._offset, self._free = each[0].offset, each[0].free
-        self._fixed_end = each[0].fixed_end
+        self.offset, self.free = each[0].offset, each[0].free
+        self.fixed_end = each[0].fixed_end
 
     def _basis_of(self, h: Array) -> Basis:
         return Basis.on(np.concatenate([[0.0], np.cumsum(h)]), self.degree)
 
     # -- unknowns ----------------------------------------------------------------------
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self._free * self._n + self._m
-
-    @property
-    def point_unknowns(self) -> int:
-        """All but the durations."""
-        return self._free * self._n
 
     def start(self, position: Callable[[Array], Array], eta: Array) -> Array:
         """Iterate for a guess: control points on the path at the Greville abscissae.
@@ -166,38 +152,17 @@ class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
         greville = np.array(
             [knots[i + 1 : i + p + 1].mean() for i in range(whole.count)]
         )
-        rest = self._offset + self.map[:, -self._m :] @ eta
+        rest = self.offset + self.map[:, -self._m :] @ eta
         wanted = position(greville).ravel() - rest
         free = self.map[:, : -self._m]
         count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
         return np.concatenate([np.asarray(free.T @ wanted) / count, eta])
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within position limits and positive durations."""
-        limits = self.system.problem.robot.limits
-        points = z[: -self._m].reshape(-1, self._n)
-        box = np.broadcast_to(radius * self.system.step_scale, points.shape)
-        lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
-        upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
-        length = min(LENGTH_STEP, radius) * z[-self._m :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), -length]),
-            np.concatenate([upper.ravel(), length]),
-        )
-
     # -- states ------------------------------------------------------------------------
-
-    @property
-    def goal_scale(self) -> Array | None:
-        """None for a configuration that is built in."""
-        final = self.system.problem.goal.configuration
-        built_in = final is not None and self._fixed_end
-        return None if built_in else super().goal_scale
 
     def motion(self, z: Array) -> SegmentedCurve:
         """Spline of an iterate."""
-        points = np.asarray(self.map @ z + self._offset).reshape(-1, self._n)
-        return SegmentedCurve(points, z[-self._m :], self.shares, self.degree)
+        return SegmentedCurve(self.points(z), z[-self._m :], self.shares, self.degree)
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes and middles for torques; middles and ends, or pairs for rates."""
@@ -250,10 +215,7 @@ class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
 
     def scaled_at(self, z: Array) -> SegmentedBSpline:
         """The same with the range of accelerations at a motion."""
-        _, q, v, a, _ = self.states(self.motion(z), self.instants(2, ""), 2)
-        by = self.system.dynamics.inverse_jacobians(q, v, a)
-        mass = np.abs(np.einsum("mii->mi", by.tau_a)).mean(axis=0)
-        scale = 2.0 * self.system.effort_half / np.maximum(mass, 1e-12)
+        scale = self.full_range(z)
         return SegmentedBSpline(
             self.system, self.shares, self.degree, self.segment_ends, scale
         )
@@ -282,17 +244,6 @@ class SegmentedBSpline(CurveTranscription[SegmentedCurve]):
         )
         full = self.by_unknowns(jumps(curve), by_eta)
         return Variation(full, values - np.asarray(full @ z))
-
-    @property
-    def torque_sequence(self) -> sp.csr_matrix:
-        """Torques at nodes and between them, as they are rows."""
-        return sp.csr_matrix(sp.identity(len(TORQUE_SHARES) * self.intervals + 1))
-
-    def stretch(self, z: Array, factor: float) -> Array:
-        """The same points, traversed slower."""
-        out = z.copy()
-        out[-self._m :] *= factor
-        return out
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""

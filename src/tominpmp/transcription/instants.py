@@ -39,11 +39,6 @@ class Instants:
         return cls(np.array([intervals - 1]), np.ones(1))
 
     @classmethod
-    def ends_of(cls, intervals: Sequence[int]) -> Instants:
-        """The ends of some intervals."""
-        return cls(np.array(intervals, dtype=np.int64), np.ones(len(intervals)))
-
-    @classmethod
     def at_times(cls, times: Array, h: Array, delays: float | Array = 0.0) -> Instants:
         """Instants at times [s], those after the end at the end.
 

@@ -22,7 +22,7 @@ from tominpmp.constraints import (
     VelocityLimit,
 )
 from tominpmp.dynamics import Dynamics, RobotDynamics
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 
@@ -302,16 +302,7 @@ class ProblemFunctions:
     @cached_property
     def step_scale(self) -> Array:
         """Joint displacement that counts as 1 rad, shape (n,): 1, or the reach [m]."""
-        model = self.problem.robot.model
-        prismatic = np.array(
-            [
-                model.joints[model.getJointId(name)]
-                .shortname()
-                .startswith("JointModelP")
-                for name in self.problem.robot.joint_names
-            ]
-        )
-        return np.where(prismatic, self.reach, 1.0)
+        return np.where(prismatic_joints(self.problem.robot), self.reach, 1.0)
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Torque as a share of its limits, in [-1, 1] where allowed, shape (m, n)."""

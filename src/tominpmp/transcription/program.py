@@ -266,6 +266,5 @@ def _goals_on_the_way(of: Transcription[Any]) -> list[Block]:
         scale = np.ones(part.goal_bounds[0].size)
         goal = GoalReached(part.problem.goal, part.kinematics, scale)
         suffix = f" of segment {number + 1}"
-        at = Instants.ends_of([end - 1])
-        found.append(Sampled(goal, at, (first, end), suffix))
+        found.append(Sampled(goal, Instants.end(end), (first, end), suffix))
     return found

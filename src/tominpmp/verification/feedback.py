@@ -32,7 +32,7 @@ from tominpmp.verification.replay import (
     Integrator,
     Replay,
 )
-from tominpmp.verification.stages import PlantOfStages, Stage
+from tominpmp.verification.stages import Stage, plant_of
 
 # The feedback is faster than the instability by this, and at least this fast [1/s].
 FASTER = 4.0
@@ -125,14 +125,12 @@ class Tracking(Integration):
         pieces = Pieces.of(curve, breaks)
         self._stages = stages
         self._plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
-        ends = np.array([stage.end for stage in stages])
-        plant = self._plants[0] if len(stages) == 1 else None
         super().__init__(
             robot,
             trajectory,
             pieces,
             integrator,
-            plant=plant or PlantOfStages(self._plants, ends),
+            plant=plant_of(stages, self._plants),
         )
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:

@@ -170,9 +170,14 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
     return replace(motion, t=t, q=state.q, v=state.v, u=u, a=a)
 
 
-def plant_of(stages: Sequence[Stage]) -> Plant:
-    """What moves under the torques of a motion."""
-    plants = [Plant(stage.problem.robot) for stage in stages]
+def plant_of(stages: Sequence[Stage], plants: Sequence[Plant] = ()) -> Plant:
+    """What moves under the torques of a motion.
+
+    Args:
+        stages: Its segments.
+        plants: One for each; empty for the robots alone.
+    """
+    plants = plants or [Plant(stage.problem.robot) for stage in stages]
     if len(plants) == 1:
         return plants[0]
     return PlantOfStages(plants, np.array([stage.end for stage in stages]))
