@@ -13,13 +13,13 @@ from tominpmp.options import Tolerances
 from tominpmp.planner.grid_refinement import (
     MOST_INTERVALS,
     interval_losses,
-    split_intervals,
     step_errors,
     worst_intervals,
 )
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FEW = 8

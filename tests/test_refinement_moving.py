@@ -12,10 +12,10 @@ from tominpmp.arcs.shooting import ArcProgram
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arcs.switching_times import steps_of
 from tominpmp.arcs.transcription import ArcTranscription
-from tominpmp.planner.grid_refinement import split_intervals
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 RAIL = """<robot name="rail"><link name="base"/>

@@ -22,7 +22,7 @@ STEP_RULES = ("adaptive", "paper")
 GRIDS = ("cosine", "uniform")
 CONTROLS = ("auto", "constant", "linear", "spline")
 OBJECTIVES = ("time", "feasible")
-REFINEMENTS = ("grid", "switching")
+REFINEMENTS = ("auto", "grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
 OPTIONAL = ("max_planning_time", "initial_duration", "starts", "control_period")
@@ -78,7 +78,8 @@ class Options(Record):
             "collocation" (states and torques), "adjoint" (the paper's), "penalty" (the
             paper's comparison), or "auto": "inverse" for arms with a motor at every
             joint, else "collocation".
-        intervals: Number N of intervals of the time grid, 10 000 at most.
+        intervals: Number N of intervals of the time grid of the search, 10 000 at most.
+            The motion that is found may have more, see ``refine``.
         grid: "cosine" (short intervals at both ends, see
             :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
@@ -91,8 +92,11 @@ class Options(Record):
             keeps all constraints, in its replay too; its time is not minimised.
         slack: Share of T to give away for quiet torques: the motion that was found is
             handed to :func:`tominpmp.smooth`. None leaves it as it is.
-        refine: What follows the first solve: None; "grid" (intervals are split where
-            the motion needs it, until its replay meets the tolerances); "switching"
+        refine: What follows the first solve: "auto" (intervals of the best motion are
+            halved where its controls bend, as long as that promises 0.3 % of T; not for
+            "adjoint" and "penalty"); None, for a motion on the grid of the search;
+            "grid" (every motion is refined, until its replay meets the tolerances and
+            next to nothing is gained); "switching"
             (the instants at which torques switch are placed exactly, for small arms,
             and other orders of the switches are looked for unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
@@ -145,7 +149,7 @@ class Options(Record):
     control: Control = "auto"
     objective: Literal["time", "feasible"] = "time"
     slack: float | None = None
-    refine: Literal["grid", "switching"] | None = None
+    refine: Literal["auto", "grid", "switching"] | None = "auto"
     smoothing: float | None = None
     starts: int | None = None
     seed: int = 0

@@ -13,6 +13,8 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
+from tominpmp.transcription.layout import Layout
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.nearest import keeps_clear
 from tominpmp.verification.verification import LONGEST, Verification, verify
 
@@ -36,6 +38,7 @@ class Attempt:
             was put off.
         remark: A sentence for the user, if there is something to say.
         unconfirmed: Whether there was no time left for the replay.
+        layout: How the motion was parameterised; None where only torques are.
     """
 
     name: str
@@ -48,6 +51,7 @@ class Attempt:
     verification: Verification | None = None
     remark: str = ""
     unconfirmed: bool = False
+    layout: Layout | None = None
 
     @classmethod
     def of(
@@ -66,6 +70,9 @@ class Attempt:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
+        layout = None
+        if isinstance(program, NonlinearProgram):
+            layout = Layout.of(program.transcription, iterate.z)
         return cls(
             name,
             result.status,
@@ -75,6 +82,7 @@ class Attempt:
             violations,
             result.history,
             remark=result.remark,
+            layout=layout,
         )
 
     @property

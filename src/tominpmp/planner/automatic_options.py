@@ -64,7 +64,7 @@ def check_segments(problem: Problem, options: Options) -> None:
         return
     known = {
         "method": ("auto", "inverse"),
-        "refine": (None,),
+        "refine": ("auto", None),
         "slack": (None,),
         "control_period": (None,),
     }

@@ -56,7 +56,7 @@ def solve_from_warm_start(
     kept = former.remainder(system)
     if kept is None:
         return attempt
-    same = replace(attempt, feasible=True, trajectory=kept, violations={})
+    same = replace(attempt, feasible=True, trajectory=kept, violations={}, layout=None)
     same = same.verified(system.problem, options)
     return same if same.duration < attempt.duration else attempt
 

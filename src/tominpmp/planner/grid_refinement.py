@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arcs.radau import explicit_stages
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.constraints.friction import interval_signs
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
@@ -28,6 +28,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import verify
@@ -109,6 +110,7 @@ def _refine(
         if not np.any(split):
             break
         finer, start = split_intervals(grid, z, split)
+        assert isinstance(finer, Gridded)  # noqa: S101
         refined, found = _solve(finer, start, options, outcome, lp, progress)
         replayed = replayed_well(system, refined.trajectory(_last(found)), options)
         gain = 1.0 - (np.inf if found.best is None else found.best.duration) / T
@@ -229,59 +231,6 @@ def worst_intervals(losses: Array, duration: float) -> BoolArray:
     chosen = order[:count]
     split[chosen[losses[chosen] >= LITTLE * duration]] = True
     return split
-
-
-def split_intervals(
-    transcription: Gridded, z: Array, split: BoolArray
-) -> tuple[Gridded, Array]:
-    """Halve intervals, without a change of the motion.
-
-    Args:
-        transcription: The parameterisation.
-        z: An iterate of it.
-        split: Which intervals to halve, shape (N,).
-
-    Returns:
-        The parameterisation on the new grid, and the iterate.
-    """
-    parts = 1 + split.astype(np.int64)
-    if isinstance(transcription, InverseTranscription):
-        return _split_spline(transcription, z, parts)
-    x, u, h = transcription.split(z)
-    first = np.cumsum(parts) - parts
-    t = np.concatenate([[0.0], np.cumsum(h)])
-    shares = _split_shares(transcription, parts)
-    states = np.empty((shares.shape[0] + 1, x.shape[1]))
-    states[first], states[-1] = x[:-1], x[-1]
-    halved = np.flatnonzero(split)
-    inside = transcription.trajectory(z)(0.5 * (t[halved] + t[halved + 1]))
-    states[first[halved] + 1] = np.hstack([inside.q, inside.v])
-    finer = CollocationTranscription(transcription.system, shares, float(t[-1]))
-    eta = z[-shares.shape[1] :]
-    return finer, finer.pack(states, np.repeat(u, parts, axis=0), eta)
-
-
-def _split_shares(transcription: Gridded, parts: IntArray) -> Array:
-    """Shares of the halved intervals; whatever could stretch by itself still can."""
-    return np.repeat(transcription.shares / parts[:, None], parts, axis=0)
-
-
-def _split_spline(
-    transcription: InverseTranscription, z: Array, parts: IntArray
-) -> tuple[InverseTranscription, Array]:
-    spline = transcription.motion(z)
-    index = np.repeat(np.arange(parts.size), parts)
-    second = np.concatenate([[False], index[1:] == index[:-1]])
-    halved = parts[index] == 2
-    # De Casteljau: the middle points of the halves lie halfway to the ends.
-    ends = np.where(second[:, None], spline.q[1:][index], spline.q[:-1][index])
-    points = spline.points[index]
-    points = np.where(halved[:, None], 0.5 * (points + ends), points)
-    points[0], points[-1] = spline.q_ends  # as the transcription packs them
-    shares = _split_shares(transcription, parts)
-    duration = float(spline.h.sum())
-    finer = InverseTranscription(transcription.system, shares, duration)
-    return finer, finer.pack(points, spline.v_ends[1], z[-shares.shape[1] :])
 
 
 def _solve(

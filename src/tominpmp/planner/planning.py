@@ -20,6 +20,7 @@ from tominpmp.planner.control_period import (
     puts_off_replays,
     searching,
 )
+from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.smoothing import smooth
@@ -128,7 +129,10 @@ def _attempts(
         yield attempt
         if options.objective == "feasible" and attempt.found:
             return
-    yield from continued(problem, options, progress, attempts)
+    for attempt in continued(problem, options, progress, attempts):
+        attempts.append(attempt)
+        yield attempt
+    yield from on_finer_grid(problem, options, progress, attempts)
 
 
 def _interrupted(solution: Solution) -> Solution:

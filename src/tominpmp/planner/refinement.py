@@ -16,6 +16,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 __all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
 
+# What does not ask for a refinement of every motion.
+LATER = (None, "auto")
 # What needs no refinement: planning that was stopped, and a motion that will do.
 DONE = (*STOPPED, Status.FEASIBLE)
 # A motion this short only has a duration since the programs need one [s].
@@ -46,7 +48,7 @@ def refine(
     """
     if result.status in DONE:
         return program, result
-    if result.best is not None and options.refine is not None:
+    if result.best is not None and options.refine not in LATER:
         duration = program.trajectory(result.best.z).duration
         if duration < SHORTEST_MOTION:
             remark = "The start meets the goal: there is nothing to refine."
@@ -65,7 +67,7 @@ def unrefined(options: Options, result: SlpResult) -> SlpResult:
         options: Options of the plan.
         result: The outcome.
     """
-    if options.refine is None:
+    if options.refine in LATER:
         return result
     way = f"method {options.method!r}"
     if options.method == "inverse":

@@ -103,15 +103,8 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
         self, position: Callable[[Array], Array], guessed: float, duration: float
     ) -> Array:
         """Iterate for a guess: control points on the path at the Greville abscissae."""
-        t, p = self.basis.knots, self.degree
-        greville = np.array(
-            [t[i + 1 : i + p + 1].mean() for i in range(self.basis.count)]
-        )
-        wanted = position(greville * guessed).ravel() - self.offset
-        wanted -= self.map[:, -1].toarray().ravel() * duration
-        free = self.map[:, :-1]
-        count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
-        return np.append(np.asarray(free.T @ wanted) / count, duration)
+        points = position(self.basis.greville * guessed)
+        return self.unknowns(points, np.array([duration]))
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""

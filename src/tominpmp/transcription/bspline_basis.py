@@ -40,6 +40,13 @@ class Basis:
         """Number of control points."""
         return int(self.knots.size) - self.degree - 1
 
+    @property
+    def greville(self) -> Array:
+        """Where each control point belongs: means of its inner knots, shape (M,)."""
+        sums = np.cumsum(np.append(0.0, self.knots[1:-1]))
+        means = (sums[self.degree :] - sums[: -self.degree]) / self.degree
+        return np.asarray(np.clip(means, self.knots[0], self.knots[-1]))
+
     def derivative(self, order: int) -> sp.csr_matrix:
         """Control points of a derivative from those of the curve."""
         known = self._derivatives

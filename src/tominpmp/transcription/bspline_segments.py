@@ -147,16 +147,8 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
             position: Configurations at shares of the grid's own duration.
             eta: Durations, shape (m,).
         """
-        p, whole = self.degree, self._basis_of(self.shares.sum(axis=1))
-        knots = whole.knots / whole.knots[-1]
-        greville = np.array(
-            [knots[i + 1 : i + p + 1].mean() for i in range(whole.count)]
-        )
-        rest = self.offset + self.map[:, -self._m :] @ eta
-        wanted = position(greville).ravel() - rest
-        free = self.map[:, : -self._m]
-        count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
-        return np.concatenate([np.asarray(free.T @ wanted) / count, eta])
+        whole = self._basis_of(self.shares.sum(axis=1))
+        return self.unknowns(position(whole.greville / whole.knots[-1]), eta)
 
     # -- states ------------------------------------------------------------------------
 

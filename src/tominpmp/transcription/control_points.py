@@ -53,6 +53,20 @@ class ControlPointTranscription(CurveTranscription[M]):
         """Control points, shape (M, n)."""
         return np.asarray(self.map @ z + self.offset).reshape(-1, self.system.n)
 
+    def unknowns(self, points: Array, eta: Array) -> Array:
+        """Unknowns whose control points come nearest to given ones.
+
+        Those that hang together get the mean of what is asked for.
+
+        Args:
+            points: Control points, shape (M, n).
+            eta: Durations, shape (m,).
+        """
+        free = self.map[:, : self.point_unknowns]
+        wanted = points.ravel() - self.offset - self.map[:, self.point_unknowns :] @ eta
+        count = np.maximum(np.asarray(free.sum(axis=0)).ravel(), 1.0)
+        return np.concatenate([np.asarray(free.T @ wanted) / count, eta])
+
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within position limits and positive durations."""
         limits = self.system.problem.robot.limits

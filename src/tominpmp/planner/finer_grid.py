@@ -1,0 +1,250 @@
+"""The last stage of a search: the grid of the best motion follows its bends.
+
+A grid that was chosen before anything was known of the motion costs time where torques
+switch inside an interval, where what runs to its limit gets there at one instant of it
+only, and where obstacles bend the path. Intervals are halved where the controls bend;
+the motion is the same on the new grid, and the first linear program there tells what is
+to be had. Where that is little it is left at that, else a few programs get nearly all
+of it, and the next round looks where controls bend now.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.refinement import SHORTEST_MOTION
+from tominpmp.planner.rescue import guarded
+from tominpmp.problem import Problem
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.layout import Gridded, Layout, split_intervals
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
+
+logger = logging.getLogger(__name__)
+
+# Rounds of halving, and the largest number of intervals.
+ROUNDS = 3
+MOST_INTERVALS = 300
+# A round is worth while if it promises this share of T; another one promises half of
+# what this one did, at most. An iteration goes on while it has not kept more of what it
+# promised than this: most of the gain comes with the first step.
+WORTH, FALLS = 3e-3, 2.0
+ENOUGH = 1.5e-3
+# Slowing down cures a violation of this much, and costs no more than half of it.
+CURABLE = 3e-4
+# Motions that gain less than this share of T are not worth a replay.
+LEAST_GAIN = 1e-3
+ITERATIONS = 8
+# Trust region, as a share of the usual one: the motion is near to what it comes from.
+RADIUS = 0.3
+# Intervals are halved that have this share of all bends, with their lengths, together.
+BENDS = 0.95
+# Shorter intervals, as shares of T, are left as they are.
+SHORTEST = 1e-3
+# Where a joint is at its speed limit from end to end of an interval, there is nothing
+# to gain for it.
+AT_LIMIT = 0.999
+
+
+def on_finer_grid(
+    problem: Problem, options: Options, progress: Progress, attempts: Sequence[Attempt]
+) -> Iterator[Attempt]:
+    """Go on with the best motion on a grid of its own, if that pays.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        progress: Time limit and callback.
+        attempts: What was found.
+
+    Yields:
+        The motion on a finer grid, if it is faster.
+    """
+    if options.refine != "auto" or options.objective != "time":
+        return
+    found = [attempt for attempt in attempts if attempt.found]
+    if not found:
+        return
+    best = min(found, key=lambda attempt: attempt.duration)
+    if best.status in STOPPED or nothing_to_gain(problem, best.trajectory):
+        return
+    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    progress.share(1)
+    progress.begin()
+    solve = partial(refined, system, options, best, progress)
+    faster = guarded(problem, options, progress, best.name, solve)
+    if faster is not None and faster.duration < best.duration:
+        yield faster
+    progress.deadline.check()
+
+
+def nothing_to_gain(problem: Problem, motion: Trajectory) -> bool:
+    """Whether a joint needs nearly all of T for its way at its speed limit alone."""
+    if motion.duration < SHORTEST_MOTION:
+        return True
+    way = np.abs(motion.q[-1] - motion.q[0]) / problem.robot.limits.velocity
+    return bool(np.max(way) > (1.0 - WORTH) * motion.duration)
+
+
+def refined(
+    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
+) -> Attempt | None:
+    """A motion on finer grids, replayed; None if that brings next to nothing.
+
+    Args:
+        system: The functions of the problem; those of an arm alone let its links touch
+            at first.
+        options: Options of the plan.
+        attempt: What led to the motion.
+        progress: Time limit and callback.
+    """
+    first = system.first_tried
+    found = _refined(first, options, attempt, progress)
+    if first is system or found is None or not found.touches:
+        return found
+    return _refined(system, options, attempt, progress)
+
+
+def _refined(
+    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
+) -> Attempt | None:
+    layout = attempt.layout or Layout.of_motion(attempt.trajectory)
+    if layout is None:
+        return None
+    of, z = layout.taken_up(system, attempt.trajectory)
+    T, lp = attempt.duration, make_solver(options.lp_solver)
+    best: tuple[NonlinearProgram, SlpResult] | None = None
+    reached = T
+    for _ in range(ROUNDS):
+        split = to_be_split(of, z)
+        if not np.any(split):
+            break
+        of, z = split_intervals(of, z, split)
+        promise = Promise(progress, T)
+        program, result = _solve(of, z, options, lp, promise)
+        found = result.best
+        logger.info("%d intervals: promise %.1e", of.intervals, promise.first)
+        if found is None or found.duration >= reached:
+            break
+        best, reached = (program, result), found.duration
+        if promise.first < FALLS * WORTH:
+            break
+        assert isinstance(program.transcription, Gridded)  # noqa: S101
+        of, z = program.transcription, found.z
+    if best is None or reached > (1.0 - LEAST_GAIN) * T:
+        return None
+    return _attempt(system, options, attempt, best, progress)
+
+
+def _attempt(
+    system: ProblemFunctions,
+    options: Options,
+    former: Attempt,
+    best: tuple[NonlinearProgram, SlpResult],
+    progress: Progress,
+) -> Attempt:
+    """What was found, replayed."""
+    history = tuple(progress.records)
+    result = replace(best[1], status=former.status, history=history)
+    attempt = Attempt.of(former.name, best[0], former.initial, result)
+    attempt = replace(attempt, remark=former.remark)
+    return attempt.verified(system.problem, options, later=progress.puts_off)
+
+
+class Promise:
+    """Callback that ends an iteration when no more is promised.
+
+    Args:
+        progress: Is shown every record.
+        duration: T [s].
+
+    Attributes:
+        first: What the first step promised, as a share of T.
+    """
+
+    def __init__(self, progress: Progress, duration: float) -> None:
+        self.progress, self.duration = progress, duration
+        self.first = np.nan
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        status = self.progress(record)
+        promised = record.predicted / self.duration
+        left = promised - max(record.actual, 0.0) / self.duration
+        if np.isnan(self.first):
+            self.first = promised
+        near = record.violation <= CURABLE
+        enough = self.first < WORTH or (near and left < ENOUGH)
+        return status or (Status.CONVERGED if enough else None)
+
+
+def to_be_split(of: Gridded, z: Array) -> BoolArray:
+    """Which intervals are to be halved, shape (N,)."""
+    h, speeds = of.motion(z).h, np.abs(of.trajectory(z).v)
+    limits = of.system.problem.robot.limits
+    bends = h * bends_of_controls(of, z)
+    at_limit = speeds > AT_LIMIT * limits.velocity
+    if at_limit.shape[0] == h.size + 1:  # no stays on the way
+        bends[np.any(at_limit[1:] & at_limit[:-1], axis=1)] = 0.0
+    bends[h < SHORTEST * h.sum()] = 0.0
+    order = np.argsort(-bends, kind="stable")
+    before = np.cumsum(bends[order]) - bends[order]
+    split = np.zeros(h.size, dtype=bool)
+    split[order] = (bends[order] > 0.0) & (before < BENDS * bends.sum())
+    split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
+    return split
+
+
+def bends_of_controls(of: Gridded, z: Array) -> Array:
+    """How much the controls jump, or their slopes, around each interval, shape (N,)."""
+    variation = of.scaled_at(z).variation(z)
+    jumps = np.abs(variation.matrix @ z + variation.offset)
+    N, degree = of.intervals, getattr(of, "degree", 3)
+    # Jumps are between N intervals, or between N + degree - 3 control points.
+    jumps = np.max(jumps.reshape(N - 1 + degree - 3, -1), axis=1, initial=0.0)
+    jumps = np.concatenate([[0.0], jumps, [0.0]])
+    width = jumps.size - N + 1
+    around = [jumps[k : k + N] for k in range(width)]
+    return np.asarray(np.max(around, axis=0))
+
+
+def _solve(
+    of: Gridded, z: Array, options: Options, lp: LpSolver, promise: Promise
+) -> tuple[NonlinearProgram, SlpResult]:
+    """A few programs on a new grid."""
+    T = float(of.cost @ z)
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * T
+    few = replace(
+        options,
+        trust_region=RADIUS * options.trust_region,
+        max_iterations=min(options.max_iterations, ITERATIONS),
+    )
+    program = NonlinearProgram.of(of).at(z)
+    program = exchanged(program, z, -NEARLY) or program
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    ) -> SlpResult:
+        keep = promise.progress.keep
+        solver = SlpSolver(program, options, smoothing, lp, promise, keep=keep)
+        return solver.run(z, after=after)
+
+    return solve_in_rounds(program, z, few, solve, rough=False)

@@ -1,0 +1,178 @@
+"""The grid follows the motion: T is that of the continuum, by default."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.planner.finer_grid import nothing_to_gain, to_be_split
+from tominpmp.transcription.grid import (
+    delayed_shares,
+    interval_shares,
+    segmented_shares,
+)
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import Layout, split_intervals
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+START, GOAL = (0.5, 1.7, -1.7), (0.5, 1.0, 1.0)
+# T on a grid four times finer may be less by this share of it.
+CONTINUUM = 5e-3
+MODES = {
+    "auto": {},
+    "constant": {"control": "constant"},
+    "linear": {"control": "linear"},
+    "spline": {"control": "spline"},
+}
+LIMITED = tm.MotionLimits(acceleration=15.0, jerk=500.0)
+RATED = tm.MotionLimits(effort_rate=2000.0)
+
+
+def planar(**more):
+    return tm.Problem(tm.load_robot("planar3r"), START, tm.JointGoal(GOAL), **more)
+
+
+@cache
+def planned(mode: str, limits: tm.MotionLimits | None, refine: str | None):
+    return tm.plan(planar(motion_limits=limits), refine=refine, **MODES[mode])
+
+
+CASES = [
+    *((mode, None) for mode in MODES),
+    ("auto", LIMITED),
+    ("auto", RATED),
+]
+
+
+@pytest.mark.parametrize(("mode", "limits"), CASES)
+def test_a_grid_four_times_finer_brings_little(mode, limits):
+    solution = planned(mode, limits, "auto")
+    assert solution.success
+    N = 4 * solution.options.intervals
+    problem = planar(motion_limits=limits)
+    finer = tm.plan(problem, start=solution, intervals=N, refine=None, **MODES[mode])
+    assert finer.success
+    assert solution.T <= finer.T * (1.0 + CONTINUUM)
+
+
+@pytest.mark.parametrize(("mode", "limits"), CASES)
+def test_it_is_never_slower_than_on_the_grid_of_the_search(mode, limits):
+    search, solution = planned(mode, limits, None), planned(mode, limits, "auto")
+    assert solution.T <= search.T
+    assert solution.verification.ok
+    assert search.trajectory.t.size == search.options.intervals + 1
+    if solution.T < search.T:
+        assert solution.trajectory.t.size > search.trajectory.t.size
+
+
+LAYOUTS = {
+    "constant": (2, interval_shares("cosine", 12), [1.3], None),
+    "constant, two lengths": (2, delayed_shares(9, 0.3), [1.1, 1.4], None),
+    "linear": (3, interval_shares("cosine", 12), [1.3], None),
+    "smooth": (5, interval_shares("cosine", 12), [1.3], None),
+    "states": (0, interval_shares("cosine", 12), [1.3], None),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_motion_is_taken_up_and_split_as_it_is(name, rng):
+    degree, shares, eta, ends = LAYOUTS[name]
+    problem = planar(v_start=(0.1, -0.2, 0.3))
+    system = ProblemFunctions.of(problem)
+    of = Layout(degree, shares, np.array(eta), ends).transcription(system)
+    z = within_ends(of, np.append(rng.normal(size=of.size - len(eta)), eta))
+    if degree == 0:
+        share = np.append(0.0, np.cumsum(shares))[:, None]
+        q = np.array(START) + share * np.subtract(GOAL, START)
+        z = of.start(q, np.array(eta))
+    same_motion(of, z, system)
+
+
+def test_a_motion_of_segments_is_taken_up_and_split_as_it_is(rng):
+    middle = tm.Segment(tm.JointGoal((0.5, 1.2, 0.0)), stop=False)
+    last = tm.Segment(tm.JointGoal(GOAL))
+    problem = tm.Problem(tm.load_robot("planar3r"), START, segments=[middle, last])
+    system = ProblemFunctions.of(problem)
+    for degree in (2, 3, 5):
+        shares = segmented_shares("cosine", 9, np.array([0.7, 0.6]), degree > 2)
+        layout = Layout(degree, shares, np.array([1.2, 1.5]), (9, 18))
+        of = layout.transcription(system)
+        z = within_ends(of, np.append(rng.normal(size=of.size - 2), layout.eta))
+        finer = same_motion(of, z, system)
+        first = finer.trajectory(split_intervals(of, z, every_third(of))[1])
+        assert finer.segment_ends == (12, 24)
+        np.testing.assert_allclose(
+            first.segment_ends, of.trajectory(z).segment_ends, rtol=1e-12
+        )
+
+
+def within_ends(of, z):
+    """An iterate at rest at both ends, where these are unknowns."""
+    if isinstance(of, InverseTranscription):
+        N = of.intervals
+        z[:3], z[3 * N - 3 : 3 * N], z[3 * N : 3 * N + 3] = START, GOAL, 0.0
+    return z
+
+
+def every_third(of):
+    return np.arange(of.intervals) % 3 == 1
+
+
+def same_motion(of, z, system):
+    """Take up and split an iterate; its motion is the same."""
+    motion = of.trajectory(z)
+    again, start = Layout.of(of, z).taken_up(system, motion)
+    np.testing.assert_allclose(start, z, atol=1e-9)
+    finer, split = split_intervals(again, start, every_third(of))
+    assert finer.intervals == of.intervals + every_third(of).sum()
+    assert finer.shares.shape[1] == of.shares.shape[1]
+    times = np.linspace(0.0, motion.duration * (1 - 1e-12), 301)
+    fine = finer.trajectory(split)
+    assert fine.duration == pytest.approx(motion.duration, rel=1e-12)
+    atol = 1e-9
+    np.testing.assert_allclose(fine(times).q, motion(times).q, atol=atol)
+    np.testing.assert_allclose(fine(times).v, motion(times).v, atol=10 * atol)
+    return finer
+
+
+def test_rides_at_a_speed_limit_are_left_as_they_are():
+    rail = make_arm(slide(1.0), effort=10.0, velocity=0.5)
+    problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
+    solution = tm.plan(problem, refine=None)
+    system = ProblemFunctions.of(problem)
+    layout = Layout.of_motion(solution.trajectory)
+    of, z = layout.taken_up(system, solution.trajectory)
+    split, speed = to_be_split(of, z), solution.trajectory.v[:, 0]
+    rides = (speed[1:] > 0.4999) & (speed[:-1] > 0.4999)
+    assert rides.any()
+    assert not split[rides].any()
+
+
+def test_a_joint_at_its_speed_limit_all_the_way_has_nothing_to_gain():
+    rail = make_arm(slide(1.0), effort=1e4, velocity=0.5)
+    for goal, expected in ((1.0, True), (1e-5, False)):
+        problem = tm.Problem(rail, [0.0], tm.JointGoal([goal]))
+        motion = tm.plan(problem, refine=None).trajectory
+        assert nothing_to_gain(problem, motion) == expected
+
+
+def test_knots_stay_on_the_ticks_of_a_controller():
+    solution = tm.plan(planar(), control_period=0.01)
+    ticks = solution.trajectory.t / 0.01
+    assert solution.success
+    np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-9)
+    assert solution.T <= planned("auto", None, "auto").T + 0.02
+
+
+def test_a_motion_of_segments_becomes_no_slower():
+    middle = tm.Segment(tm.JointGoal((0.5, 1.2, 0.0)), stop=False)
+    last = tm.Segment(tm.JointGoal(GOAL))
+    problem = tm.Problem(tm.load_robot("planar3r"), START, segments=[middle, last])
+    search, solution = tm.plan(problem, refine=None), tm.plan(problem)
+    assert solution.success
+    assert solution.T < search.T
+    assert len(solution.segments) == 2
