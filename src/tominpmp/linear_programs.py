@@ -23,6 +23,9 @@ from tominpmp.stopping import check, due, seconds_left
 
 # Bounds beyond this are none, for solvers that have no infinity.
 HUGE = 1e30
+# Iterations of PIQP at most. It needs 18 to 30; where it has not ended by then, it
+# seldom does before its own limit of 250, and the simplex method is faster.
+PIQP_ITERATIONS = 60
 # What solvers behind qpsolvers call their limit on time [s].
 TIME_LIMITS = {
     "clarabel": "time_limit",
@@ -187,14 +190,15 @@ class PiqpSolver(LpSolver):
         solver.settings.eps_duality_gap_rel = 1e-6
         self._solver = solver
         self._equal: BoolArray = np.zeros(0, dtype=bool)
-        self._iterations = int(solver.settings.max_iter)
         self._pace = 0.0
+        self._program: LinearProgram | None = None
+        self._other: HighsSolver | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program; interior points have no warm start."""
         begin = time.perf_counter()
         equal = program.row_lower == program.row_upper
-        self._equal = equal
+        self._equal, self._program, self._other = equal, program, None
         rows = program.matrix.tocsr()
         size = program.cost.size
         self._solver.setup(
@@ -213,7 +217,11 @@ class PiqpSolver(LpSolver):
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve again, with the symbolic factorisation kept."""
         begin = time.perf_counter()
-        equal = self._equal
+        if self._other is not None:
+            return self._other.resolve(row_lower, row_upper)
+        equal, program = self._equal, self._program
+        assert program is not None  # noqa: S101
+        self._program = replace(program, row_lower=row_lower, row_upper=row_upper)
         self._solver.update(
             b=row_lower[equal] if equal.any() else None,
             h_l=np.maximum(row_lower[~equal], -HUGE),
@@ -227,21 +235,32 @@ class PiqpSolver(LpSolver):
         result = self._solver.result
         self._pace = (time.perf_counter() - begin) / max(int(result.info.iter), 1)
         check()
+        if status != piqp.PIQP_SOLVED or not np.all(np.isfinite(result.x)):
+            return self._solve_by_simplex(begin)
         duals = np.zeros(self._equal.size)
         duals[self._equal] = result.y
         duals[~self._equal] = result.z_u - result.z_l
         return LpSolution(
-            status == piqp.PIQP_SOLVED and bool(np.all(np.isfinite(result.x))),
+            True,
             np.array(result.x),
             duals,
             int(result.info.iter),
             time.perf_counter() - begin,
         )
 
+    def _solve_by_simplex(self, begin: float) -> LpSolution:
+        """Leave the program, and what follows from it, to the simplex method."""
+        spent = int(self._solver.result.info.iter)
+        self._other, program = HighsSolver(), self._program
+        assert program is not None  # noqa: S101
+        found = self._other.solve(program)
+        seconds = time.perf_counter() - begin
+        return replace(found, iterations=spent + found.iterations, seconds=seconds)
+
     def _limit(self) -> None:
         """Bound the iterations by the time that is left: PIQP has no limit on time."""
         settings, left = self._solver.settings, seconds_left()
-        settings.max_iter = self._iterations
+        settings.max_iter = PIQP_ITERATIONS
         if np.isinf(left):
             return
         if self._pace == 0.0:
@@ -252,7 +271,7 @@ class PiqpSolver(LpSolver):
             self._pace = time.perf_counter() - begin
             check()
             left = seconds_left()
-        allowed = int(min(left / max(self._pace, 1e-9), self._iterations))
+        allowed = int(min(left / max(self._pace, 1e-9), PIQP_ITERATIONS))
         settings.max_iter = max(allowed, 1)
 
 

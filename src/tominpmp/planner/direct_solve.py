@@ -21,6 +21,7 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS, Attempt
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import refine, unrefined
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import Solve, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
@@ -148,11 +149,13 @@ def solve_from_guess(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         solver = make_slp(program, options, smoothing, lp, progress)
-        return solver.run(z, after=after)
+        return replace(solver, exchange=RowExchange(longest=LONGEST)).run(
+            z, after=after
+        )
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
         program, start = _smooth_start(system, options, guess, solve)
-    solved = solve_in_rounds(program, start, options, solve)
+    solved = solve_in_rounds(program, start, options, solve, rough=False)
     if system.parts or (smooth and options.method != "collocation"):
         found: tuple[Program, SlpResult]
         found = solved[0], unrefined(options, solved[1])

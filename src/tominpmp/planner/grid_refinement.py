@@ -21,6 +21,7 @@ from tominpmp.constraints.friction import interval_signs
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options, Tolerances
 from tominpmp.planner.progress import Progress
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
@@ -252,7 +253,13 @@ def _solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         solver = SlpSolver(
-            program, options, smoothing, lp, progress, keep=progress.keep
+            program,
+            options,
+            smoothing,
+            lp,
+            progress,
+            keep=progress.keep,
+            exchange=RowExchange(),
         )
         result = solver.run(z, after=after)
         if after is None:

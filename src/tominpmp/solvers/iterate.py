@@ -9,6 +9,7 @@ from tominpmp.linear_programs import LpSolution
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.base import Program
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,8 @@ class SlpResult:
         best: The fastest iterate without violation, if there was one.
         history: One record an iteration.
         remark: A sentence for the user, if there is something to say.
+        program: The program as it was in the end, where rows have joined it on the way;
+            None if it is the one that was given.
     """
 
     status: Status
@@ -67,6 +70,7 @@ class SlpResult:
     best: Iterate | None
     history: tuple[IterationRecord, ...]
     remark: str = ""
+    program: Program | None = None
 
 
 @dataclass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import cast
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
@@ -50,6 +51,7 @@ def solve_in_rounds(
         first = replace(options, tolerance=max(ROUGH, options.tolerance))
     few = replace(options, max_iterations=min(options.max_iterations, ROUND_ITERATIONS))
     result = solve(program, z, first, None)
+    program = _last(program, result)
     settled = first is options
     for _ in range(ROUNDS):
         far = result.best is None and result.iterate.violation > FAR
@@ -63,8 +65,14 @@ def solve_in_rounds(
             program, z = changed or (program, z)
             program = program.at(z)
         result = solve(program, z, few if settled else options, result)
+        program = _last(program, result)
         settled = True
     return program, result
+
+
+def _last(program: NonlinearProgram, result: SlpResult) -> NonlinearProgram:
+    """The program with the rows that joined it while it was solved."""
+    return program if result.program is None else cast(NonlinearProgram, result.program)
 
 
 def _too_long(result: SlpResult) -> bool:

@@ -18,6 +18,7 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.step_search import StepSearch
@@ -78,6 +79,8 @@ class SlpSolver:
             dynamics are equations.
         keep: Is given the best motion so far, or the present one while there is none:
             the iteration may be told to stop at any time.
+        exchange: When to look at the motion between the rows of the program, and what
+            finds rows that are missing; None leaves the rows as they are.
     """
 
     nlp: Program
@@ -87,6 +90,7 @@ class SlpSolver:
     callback: Callback = go_on
     corrections: int = 4
     keep: Keep = keep_nothing
+    exchange: RowExchange | None = None
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -106,7 +110,8 @@ class SlpSolver:
             history += after.history
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
             iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
-        former, limit, solver = len(history), self.options.feasibility, self
+        limit, solver, exchange = self.options.feasibility, self, self.exchange
+        most = len(history) + self.options.max_iterations
         best = self.time_scaled(iterate)
         status = None if best is None else Status.FEASIBLE
         try:
@@ -116,12 +121,20 @@ class SlpSolver:
                 iterate, outcome = solver.step(iterate, effort)
                 best = solver.time_scaled(iterate) or iterate.better_than(best, limit)
                 self.keep(self.nlp, best or iterate)
-                record = self.record(len(history), iterate, outcome, effort, begin)
+                record = solver.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
-                status = self.terminate(iterate, outcome, len(history) - former)
+                status = solver.terminate(iterate, outcome, most - len(history))
                 status = status or self.callback(record)
                 if best is not None and self.options.objective == "feasible":
                     status = Status.FEASIBLE
+                if exchange is not None and exchange.due(iterate, status):
+                    exchange = exchange.looked
+                    joined = exchange.joined(solver.nlp, iterate)
+                    if joined is not None:
+                        program, iterate = joined
+                        exchange, most = exchange.extended(most, len(history))
+                        solver, best = replace(solver, nlp=program), None
+                        status = None if status is Status.CONVERGED else status
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
                 last = solver.feasibility_restored(iterate).better_than(best, limit)
@@ -129,12 +142,12 @@ class SlpSolver:
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
-            return SlpResult(status, best, best, tuple(history))
+            return SlpResult(status, best, best, tuple(history), program=solver.nlp)
         iterate = solver.feasibility_restored(iterate)
         best = iterate.better_than(best, limit)
         if status is Status.CONVERGED and best is None:
             status = Status.INFEASIBLE
-        return SlpResult(status, iterate, best, tuple(history))
+        return SlpResult(status, iterate, best, tuple(history), program=solver.nlp)
 
     def init(self, z: Array) -> Iterate:
         """Iterate at the start."""
@@ -322,9 +335,9 @@ class SlpSolver:
         return values
 
     def terminate(
-        self, iterate: Iterate, outcome: Outcome | None, count: int
+        self, iterate: Iterate, outcome: Outcome | None, left: int
     ) -> Status | None:
-        """Status if the iteration is to end, else None."""
+        """Status if the iteration is to end, with so many left; else None."""
         if outcome is None:
             return Status.NUMERICAL_FAILURE if iterate.region.exhausted else None
         if self.settled(iterate, outcome) and self.restorable(iterate):
@@ -333,7 +346,7 @@ class SlpSolver:
             return Status.INFEASIBLE
         if iterate.region.exhausted:
             return Status.STALLED
-        if count >= self.options.max_iterations:
+        if left <= 0:
             return Status.ITERATION_LIMIT
         return None
 

@@ -1,0 +1,113 @@
+"""Rows between the nodes join the running iteration.
+
+Constraints are rows at chosen instants. As the duration settles the motion is looked at
+between them, at first while it is rough, and what is missing becomes rows of the next
+linear program (semi-infinite exchange, Hettich and Kortanek, 1993); trust region and
+weights of the merit stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.status import Status
+from tominpmp.transcription.base import Program
+from tominpmp.transcription.exchange import revised
+from tominpmp.transcription.program import NonlinearProgram
+
+# Rows are looked for when the duration changes by less than such a share of it in an
+# iteration; after each time, by less than this share of what it was then.
+ROUGH, FINER = 1e-2, 0.1
+# Where rows are violated by so much, more of them between the nodes would not help.
+FAR = 1e-2
+# Iterations that rows give to what they have joined, and how often.
+ITERATIONS, EXTENSIONS = 25, 12
+# Rows that join may need a step of this share of the usual one at least.
+LEAST_RADIUS = 0.1
+
+Revise = Callable[[Program, Array], tuple[Program, Array] | None]
+
+
+def with_missing_rows(program: Program, z: Array) -> tuple[Program, Array] | None:
+    """A program with the rows that an iterate shows to be missing, and the iterate.
+
+    None if nothing is missing.
+    """
+    assert isinstance(program, NonlinearProgram)  # noqa: S101
+    changed = revised(program, z)
+    return None if changed is None else (changed[0].at(changed[1]), changed[1])
+
+
+@dataclass(frozen=True)
+class RowExchange:
+    """When a running iteration looks between its rows, and what finds those missing.
+
+    Attributes:
+        level: Change of the duration in an iteration, as a share of it, below which the
+            motion is looked at.
+        extensions: How often rows have joined and given it more iterations.
+        longest: Motions that last longer are not looked at [s].
+        revise: Gives the program with all that an iterate shows to be missing, and the
+            iterate within its bounds; None if nothing is.
+    """
+
+    level: float = ROUGH
+    extensions: int = 0
+    longest: float = np.inf
+    revise: Revise = with_missing_rows
+
+    def due(self, iterate: Iterate, status: Status | None) -> bool:
+        """Whether it is time to look at the motion.
+
+        Args:
+            iterate: Where the iteration stands.
+            status: How the iteration is to end; None if it goes on.
+        """
+        if status not in (None, Status.CONVERGED) or iterate.duration > self.longest:
+            return False
+        if iterate.violation > FAR or not iterate.gains:
+            return False
+        settled = status is Status.CONVERGED
+        return settled or iterate.gains[-1] < self.level * iterate.duration
+
+    @property
+    def looked(self) -> RowExchange:
+        """The same once the motion was looked at."""
+        return replace(self, level=FINER * self.level)
+
+    def extended(self, limit: int, count: int) -> tuple[RowExchange, int]:
+        """The same once rows have joined, and the limit on the iterations.
+
+        Args:
+            limit: The limit by now.
+            count: Iterations that were made.
+        """
+        if self.extensions == EXTENSIONS:
+            return self, limit
+        more = replace(self, extensions=self.extensions + 1)
+        return more, max(limit, count + ITERATIONS)
+
+    def joined(
+        self, program: Program, iterate: Iterate
+    ) -> tuple[Program, Iterate] | None:
+        """Program and iterate with the rows that are missing; None if none are."""
+        changed = self.revise(program, iterate.z)
+        if changed is None:
+            return None
+        program, z = changed
+        merit = replace(iterate.merit, rows=program.rows)
+        region = iterate.region
+        return program, replace(
+            iterate,
+            z=z,
+            values=program.evaluate(z),
+            merit=merit,
+            region=replace(region, radius=max(region.radius, LEAST_RADIUS)),
+            multipliers=np.zeros(program.rows.size),
+            gains=(),
+        )
