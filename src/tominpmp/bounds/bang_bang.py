@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from tominpmp.arrays import Array
 
@@ -12,22 +11,6 @@ ROUNDING = 1e-9
 # Products of friction and time below this are as good as none; bounds without friction
 # are no less.
 SMALL = 1e-6
-
-
-class AccelerationBounds(NamedTuple):
-    """Bounds on the acceleration of a coordinate.
-
-    Attributes:
-        up: Largest acceleration when friction is left out.
-        down: Largest deceleration likewise.
-        drag: Viscous friction over inertia [1/s].
-        dry: Dry friction over inertia, which is against the motion.
-    """
-
-    up: float
-    down: float
-    drag: float = 0.0
-    dry: float = 0.0
 
 
 def double_integrator_time(
@@ -114,31 +97,39 @@ def least_time(
         The time [s].
     """
 
-    def covered(T: float) -> float:
-        return _covered(T, ends, (up, least_drag), (down, drag), top)
+    def far(T: float) -> float:
+        return covered(T, ends, (up, least_drag), (down, drag), top)
 
     low, high = 0.0, 1.0
-    while covered(high) < distance:
+    while far(high) < distance:
         low, high = high, 2.0 * high
         if high > 1e9:
             return low
     for _ in range(60):
         T = 0.5 * (low + high)
-        if covered(T) < distance:
+        if far(T) < distance:
             low = T
         else:
             high = T
     return low * (1.0 - ROUNDING)
 
 
-def _covered(
+def covered(
     T: float,
     ends: Array,
     speeding: tuple[float, float],
     braking: tuple[float, float],
     top: float,
 ) -> float:
-    """Largest distance that can be covered in a time."""
+    """Bound on the distance that can be covered in a time.
+
+    Args:
+        T: The time.
+        ends: Bounds on the speed at start and end, shape (2,), possibly infinite.
+        speeding: Acceleration, and the least friction over inertia.
+        braking: Deceleration, and the largest friction over inertia.
+        top: Speed limit, possibly infinite.
+    """
     v0, v1 = float(ends[0]), float(ends[1])
     first, last = 0.0, T
     # Wherever the one bound is exchanged for the other, the sum of the integrals is a

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.bounds.bang_bang import AccelerationBounds
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 
 # Instants around the circle, or along the rail, of the second joint at which the
@@ -87,38 +87,39 @@ def _slides(robot: Robot) -> list[bool]:
     return [str(joint.shortname()).startswith("JointModelP") for joint in model.joints]
 
 
-def single_joint(robot: Robot) -> AccelerationBounds | None:
-    """Accelerations of an arm with one joint; None for others.
+def effort_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Array]:
+    """Least and largest torques that a motion may use at any speed, shape (n,) each.
 
-    Its inertia does not change, and gravity acts on it by a sine of the angle, or by a
-    constant force.
+    Args:
+        robot: The robot.
+        limits: Limits beyond its own: the share of the torques, and torque over speed.
     """
-    model = robot.model
-    if robot.n != 1 or model.nv != 1 or robot.expansion_matrix is not None:
-        return None
-    mass = float(inertia_at(robot, np.zeros((1, 1)))[0, 0, 0])
-    data, zero = model.createData(), np.zeros(1)
-    weights = [
-        float(pin.rnea(model, data, np.array([q]), zero, zero)[0])
-        for q in (0.0, 0.5 * np.pi)
-    ]
-    low = high = weights[0]
-    if not prismatic_joints(robot)[0]:
-        high = float(np.hypot(weights[0], weights[1]))
-        low = -high
-    up = (float(robot.limits.effort_upper[0]) - low) / mass
-    down = (high - float(robot.limits.effort_lower[0])) / mass
-    if up <= 0.0 or down <= 0.0:
-        return None
-    dry = float(robot.friction[0]) / mass
-    return AccelerationBounds(up, down, float(robot.damping[0]) / mass, dry)
+    lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    if limits is None:
+        return lower, upper
+    half = limits.effort_scale * half
+    lower, upper = middle - half, middle + half
+    for joint, curve in (limits.effort_curves or {}).items():
+        i = robot.joint_names.index(joint)
+        most = float(np.max(curve.effort))
+        # Curves are about no torque, or about the middle of the torques.
+        upper[i] = min(upper[i], most + max(middle[i], 0.0))
+        lower[i] = max(lower[i], min(middle[i], 0.0) - most)
+    return lower, upper
 
 
-def energy_bounds(robot: Robot) -> EnergyBounds | None:
+def energy_bounds(
+    robot: Robot, limits: MotionLimits | None = None
+) -> EnergyBounds | None:
     """Bounds on the work of the torques, where the inertia can be bounded from below.
 
     That is so for arms of two joints, whose inertia depends on the second one alone,
     and for arms with rotor inertia at every joint.
+
+    Args:
+        robot: The robot.
+        limits: Limits beyond its own.
     """
     inverse = _inverse_bounds(robot)
     weight = gravity_bounds(robot)
@@ -126,8 +127,8 @@ def energy_bounds(robot: Robot) -> EnergyBounds | None:
         return None
     S = robot.expansion_matrix
     weight = weight if S is None else weight @ np.abs(S)
-    limits = robot.limits
-    most = np.maximum(np.abs(limits.effort_lower), np.abs(limits.effort_upper))
+    lower, upper = effort_bounds(robot, limits)
+    most = np.maximum(np.abs(lower), np.abs(upper))
     # Dry friction takes energy out of the motion; it helps to brake.
     most = most + weight + robot.friction
     if robot.n <= 6:

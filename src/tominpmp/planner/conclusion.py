@@ -16,8 +16,6 @@ from tominpmp.stopping import Stop
 from tominpmp.verification import explain
 from tominpmp.verification.verification import LONGEST
 
-# A lower bound is mentioned if T is within this factor of it.
-BOUND_FACTOR = 2.0
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -99,9 +97,9 @@ def _message(
         sentence = f"{status.value} T = {T:.4f} s"
         if T < BRIEF_TIME:
             sentence = f"{status.value} T = {T:.3g} s"
-        if bound is not None and bound.T * BOUND_FACTOR > T:
-            above = 100 * (T / bound.T - 1)
-            sentence = f"{sentence}, {above:.1f} % above what none can beat"
+        near = "" if bound is None else bound.comparison(T)
+        if near:
+            sentence = f"{sentence}, {near}"
         return f"{sentence}. {best.remark}".rstrip()
     if best.unconfirmed:
         return f"{status.value} There was no time to verify the motion that was found."

@@ -12,8 +12,6 @@ from tominpmp.verification.verification import Verification
 
 # How a plan ends that has found no motion on the clock.
 NO_CLOCK = (*STOPPED, Status.UNVERIFIED)
-# A lower bound is mentioned if T is above it by less than this share.
-BOUND_FACTOR = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +49,10 @@ def succeeded(
         verification=outcome.verification,
         violations={},
     )
-    gap = solution.gap
-    if gap is not None and gap < BOUND_FACTOR:
-        message += f" and {100 * gap:.1f} % above what none can beat"
+    bound = solution.lower_bound
+    near = "" if bound is None else bound.comparison(T)
+    if near:
+        message += f" and {near}"
     return replace(solution, message=f"{message}. {remark}".rstrip())
 
 

@@ -1,0 +1,144 @@
+"""How soon a frame can be where a goal wants it, as its joints carry it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.bounds.result import LowerBound
+from tominpmp.goals import Goal
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.problem import Problem
+from tominpmp.stopping import check
+from tominpmp.verification.link_displacement import Ball, LinkDisplacement
+
+# Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
+# and steps of the search for the time.
+MAX_BOXES = 128
+BISECTIONS = 5
+# A motion is accepted that ends this far off, so that a goal which the arm does not
+# reach by less is none that it never reaches [m].
+ACCEPTED = 1e-3
+# Longest time looked at [s].
+LONGEST = 100.0
+
+# Farthest that each joint gets in a time, shape (n,).
+Reach = Callable[[float], Array]
+
+
+def frame_bounds(
+    problem: Problem, goal: Goal, frame: str, reach: Reach
+) -> list[LowerBound]:
+    """Bounds for a goal on a frame.
+
+    Args:
+        problem: The problem.
+        goal: The goal.
+        frame: Name of the frame.
+        reach: Farthest that each joint gets in a time.
+    """
+    found = []
+    place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
+    angle = goal.angle_to_go(np.asarray(place.rotation))
+    if angle > 0.0:
+        T = _turning_time(problem, frame, angle, reach)
+        found.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
+    if goal.distances(np.zeros((1, 3))) is not None:
+        T = _Vicinity(problem, goal, frame, reach).time()
+        reason = f"no sooner do the joints carry frame {frame} there"
+        found.append(LowerBound(T, reason))
+    return found
+
+
+def _turning_time(problem: Problem, frame: str, angle: float, reach: Reach) -> float:
+    """Time in which the joints cannot turn a frame by an angle."""
+    robot, model = problem.robot, problem.robot.model
+    S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
+    turns = np.zeros(model.nv)
+    for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint]:
+        item = model.joints[joint]
+        if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
+            turns[item.idx_v] = 1.0
+    share = turns @ np.abs(S)
+
+    def turned(T: float) -> float:
+        ways = reach(T)
+        return float(np.sum(share[share > 0.0] * ways[share > 0.0]))
+
+    low, high = 0.0, 1e-2
+    while turned(high) < angle:
+        low, high = high, 2.0 * high
+        if high > LONGEST:
+            return low
+    for _ in range(40):
+        T = 0.5 * (low + high)
+        low, high = (T, high) if turned(T) < angle else (low, T)
+    return low
+
+
+class _Vicinity:
+    """Where a frame can be when joints have moved for some time."""
+
+    def __init__(
+        self, problem: Problem, goal: Goal, frame: str, farthest: Reach
+    ) -> None:
+        robot = problem.robot
+        self.problem, self.goal, self.farthest = problem, goal, farthest
+        item = robot.model.frames[robot.frame_id(frame)]
+        origin = np.asarray(item.placement.translation)
+        ball = Ball(frame, int(item.parentJoint), origin, 0.0)
+        self.reach = LinkDisplacement(robot, [ball])
+
+    def time(self) -> float:
+        """Largest time found by which no motion has brought the frame to its goal."""
+        if not np.any(np.isfinite(self.farthest(1.0))):
+            return 0.0
+        low, high = 0.0, 1e-2
+        while high < LONGEST and self.excluded(high):
+            low, high = high, 2.0 * high
+        for _ in range(BISECTIONS):
+            T = 0.5 * (low + high)
+            low, high = (T, high) if self.excluded(T) else (low, T)
+        return low
+
+    def excluded(self, T: float) -> bool:
+        """Whether the frame is surely not at its goal before a time."""
+        limits, q = self.problem.robot.limits, self.problem.q_start
+        swing = self.farthest(T)
+        if not np.all(np.isfinite(swing)):
+            # Joints without a limit may be anywhere; turning ones need one turn.
+            if np.any(prismatic_joints(self.problem.robot) & np.isinf(swing)):
+                return False
+            swing = np.where(np.isfinite(swing), swing, math.pi)
+        low = np.maximum(q - swing, np.minimum(limits.position_lower, q))
+        high = np.minimum(q + swing, np.maximum(limits.position_upper, q))
+        boxes = (0.5 * (low + high)[None], 0.5 * (high - low)[None])
+        for _ in range(MAX_BOXES):
+            check()
+            shifts = self.reach.shifts(*boxes)[:, 0]
+            near = self._distance(boxes[0]) <= np.sum(shifts, axis=1) + ACCEPTED
+            if not near.any():
+                return True
+            if 2 * int(near.sum()) > MAX_BOXES:
+                return False
+            boxes = self._halves(boxes[0][near], boxes[1][near], shifts[near])
+        return False
+
+    def _distance(self, q: Array) -> Array:
+        apart = self.goal.distances(self.reach.centres(q)[:, 0])
+        assert apart is not None  # noqa: S101
+        return apart
+
+    def _halves(self, q: Array, half: Array, shifts: Array) -> tuple[Array, Array]:
+        """Cut each box across the joint that moves the frame most."""
+        share = np.abs(self.problem.robot.reduce_tangent(shifts))
+        widest = np.argmax(share, axis=1)
+        rows = np.arange(q.shape[0])
+        half = half.copy()
+        half[rows, widest] *= 0.5
+        step = np.zeros_like(half)
+        step[rows, widest] = half[rows, widest]
+        return np.concatenate([q - step, q + step]), np.concatenate([half, half])

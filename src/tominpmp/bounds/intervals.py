@@ -1,0 +1,140 @@
+"""Arithmetic of intervals, and the ranges of functions over them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+
+TURN = 2.0 * math.pi
+
+
+class Interval(NamedTuple):
+    """Intervals of numbers, bounds of any one shape.
+
+    Attributes:
+        low: Lower bounds.
+        high: Upper bounds.
+    """
+
+    low: Array
+    high: Array
+
+    @classmethod
+    def everything(cls, size: int) -> Interval:
+        """Some intervals without bounds."""
+        return cls(np.full(size, -np.inf), np.full(size, np.inf))
+
+    @classmethod
+    def around(cls, half: Array) -> Interval:
+        """Intervals from -half to half."""
+        return cls(-half, half)
+
+    def plus(self, other: Interval) -> Interval:
+        """The sum."""
+        return Interval(self.low + other.low, self.high + other.high)
+
+    def minus(self, other: Interval) -> Interval:
+        """The difference."""
+        return Interval(self.low - other.high, self.high - other.low)
+
+    def times(self, other: Interval) -> Interval:
+        """The product; zero times infinity is zero."""
+        a, b = self.low * other.low, self.low * other.high
+        c, d = self.high * other.low, self.high * other.high
+        low = np.minimum(np.minimum(a, b), np.minimum(c, d))
+        high = np.maximum(np.maximum(a, b), np.maximum(c, d))
+        if np.isnan(low).any():
+            parts = np.stack([a, b, c, d])
+            parts[np.isnan(parts)] = 0.0
+            return Interval(np.min(parts, axis=0), np.max(parts, axis=0))
+        return Interval(low, high)
+
+    def over(self, positive: Interval) -> Interval:
+        """The quotient by positive numbers."""
+        return self.times(Interval(1.0 / positive.high, 1.0 / positive.low))
+
+    def squared(self) -> Interval:
+        """The square."""
+        ends = np.square(self.low), np.square(self.high)
+        within = (self.low <= 0.0) & (self.high >= 0.0)
+        return Interval(np.where(within, 0.0, np.minimum(*ends)), np.maximum(*ends))
+
+    def with_zero(self) -> Interval:
+        """The least intervals that have zero in them, too."""
+        return Interval(np.minimum(self.low, 0.0), np.maximum(self.high, 0.0))
+
+    def cut(self, other: Interval) -> Interval:
+        """What both have."""
+        return Interval(
+            np.maximum(self.low, other.low), np.minimum(self.high, other.high)
+        )
+
+    def cosine(self) -> Interval:
+        """The cosine."""
+        whole = ~(self.high - self.low < TURN)
+        low, high = (np.where(whole, 0.0, part) for part in self)
+        ends = np.cos(low), np.cos(high)
+        tops = np.ceil(low / TURN) * TURN <= high
+        dips = np.ceil((low - math.pi) / TURN) * TURN + math.pi <= high
+        return Interval(
+            np.where(whole | dips, -1.0, np.minimum(*ends)),
+            np.where(whole | tops, 1.0, np.maximum(*ends)),
+        )
+
+    def sine(self) -> Interval:
+        """The sine."""
+        quarter = 0.5 * math.pi
+        return Interval(self.low - quarter, self.high - quarter).cosine()
+
+
+def scaled(interval: Interval, factor: float) -> Interval:
+    """Intervals times a factor >= 0."""
+    return Interval(factor * interval.low, factor * interval.high)
+
+
+class Table:
+    """Least and largest values of functions over intervals of one argument.
+
+    Args:
+        x: Arguments in equal distances, shape (m,).
+        values: Values of the functions there, shape (k, m). Between two arguments they
+            are taken to change by no more than second differences tell.
+    """
+
+    def __init__(self, x: Array, values: Array) -> None:
+        self.first, self.h, self.size = float(x[0]), float(x[1] - x[0]), x.size
+        bend = np.max(np.abs(np.diff(values, 2, axis=1)), axis=1, keepdims=True)
+        # A parabola passes its chord by an eighth of its second difference.
+        least, most = values - 0.25 * bend, values + 0.25 * bend
+        self._levels = [(least, most)]
+        width = 1
+        while 2 * width <= x.size:
+            least = np.minimum(least[:, :-width], least[:, width:])
+            most = np.maximum(most[:, :-width], most[:, width:])
+            self._levels.append((least, most))
+            width *= 2
+
+    def ranges(self, over: Interval) -> list[Interval]:
+        """Ranges of the functions over intervals, shape (j,) each.
+
+        Intervals that leave the arguments are cut off at their ends.
+        """
+        begin = self._place(np.floor((over.low - self.first) / self.h))
+        end = np.maximum(self._place(np.ceil((over.high - self.first) / self.h)), begin)
+        level = np.floor(np.log2(end - begin + 1)).astype(np.intp)
+        count = self._levels[0][0].shape[0]
+        out = np.empty((2, count, begin.size))
+        for k in np.unique(level).tolist():
+            mine = np.flatnonzero(level == k)
+            left, right = begin[mine], end[mine] + 1 - 2**k
+            least, most = self._levels[k]
+            out[0][:, mine] = np.minimum(least[:, left], least[:, right])
+            out[1][:, mine] = np.maximum(most[:, left], most[:, right])
+        return [Interval(out[0, i], out[1, i]) for i in range(count)]
+
+    def _place(self, share: Array) -> IntArray:
+        return np.asarray(np.clip(share, 0, self.size - 1).astype(np.intp))
