@@ -22,6 +22,7 @@ STEP_RULES = ("adaptive", "paper")
 GRIDS = ("cosine", "uniform")
 CONTROLS = ("auto", "constant", "linear", "spline")
 OBJECTIVES = ("time", "feasible")
+EFFORTS = ("quick", "standard", "thorough")
 REFINEMENTS = ("auto", "grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
@@ -90,6 +91,11 @@ class Options(Record):
             torques rule: it is faster by 3 % there.
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
+        effort: How far the best motion is looked for, rather than the nearest: "quick"
+            (one descent), "standard" (a few more on coarse grids, where a faster motion
+            may exist and they take little time), or "thorough" (many more, of all
+            kinds, and for as long as ``max_planning_time`` lasts if that is given).
+            More effort makes the attempts of less, and then others.
         slack: Share of T to give away for quiet torques: the motion that was found is
             handed to :func:`tominpmp.smooth`. None leaves it as it is.
         refine: What follows the first solve: "auto" (intervals of the best motion are
@@ -148,6 +154,7 @@ class Options(Record):
     grid: Literal["cosine", "uniform"] = "cosine"
     control: Control = "auto"
     objective: Literal["time", "feasible"] = "time"
+    effort: Literal["quick", "standard", "thorough"] = "standard"
     slack: float | None = None
     refine: Literal["auto", "grid", "switching"] | None = "auto"
     smoothing: float | None = None
@@ -179,6 +186,7 @@ class Options(Record):
         self._one_of("control", CONTROLS)
         self._one_of("grid", GRIDS)
         self._one_of("objective", OBJECTIVES)
+        self._one_of("effort", EFFORTS)
         if self.refine is not None:
             self._one_of("refine", REFINEMENTS)
         for name, least in (

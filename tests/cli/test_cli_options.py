@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 
 # What is no number, word or truth value, nor values per joint.
 UNTYPED = {"callback", "initial_control", "effort_curves"}
+# What would be called as another option is: --effort gives torque limits.
+RENAMED = {(Options, "effort"): "planning_effort"}
+
+
+def flag_of(kind: type[Any], name: str) -> str:
+    return f"--{RENAMED.get((kind, name), name).replace('_', '-')}"
 
 
 def option_names(run: Run, *words: str) -> set[str]:
@@ -33,9 +39,7 @@ def option_names(run: Run, *words: str) -> set[str]:
 
 @pytest.mark.parametrize("kind", [Options, MotionLimits])
 def test_fields_of_the_library_are_options(kind: type[Any], run: Run) -> None:
-    flags = {
-        f"--{f.name.replace('_', '-')}" for f in fields(kind) if f.name not in UNTYPED
-    }
+    flags = {flag_of(kind, f.name) for f in fields(kind) if f.name not in UNTYPED}
     assert flags <= option_names(run, "plan")
     assert {item.name for item in fields(kind)} <= set(attribute_texts(kind))
     absent = {f"--{name.replace('_', '-')}" for name in UNTYPED}
@@ -58,7 +62,7 @@ def test_what_a_problem_has_beside_start_and_goal_are_options() -> None:
 VALUES: dict[str, Any] = {
     "method": "adjoint", "grid": "uniform", "control": "linear", "refine": "grid",
     "objective": "feasible", "step_rule": "paper", "lp_solver": "piqp", "slack": 0.5,
-    "tolerance": 3e-3, "feasibility": 1e-5,
+    "tolerance": 3e-3, "feasibility": 1e-5, "effort": "quick",
 }  # fmt: skip
 
 
@@ -72,7 +76,7 @@ def test_every_option_reaches_the_planner(run: Run, planner: Planner) -> None:
     words = [
         word
         for name, value in given.items()
-        for word in (f"--{name.replace('_', '-')}", value)
+        for word in (flag_of(Options, name), value)
     ]
     result = run(*PLAN, *words, "--no-output")
     assert result.exit_code == 0, result.stderr

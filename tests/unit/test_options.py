@@ -11,6 +11,7 @@ import pytest
 from tominpmp.exceptions import OptionsError
 from tominpmp.options import (
     CONTROLS,
+    EFFORTS,
     GRIDS,
     LP_SOLVERS,
     METHODS,
@@ -30,6 +31,7 @@ BAD = {
     "grid": NO_CHOICES,
     "control": NO_CHOICES,
     "objective": NO_CHOICES,
+    "effort": NO_CHOICES,
     "slack": [*(v for v in NO_NUMBERS if v is not None), -1e-9, np.nan, np.inf],
     "smoothing": [*(v for v in NO_NUMBERS if v is not None), -1e-9, np.nan, np.inf],
     "starts": [*(v for v in NO_INTEGERS if v is not None), 0, -1],
@@ -72,6 +74,7 @@ GOOD = {
     "grid": [(value, value) for value in GRIDS],
     "control": [(value, value) for value in CONTROLS],
     "objective": [("time", "time"), ("feasible", "feasible")],
+    "effort": [(value, value) for value in EFFORTS],
     "slack": [(None, None), (0, 0.0), (0.01, 0.01)],
     "smoothing": [(None, None), (0, 0.0), (np.float32(0.5), 0.5)],
     "starts": [(None, None), (1, 1), (np.int32(7), 7)],

@@ -54,12 +54,14 @@ class FieldsOf:
         further: By the names of fields, another name of the option, and a sentence
             about it that only commands need.
         ending: How the names of the fields end; others are left out.
+        renamed: How options are called that would be called as those of another class.
     """
 
     kind: type[Any]
     panel: str
     further: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     ending: str = ""
+    renamed: Mapping[str, str] = field(default_factory=dict)
 
     def parameters(self) -> Parameters:
         """Parameters for Typer by the names of the fields."""
@@ -72,7 +74,8 @@ class FieldsOf:
             text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
             if item.default not in (None, MISSING):
                 text += f" Default: {item.default}."
-            flag = item.name.replace("_", "-")
+            name = self.renamed.get(item.name, item.name)
+            flag = name.replace("_", "-")
             flags = [f"--{flag}/--no-{flag}" if kind is bool else f"--{flag}"]
             if item.name in self.further:
                 other, note = self.further[item.name]
@@ -87,8 +90,12 @@ class FieldsOf:
                 rich_help_panel=self.panel,
                 show_default=False,
             )
-            found[item.name] = _parameter(item.name, Annotated[kind | None, option])
+            found[name] = _parameter(name, Annotated[kind | None, option])
         return found
+
+    def field_names(self) -> Mapping[str, str]:
+        """Names of fields by the names of their options, where they differ."""
+        return {name: item for item, name in self.renamed.items()}
 
 
 def _hint(kind: type[Any], item: Field[Any]) -> Any:
@@ -193,12 +200,13 @@ class _Group:
 
     hint: Any
     parameters: Parameters
+    renamed: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, own: inspect.Parameter, hint: Any) -> _Group:
         for mark in get_args(hint):
             if isinstance(mark, FieldsOf):
-                return cls(hint, mark.parameters())
+                return cls(hint, mark.parameters(), mark.field_names())
         if is_dataclass(hint):
             return cls(hint, _record_parameters(hint))
         return cls(None, {own.name: _parameter(own.name, hint, own.default)})
@@ -210,7 +218,11 @@ class _Group:
             return next(iter(own.values()))
         if is_dataclass(self.hint):
             return self.hint(**own)  # type: ignore[operator]
-        own = {name: value for name, value in own.items() if value is not None}
+        own = {
+            self.renamed.get(name, name): value
+            for name, value in own.items()
+            if value is not None
+        }
         return {name: None if value == NONE else value for name, value in own.items()}
 
 

@@ -27,6 +27,7 @@ PlannerOptions = Annotated[
         Options,
         "Planning",
         {"max_planning_time": ("--max-time", "Loading the robot counts too.")},
+        renamed={"effort": "planning_effort"},  # --effort gives torque limits
     ),
 ]
 # What a motion that is judged may be off by.

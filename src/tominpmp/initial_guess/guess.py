@@ -36,7 +36,7 @@ SAMPLES = 200
 # Sampled paths that are compared before the fastest is tried. One takes a tenth of the
 # time of an attempt, and it is the fastest that leads to the best optimum: in a cage,
 # paths of 1.6 s and 2.6 s became motions of 1.2 s and 1.9 s.
-BATCH = 4
+BATCH = 2
 
 
 @dataclass(frozen=True, eq=False)

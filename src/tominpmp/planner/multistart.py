@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,10 +31,12 @@ from tominpmp.initial_guess.segments import segmented_guesses, unreached
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.coarse_search import suits
 from tominpmp.planner.continuation import solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
+from tominpmp.planner.search import SHOOTING, Remembered, Search
 from tominpmp.planner.torque_starts import shots
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
@@ -50,14 +52,8 @@ MOVING_STARTS = 3
 MOVING_RESCUE_STARTS = 16
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.6
-# Torques are the last guess for arms with so many joints, and how they are improved.
+# Torques are the last guess for arms with so many joints.
 FEW_MOTORS, FEW_MOTORS_RESCUE_STARTS = 3, 2
-SHOOTING: dict[str, Any] = {
-    "method": "adjoint",
-    "control": "constant",
-    "lp_solver": "highs",
-    "starts": None,
-}
 # More guesses are made, up to this number, while none has led to a motion.
 RESCUE_STARTS = 8
 # Processes that are started at least where several are asked for; beyond the number of
@@ -79,11 +75,13 @@ class Count(NamedTuple):
 
     Attributes:
         wanted: So many in any case.
+        usual: So many where that is left to the planner.
         rescues: So many while none has led to a motion.
         swings: Whether torques are tried when that many have led to none.
     """
 
     wanted: int
+    usual: int
     rescues: int
     swings: bool
 
@@ -100,7 +98,14 @@ class Count(NamedTuple):
         swings = torques_may_lead(system)
         rescues = FEW_MOTORS_RESCUE_STARTS if swings else RESCUE_STARTS
         rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
-        return cls(options.starts or usual, rescues, swings)
+        return cls(options.starts or usual, usual, rescues, swings)
+
+    def less(self, done: int) -> Count:
+        """What is left when so many have led to a motion."""
+        wanted = self.wanted - done
+        if done and self.usual > 1 and self.wanted == self.usual:
+            wanted = 0  # they were compared
+        return self._replace(wanted=wanted, rescues=self.rescues - done)
 
     @property
     def most(self) -> int:
@@ -145,6 +150,23 @@ def _from_guesses(
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
     guesses = make(system, count.most, rng, options.initial_duration, progress.ends)
+    if suits(system, options):
+        remembered = Remembered(guesses)
+        search = Search(
+            system,
+            options,
+            progress,
+            remembered,
+            count.usual,
+            swings=count.swings,
+        )
+        alone = _Source(system, options, progress, iter(()))
+        yield from search.run(partial(alone.solve, 0))
+        if search.stopped:
+            return
+        # Where that has led to nothing, everything is tried in full.
+        done = 0 if progress.best == np.inf else 1
+        guesses, count = remembered.since(done), count.less(done)
     source: _Source = _Source(system, options, progress, guesses)
     left = progress.left
     if options.processes > 1 and (left is None or left > TO_START or ready()):

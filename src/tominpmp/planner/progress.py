@@ -28,6 +28,9 @@ END_SHARE, END_SECONDS = 0.08, 0.15
 SAVING = 3.0
 
 
+Judge = Callable[[IterationRecord], Status | None]
+
+
 class Kept(NamedTuple):
     """A motion on the way.
 
@@ -84,6 +87,7 @@ class Progress:
         self.kept: list[Kept] = []
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
+        self._judge: Judge | None = None
         self._starts = first
         self._begin = time.perf_counter()
         self._limit = options.max_planning_time
@@ -174,6 +178,19 @@ class Progress:
         with self.deadline.grace(until):
             yield
 
+    @contextmanager
+    def judged(self, judge: Judge) -> Iterator[None]:
+        """Let somebody end iterations that promise nothing, for a while.
+
+        Args:
+            judge: Sees every record after it was shown; a status ends the iteration.
+        """
+        self._judge = judge
+        try:
+            yield
+        finally:
+            self._judge = None
+
     def extend(self, limit: float | None) -> None:
         """Set another limit for what is still to be done, from the beginning on [s]."""
         self._limit = self._until = limit
@@ -216,7 +233,8 @@ class Progress:
             Stop: If planning is to end.
         """
         self.records.append(replace(record, iteration=len(self.records)))
-        return self.see(record)
+        status = self.see(record)
+        return self._judge(record) if status is None and self._judge else status
 
     def see(self, record: IterationRecord) -> Status | None:
         """See a record of something on the side.

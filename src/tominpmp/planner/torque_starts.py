@@ -44,11 +44,22 @@ LONGER = 2.0
 
 
 def shots(
-    system: ProblemFunctions, options: Options, progress: Progress
+    system: ProblemFunctions, options: Options, progress: Progress, least: int = 1
 ) -> Iterator[Attempt | None]:
-    """Improve the torques to begin with, then random ones where that led to nothing."""
+    """Improve the torques to begin with, then random ones.
+
+    Args:
+        system: The problem.
+        options: Options of the plan.
+        progress: Time limit, and the duration of the best motion so far.
+        least: How many are improved where the options do not say it; more are while
+            none has led to a motion.
+
+    Yields:
+        Attempts; None for those that lead to nothing.
+    """
     rng = np.random.default_rng(options.seed)
-    wanted = most = options.starts or 1
+    wanted = most = options.starts or least
     if options.method == "adjoint":
         most = max(wanted, RESCUE_SHOTS)
     for number in range(most):

@@ -1,0 +1,68 @@
+r"""Bumps: smooth detours from a guess, by which other local optima are reached.
+
+A motion that goes another way round, swings or turns its elbow over differs from a
+given one by large arcs in some joints: here :math:`16\,\tau^2 (1 - \tau)^2`, which is 1
+halfway and vanishes at both ends with its derivative, times the cosine of
+:math:`k \pi \tau`, which makes two and three arcs of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Height of a bump in one joint alone [rad]: smaller ones lead back to where they come
+# from, see benchmarks/known_optima.py.
+HEIGHT = 2.0
+# Standard deviations of the heights of bumps in all joints at once, in turn [rad], and
+# their shares by the number of arcs.
+SPREADS = (0.8, 1.6, 0.3, 2.4)
+ARCS = (1.0, 0.6, 0.4)
+
+
+def bumps(
+    system: ProblemFunctions, guess: Guess, rng: np.random.Generator
+) -> Iterator[Guess]:
+    """Detours from a guess: of each joint alone both ways, the last first, then random.
+
+    Args:
+        system: The problem; its position limits are kept.
+        guess: What the detours are made of.
+        rng: Random numbers.
+
+    Yields:
+        Guesses, without end.
+    """
+    for arcs in range(len(ARCS)):
+        for joint in reversed(range(system.n)):
+            for height in (-HEIGHT, HEIGHT):
+                heights = np.zeros((len(ARCS), system.n))
+                heights[arcs, joint] = height
+                yield bumped(system, guess, heights)
+    while True:
+        for spread in SPREADS:
+            heights = rng.normal(size=(len(ARCS), system.n))
+            yield bumped(system, guess, spread * np.array(ARCS)[:, None] * heights)
+
+
+def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
+    """A guess with bumps.
+
+    Args:
+        system: The problem.
+        guess: The guess.
+        heights: By number of arcs and joint, shape (k, n), in rad, or in shares of the
+            reach where a joint slides.
+    """
+    tau = (guess.t - guess.t[0]) / (guess.t[-1] - guess.t[0])
+    arc = 16.0 * tau**2 * (1.0 - tau) ** 2
+    waves = np.cos(np.pi * np.arange(len(heights)) * tau[:, None])
+    limits = system.problem.robot.limits
+    q = guess.q + (arc[:, None] * waves) @ (heights * system.step_scale)
+    q = np.clip(q, limits.position_lower, limits.position_upper)
+    return Guess("detour", guess.t, q, False)

@@ -1,0 +1,305 @@
+"""Coarse search: cheap starts on coarse grids, the best of which are gone on with.
+
+A descent on a few intervals takes a fraction of the time, and is less apt to end in a
+poor local optimum than one on the grid that is asked for: obstacles and torque limits
+bind at fewer instants. So starts are judged by what they lead to there, and those that
+lead to the same motion as others before, or to slower ones, are let go.
+
+Every decision depends on what came before it alone. So whoever asks for more gets what
+less would have found, and then more.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.rescue import guarded
+from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.bspline import DEGREES
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+logger = logging.getLogger(__name__)
+
+# Intervals of a coarse grid, and of grids from which on a coarser one pays.
+INTERVALS = 16
+LEAST_INTERVALS = 24
+# How exactly a coarse motion is found, and in how many iterations: it is gone on with.
+TOLERANCE = 1e-3
+ITERATIONS = 30
+# Iterations after which a guess is let go that has led to no motion.
+PATIENCE = 15
+# Largest violation of a coarse motion that is gone on with.
+NEARLY = 1e-2
+# A guess is held by speed limits where a joint is at one for this share of the time,
+# from this share of it on: torques do not rule it then.
+SPEED_SHARE, AT_LIMIT = 0.6, 0.97
+# Trust region for going on from a coarse motion, as a share of the usual one.
+RADIUS = 0.5
+# Instants at which motions are compared, and how near to each other the same ones are
+# [rad, or shares of the reach].
+SAMPLES = 12
+SAME = 0.05
+# What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
+# what a motion has to promise beyond the best one to be finished.
+TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
+
+
+@dataclass(frozen=True, eq=False)
+class Grids:
+    """How a guess is improved on a coarse grid, and how what it led to is gone on with.
+
+    Attributes:
+        coarse: Options for the coarse grid.
+        fine: Options for the grid that is asked for.
+    """
+
+    coarse: Options
+    fine: Options
+
+    @classmethod
+    def of(cls, system: ProblemFunctions, options: Options, torques: bool) -> Grids:
+        """Grids that suit a problem.
+
+        Where torques rule, continuous accelerations on even intervals lose least; where
+        speeds and obstacles do, constant ones on short intervals at both ends.
+
+        Args:
+            system: The problem.
+            options: Options of the plan.
+            torques: Whether torques rule the motion.
+        """
+        coarse = replace(
+            options,
+            intervals=INTERVALS,
+            refine=None,
+            tolerance=max(options.tolerance, TOLERANCE),
+            max_iterations=min(options.max_iterations, ITERATIONS),
+        )
+        fine = replace(options, trust_region=RADIUS * options.trust_region)
+        if torques and system.alone:
+            control = options.control if options.control in DEGREES else "linear"
+            coarse = replace(coarse, grid="uniform", control=control)
+            if options.control == "auto" and options.refine is None:
+                fine = replace(fine, control="linear")
+        return cls(coarse, fine)
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """A motion on a coarse grid.
+
+    Attributes:
+        attempt: What led to it.
+        guess: What that began with.
+        shape: Configurations at even shares of its duration, shape (SAMPLES, n).
+    """
+
+    attempt: Attempt
+    guess: Guess
+    shape: Array
+
+    @property
+    def duration(self) -> float:
+        """T on the coarse grid [s]; infinite if it is far from a motion."""
+        if self.attempt.violation > NEARLY:
+            return np.inf
+        return self.attempt.trajectory.duration
+
+
+def suits(system: ProblemFunctions, options: Options) -> bool:
+    """Whether coarse grids are for a problem, and for these options."""
+    return (
+        options.method == "inverse"
+        and options.objective == "time"
+        and options.intervals >= LEAST_INTERVALS
+        and not system.parts
+        and not system.problem.scene.moving
+    )
+
+
+def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
+    """Whether torques rule a motion along a guess, rather than speed limits."""
+    if not guess.timed:
+        return True
+    v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
+    used = np.max(np.abs(v) / system.problem.robot.limits.velocity, axis=1)
+    return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
+
+
+def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
+    """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
+    shares = np.linspace(0.0, 1.0, SAMPLES)
+    return np.asarray(motion(shares * motion.duration).q / system.step_scale)
+
+
+class CoarseSearch:
+    """Starts on coarse grids, and what is made of them.
+
+    Args:
+        system: The problem.
+        options: Options of the plan.
+        progress: Time limit and callback, and the duration of the best motion so far.
+
+    Attributes:
+        known: Motions on coarse grids, all different.
+        loss: What the coarse grid costs, as a share of T.
+        stopped: Whether it was time to stop.
+    """
+
+    def __init__(
+        self,
+        system: ProblemFunctions,
+        options: Options,
+        progress: Progress,
+        *,
+        torques: bool,
+    ) -> None:
+        self.system, self.options, self.progress = system, options, progress
+        self.grids = Grids.of(system, options, torques)
+        self.known: list[Rough] = []
+        self.loss = TORQUE_LOSS if torques else SPEED_LOSS
+        self.stopped = False
+
+    # -- on the coarse grid ------------------------------------------------------------
+
+    def rough(self, guess: Guess) -> Rough | None:
+        """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
+        options, progress = self.grids.coarse, self.progress
+        progress.begin()
+        system = self.system.first_tried
+        solve = partial(solve_from_guess, system, options, guess, progress)
+        with progress.judged(self._enough):
+            attempt = guarded(system.problem, options, progress, guess.name, solve)
+        if attempt is None:
+            return None
+        rough = Rough(attempt, guess, shape_of(system, attempt.trajectory))
+        if attempt.status in STOPPED:
+            self.stopped = True
+            self.known.append(rough)
+            return None
+        if rough.duration == np.inf or self._known(rough.shape):
+            return None
+        self.known.append(rough)
+        return rough
+
+    def _known(self, shape: Array) -> bool:
+        return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
+
+    def _enough(self, record: IterationRecord) -> Status | None:
+        """End a start that takes too long, or comes to a motion which is known."""
+        far = record.violation > NEARLY
+        if len(self.progress.records) >= (PATIENCE if far else ITERATIONS):
+            return Status.ITERATION_LIMIT
+        if far or not self.known:
+            return None
+        program, iterate, _ = self.progress.kept[-1]
+        shape = shape_of(self.system, program.trajectory(iterate.z))
+        return Status.STALLED if self._known(shape) else None
+
+    # -- on the grid that is asked for -------------------------------------------------
+
+    def finished(self, rough: Rough) -> Attempt | None:
+        """Go on from a coarse motion on the grid that is asked for."""
+        system, fine, progress = self.system, self.grids.fine, self.progress
+        progress.begin()
+        former = rough.attempt
+        guess = replace(warm_start(system, former.trajectory), name=former.name)
+        solve = partial(solve_and_verify, system, fine, guess, progress)
+        attempt = guarded(system.problem, fine, progress, former.name, solve)
+        if attempt is None:
+            return None
+        attempt = attempt.after(former)
+        self.stopped = attempt.status in STOPPED
+        progress.best = min(progress.best, attempt.duration)
+        logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
+        return attempt
+
+    def saved(self) -> Iterator[Attempt]:
+        """What there is when it is time to stop: the best coarse motion, replayed."""
+        if not self.known:
+            return
+        best = min(self.known, key=lambda rough: rough.attempt.duration)
+        attempt = best.attempt
+        if attempt.duration >= self.progress.best:
+            return
+        with self.progress.saving():
+            if attempt.verification is None:
+                attempt = attempt.verified(self.system.problem, self.options)
+        yield replace(attempt, status=Status.TIME_LIMIT)
+
+    def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Attempt]:
+        """The first motions of a plan.
+
+        Args:
+            guesses: The guesses; of those that are wanted the best is finished, and of
+                further ones the first that leads to a motion.
+            wanted: How many of them are compared.
+        """
+        source = iter(guesses)
+        for guess in itertools.islice(source, wanted):
+            self.rough(guess)
+            if self.stopped:
+                break
+        tried: list[Rough] = []
+        while not self.stopped:
+            left = [rough for rough in self.known if rough not in tried]
+            for rough in sorted(left, key=lambda one: one.duration):
+                tried.append(rough)
+                attempt = self.finished(rough)
+                if attempt is not None:
+                    yield attempt
+                if self.stopped or (attempt is not None and attempt.found):
+                    return
+            further = next(source, None)
+            if further is None:
+                return
+            self.rough(further)
+        yield from self.saved()
+
+    def probes(self, guesses: Iterable[Guess], patience: int) -> Iterator[Attempt]:
+        """Try further guesses, and finish those that promise a faster motion.
+
+        Args:
+            guesses: The guesses.
+            patience: After so many of them in a row that promise nothing it is enough.
+        """
+        found: list[Rough] = []
+        in_vain = 0
+        for guess in guesses:
+            rough = self.rough(guess)
+            if self.stopped:
+                yield from self.saved()
+                return
+            in_vain += 1
+            if rough is not None and self._promises(rough):
+                found.append(rough)
+                in_vain = 0
+            if in_vain >= patience:
+                break
+        for rough in sorted(found, key=lambda one: one.duration):
+            if not self._promises(rough):
+                return
+            attempt = self.finished(rough)
+            if attempt is not None:
+                yield attempt
+            if self.stopped:
+                return
+
+    def _promises(self, rough: Rough) -> bool:
+        """Whether a motion may be faster than the best one, once it is finished."""
+        promised = rough.duration / (1.0 + self.loss)
+        return promised < (1.0 - PROMISE) * self.progress.best

@@ -1,0 +1,153 @@
+"""Search for the best motion: the first descents, and what is tried beyond them.
+
+What is worth a try is decided by how far a motion is above what none can beat: most
+motions that speed limits rule are within a per cent of that, and need nothing else.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tominpmp.bounds import lower_bound
+from tominpmp.initial_guess.bumps import bumps
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.torque_starts import shots
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# A motion is not searched on from that is at most this much above what none can beat.
+GAP = 0.03
+# Arms with so many joints at most are searched on where nothing is in their way: they
+# may swing, or turn their elbow over. How many detours are tried at least.
+FEW_JOINTS, DETOURS = 3, 6
+# After so many starts in a row that promise nothing it is enough.
+IN_VAIN = 4
+# Further paths among obstacles.
+PATHS = 2
+
+# Torques from nowhere that are tried where a motion has to swing, and how they are
+# improved.
+SHOTS = 3
+SHOOTING: dict[str, Any] = {
+    "method": "adjoint",
+    "control": "constant",
+    "lp_solver": "highs",
+    "starts": None,
+}
+
+Solve = Callable[[Guess], Attempt | None]
+
+
+class Remembered:
+    """Guesses that can be gone through again.
+
+    Args:
+        guesses: The guesses; one is made when it is first asked for.
+    """
+
+    def __init__(self, guesses: Iterator[Guess]) -> None:
+        self._source = guesses
+        self.made: list[Guess] = []
+
+    def get(self, number: int) -> Guess | None:
+        """The guess of a number, from 0; None if there are not so many."""
+        while len(self.made) <= number:
+            guess = next(self._source, None)
+            if guess is None:
+                return None
+            self.made.append(guess)
+        return self.made[number]
+
+    def since(self, number: int) -> Iterator[Guess]:
+        """The guesses from a number on."""
+        for index in itertools.count(number):
+            guess = self.get(index)
+            if guess is None:
+                return
+            yield guess
+
+
+class Search:
+    """Search for the best motion of a problem with one goal.
+
+    Args:
+        system: The problem.
+        options: Options of the plan.
+        progress: Time limit and callback, and the duration of the best motion so far.
+        guesses: Guesses, the most promising first.
+        wanted: How many of them are compared before one of them is finished.
+        swings: Whether torques may lead where no path does.
+    """
+
+    def __init__(
+        self,
+        system: ProblemFunctions,
+        options: Options,
+        progress: Progress,
+        guesses: Remembered,
+        wanted: int,
+        *,
+        swings: bool,
+    ) -> None:
+        self.system, self.options, self.progress = system, options, progress
+        self.guesses, self.wanted, self.swings = guesses, wanted, swings
+        self.stopped = False
+
+    def run(self, solve: Solve) -> Iterator[Attempt]:
+        """Make the attempts.
+
+        Args:
+            solve: Improves a guess on the grid that is asked for.
+        """
+        system, progress = self.system, self.progress
+        guesses = list(itertools.islice(self.guesses.since(0), self.wanted))
+        if not guesses:
+            return
+        first = next((guess for guess in guesses if guess.timed), guesses[0])
+        torques = torques_rule(system, first)
+        coarse = CoarseSearch(system, self.options, progress, torques=torques)
+        fixed = system.final_configuration is not None
+        if system.alone and fixed and not torques:
+            attempt = solve(first)  # it takes no longer than a coarse one
+            if attempt is not None:
+                progress.best = min(progress.best, attempt.duration)
+                yield attempt
+        else:
+            yield from coarse.descents(self.guesses.since(0), self.wanted)
+        self.stopped = coarse.stopped
+        if self.stopped or self.options.effort == "quick" or not self.promising:
+            return
+        yield from coarse.probes(self._further(first), IN_VAIN)
+        self.stopped = coarse.stopped
+        if self.swings and not first.timed and not self.stopped:
+            # What cannot be held on the way has to be swung over.
+            shooting = replace(self.options, **SHOOTING)
+            tried = shots(system, shooting, progress, SHOTS)
+            yield from (attempt for attempt in tried if attempt is not None)
+
+    @property
+    def promising(self) -> bool:
+        """Whether there may be a motion that is a good deal faster."""
+        system, best = self.system, self.progress.best
+        if system.final_configuration is None or best == np.inf:
+            return False
+        if system.alone and system.n > FEW_JOINTS:
+            return False
+        return best > (1.0 + GAP) * lower_bound(system.problem).T
+
+    def _further(self, first: Guess) -> Iterator[Guess]:
+        """What is tried beyond the first descents."""
+        system = self.system
+        if not system.alone:
+            return itertools.islice(self.guesses.since(self.wanted), PATHS)
+        rng = np.random.default_rng(self.options.seed)
+        count = max(2 * system.n, DETOURS)
+        return itertools.islice(bumps(system, first, rng), count)
