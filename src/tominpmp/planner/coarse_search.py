@@ -93,7 +93,7 @@ class Grids:
         if torques and system.alone:
             control = options.control if options.control in DEGREES else "linear"
             coarse = replace(coarse, grid="uniform", control=control)
-            if options.control == "auto" and options.refine is None:
+            if options.control == "auto" and options.refine in (None, "auto"):
                 fine = replace(fine, control="linear")
         return cls(coarse, fine)
 
