@@ -172,7 +172,7 @@ class WarmStart(Guess):
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline, and the nearest one to the motion."""
-        shares = interval_shares(kind, intervals)
+        shares = interval_shares(kind, intervals, sudden=system.sudden)
         own = np.diff(self.nodes)[:, None] / self.duration
         if own.shape == shares.shape:
             shares = own

@@ -195,7 +195,7 @@ def first_program(
     """Program for a guess, and the guess as its iterate."""
     former = guess if isinstance(guess, WarmStart) else None
     grid = options.intervals, options.grid
-    shares = guess_shares(options, guess)
+    shares = guess_shares(system, options, guess)
     timed = GUESS_STRETCH if guess.timed else 1.0
     transcription: Transcription[Any]
     if isinstance(guess, SegmentedGuess):
@@ -234,7 +234,8 @@ def segmented_program(
     """Program for a guess of several segments, and the guess as its iterate."""
     N = options.intervals
     smooth = options.control in DEGREES
-    shares = segmented_shares(options.grid, N, guess.durations, smooth)
+    sudden = system.sudden or not smooth
+    shares = segmented_shares(options.grid, N, guess.durations, smooth, sudden=sudden)
     ends = tuple(N * (k + 1) for k in range(len(system.parts)))
     transcription: Transcription[Any]
     if smooth:
@@ -253,8 +254,9 @@ def segmented_program(
     return NonlinearProgram.of(transcription).at(start), start
 
 
-def guess_shares(options: Options, guess: Guess) -> Array:
+def guess_shares(system: ProblemFunctions, options: Options, guess: Guess) -> Array:
     """Grid for a guess: intervals of their own for the time before it sets out."""
     if guess.delay > 0.0:
-        return delayed_shares(options.intervals, guess.delay / guess.duration)
-    return interval_shares(options.grid, options.intervals)
+        delay = guess.delay / guess.duration
+        return delayed_shares(options.intervals, delay, sudden=system.sudden)
+    return interval_shares(options.grid, options.intervals, sudden=system.sudden)

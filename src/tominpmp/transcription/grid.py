@@ -14,7 +14,7 @@ END_NODES = (0.05, 0.3)
 DELAY_INTERVALS = 10
 
 
-def interval_shares(kind: str, intervals: int) -> Array:
+def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
     """Shares of the duration that the intervals take.
 
     Fast joints want to change speed at once when a motion begins and ends; with one
@@ -25,14 +25,17 @@ def interval_shares(kind: str, intervals: int) -> Array:
     Args:
         kind: "uniform" or "cosine".
         intervals: Number N of intervals.
+        sudden: Whether accelerations may begin and end suddenly. Where they may not,
+            the first and the last interval are left whole: so short ones would ask for
+            jerks that are no use, and make linear programs with limits of them fail.
 
     Returns:
         Shares that add up to 1, shape (N, 1).
     """
-    extra = len(END_NODES)
+    extra = len(END_NODES) if sudden else 0
     if kind == "uniform":
         nodes = np.linspace(0.0, 1.0, intervals + 1)
-    elif intervals < 4 * extra:
+    elif not extra or intervals < 4 * extra:
         nodes = _cosine_nodes(intervals)
     else:
         inner = _cosine_nodes(intervals - 2 * extra)
@@ -41,7 +44,7 @@ def interval_shares(kind: str, intervals: int) -> Array:
     return np.asarray(np.diff(nodes))[:, None]
 
 
-def delayed_shares(intervals: int, delay: float) -> Array:
+def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Array:
     """A grid for a motion before which there is a time in which little happens.
 
     Intervals are short at both ends, as those of the cosine grid, and not where the two
@@ -50,25 +53,33 @@ def delayed_shares(intervals: int, delay: float) -> Array:
     Args:
         intervals: Number of intervals of the motion that follows.
         delay: Share of the whole duration that goes before, between 0 and 1.
+        sudden: Whether accelerations may begin and end suddenly, see
+            :func:`interval_shares`.
 
     Returns:
         Lengths of the intervals for the unit of time, shape (W + N, 2): those before
         and those of the motion can become longer and shorter by themselves.
     """
-    extra = len(END_NODES)
     before = np.linspace(0.0, 1.0, DELAY_INTERVALS + 1)
-    before = np.sort(np.concatenate([before, before[1] * np.array(END_NODES)]))
-    after = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, max(intervals - extra, 2) + 1))
-    last = (1.0 - after[-2]) * np.array(END_NODES)
-    after = np.sort(np.concatenate([after, 1.0 - last]))
-    out = np.zeros((before.size + after.size - 2, 2))
+    if sudden:
+        before = np.sort(np.concatenate([before, before[1] * np.array(END_NODES)]))
+    after = _sine_shares(intervals, sudden)
+    out = np.zeros((before.size - 1 + after.size, 2))
     out[: before.size - 1, 0] = delay * np.diff(before)
-    out[before.size - 1 :, 1] = (1.0 - delay) * np.diff(after)
+    out[before.size - 1 :, 1] = (1.0 - delay) * after
     return out
 
 
+def _sine_shares(intervals: int, sudden: bool = True) -> Array:
+    """Shares of intervals that get short at the end only, shape (intervals,)."""
+    extra = len(END_NODES) if sudden else 0
+    nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, max(intervals - extra, 2) + 1))
+    last = (1.0 - nodes[-2]) * np.array(END_NODES[:extra])
+    return np.diff(np.sort(np.concatenate([nodes, 1.0 - last])))
+
+
 def segmented_shares(
-    kind: str, intervals: int, durations: Array, smooth: bool
+    kind: str, intervals: int, durations: Array, smooth: bool, *, sudden: bool = True
 ) -> Array:
     """A grid for a motion of several segments, each of which may take longer by itself.
 
@@ -82,6 +93,7 @@ def segmented_shares(
         intervals: Number N of intervals of each segment.
         durations: Durations of the segments, in any unit, shape (k,).
         smooth: Whether accelerations are continuous.
+        sudden: Whether they may begin and end suddenly, see :func:`interval_shares`.
 
     Returns:
         Lengths of the intervals for the unit of time, shape (k N, k).
@@ -91,11 +103,11 @@ def segmented_shares(
     for k, share in enumerate(durations / durations.sum()):
         outer = (k == 0, k == count - 1)
         if kind == "uniform" or count == 1:
-            shares = interval_shares(kind, intervals)[:, 0]
+            shares = interval_shares(kind, intervals, sudden=sudden)[:, 0]
         elif smooth and not any(outer):
             shares = interval_shares("uniform", intervals)[:, 0]
         elif smooth:
-            shares = delayed_shares(intervals, 0.0)[-intervals:, 1]
+            shares = _sine_shares(intervals, sudden)
             shares = shares[::-1] if k == 0 else shares
         else:
             shares = _cosine_shares(intervals, *outer)

@@ -159,6 +159,12 @@ class ProblemFunctions:
         return self.parts or (self,)
 
     @property
+    def sudden(self) -> bool:
+        """Whether accelerations may begin and end suddenly."""
+        limits = self.problem.motion_limits
+        return limits is None or not limits.continuous
+
+    @property
     def first_tried(self) -> ProblemFunctions:
         """The functions to begin with: those of an arm alone let its links touch.
 

@@ -1,0 +1,81 @@
+"""Limits of speed, acceleration, jerk and torque rate: minimum times in closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from benchmarks.rails import KINDS, draw, minimum_time, problem
+
+# T exceeds the minimum by this share of it at most, and never falls below it.
+EXCESS, BELOW = 3e-3, 1e-6
+
+
+def test_closed_forms() -> None:
+    jerk, acceleration, velocity = 20.0, 3.0, 0.8
+    alone = minimum_time(1.0, jerk=jerk)
+    assert alone == pytest.approx((32.0 / jerk) ** (1 / 3), rel=1e-12)
+    alone = minimum_time(1.0, acceleration=acceleration)
+    assert alone == pytest.approx(2.0 * math.sqrt(1.0 / acceleration), rel=1e-12)
+    seven = minimum_time(1.0, velocity, acceleration, jerk)
+    ramps = velocity / acceleration + acceleration / jerk
+    assert seven == pytest.approx(1.0 / velocity + ramps, rel=1e-12)
+    # Without the speed limit: four ramps of jerk and two plateaus of acceleration.
+    ramp = acceleration / jerk
+    plateau = 0.5 * (math.sqrt(ramp**2 + 4.0 / acceleration) - 3.0 * ramp)
+    six = minimum_time(1.0, acceleration=acceleration, jerk=jerk)
+    assert six == pytest.approx(4.0 * ramp + 2.0 * plateau, rel=1e-12)
+
+
+def moves(drawn: dict[str, float], T: float, switches: list[float]) -> float:
+    """Distance of a motion of constant jerk that changes its sign at instants."""
+    t = np.linspace(0.0, T, 200_001)
+    sign = np.where(np.searchsorted(switches, t, side="right") % 2 == 0, 1.0, -1.0)
+    q = drawn["jerk"] * sign
+    for _ in range(3):
+        q = np.concatenate([[0.0], np.cumsum(0.5 * (q[1:] + q[:-1]) * t[1])])
+    return float(q[-1])
+
+
+def test_jerk_alone_by_integration() -> None:
+    T = minimum_time(1.7, jerk=9.0)
+    reached = moves({"jerk": 9.0}, T, [0.25 * T, 0.75 * T])
+    assert reached == pytest.approx(1.7, rel=1e-4)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("kind", KINDS)
+def test_default_meets_the_closed_form(kind: str, number: int) -> None:
+    drawn = draw(kind, np.random.default_rng([7, number]))
+    limits = {
+        key: drawn.get(key, math.inf) for key in ("velocity", "acceleration", "jerk")
+    }
+    minimum = minimum_time(drawn["distance"], **limits)
+    solution = tm.plan(problem(kind, drawn))
+    assert solution.success
+    assert minimum * (1.0 - BELOW) < solution.T < minimum * (1.0 + EXCESS)
+
+
+@pytest.mark.parametrize("intervals", [21, 35, 50, 160])
+@pytest.mark.parametrize("kind", ["jerk", "torque rate", "seven phases"])
+def test_whatever_the_grid_of_the_search(kind: str, intervals: int) -> None:
+    """Short first intervals made the programs of fine grids fail."""
+    drawn = draw(kind, np.random.default_rng(1))
+    limits = {
+        key: drawn.get(key, math.inf) for key in ("velocity", "acceleration", "jerk")
+    }
+    minimum = minimum_time(drawn["distance"], **limits)
+    solution = tm.plan(problem(kind, drawn), intervals=intervals)
+    assert solution.success
+    assert minimum * (1.0 - BELOW) < solution.T < minimum * (1.0 + EXCESS)
+
+
+def test_smoother_controls_are_not_far() -> None:
+    drawn = draw("seven phases", np.random.default_rng(3))
+    limits = {key: drawn[key] for key in ("velocity", "acceleration", "jerk")}
+    minimum = minimum_time(drawn["distance"], **limits)
+    solution = tm.plan(problem("seven phases", drawn), control="spline")
+    assert minimum < solution.T < minimum * (1.0 + 2.0 * EXCESS)
