@@ -21,10 +21,6 @@ from tominpmp.certificate.task import Task
 from tominpmp.dynamics import InverseJacobians
 from tominpmp.trajectory import Trajectory
 
-# Torques are rows in the middle of an interval where they are larger there than at both
-# of its ends by this share of their limits, and near them.
-BULGE = 1e-3
-NEAR = 0.97
 # Instants of an interval at which its mean torque is taken, where nodes were joined.
 SAMPLES = 8
 # Accelerations that jump by less than this share of the largest one are continuous.
@@ -42,12 +38,14 @@ class LimitRows:
         upper: Room above, never negative, shape (m,).
         interval: The interval of each row, shape (m,).
         subject: Joint of each row, or pair, shape (m,).
-        share: Where in its interval each row stands, from 0 to 1.
+        share: Where in its interval each row stands, from 0 to 1; shape (m,), or one
+            for all.
         mean: Whether it is the mean of both ends instead.
         slopes: Derivatives by the positions there, shape (m, n); of clearances and
             other constraints on states.
         speed_slopes: Derivatives by the velocities there, likewise.
-        unit: A unit of the rows in units of the limit: the reach for clearances [m].
+        unit: A unit of the rows in units of the limit: the reach for clearances [m];
+            one for all, or shape (m,).
     """
 
     kind: str
@@ -56,11 +54,18 @@ class LimitRows:
     upper: Array
     interval: IntArray
     subject: IntArray
-    share: float = 0.5
+    share: Array | float = 0.5
     mean: bool = False
     slopes: Array | None = None
     speed_slopes: Array | None = None
-    unit: float = 1.0
+    unit: Array | float = 1.0
+
+    @property
+    def end(self) -> int | None:
+        """Which end of its interval each row stands at, where it is one for all."""
+        if isinstance(self.share, float) and self.share in (0.0, 1.0):
+            return int(self.share)
+        return None
 
     def kept(self, rows: IntArray) -> LimitRows:
         """Some of the rows."""
@@ -71,7 +76,15 @@ class LimitRows:
             upper=self.upper[rows],
             interval=self.interval[rows],
             subject=self.subject[rows],
+            share=_some(self.share, rows),
+            slopes=None if self.slopes is None else self.slopes[rows],
+            speed_slopes=None if self.speed_slopes is None else self.speed_slopes[rows],
+            unit=_some(self.unit, rows),
         )
+
+
+def _some(values: Array | float, rows: IntArray) -> Array | float:
+    return values if isinstance(values, float) else values[rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,31 +220,7 @@ class Motion:
             if end == 1 and self.changes.shape == "ramps":
                 chosen = chosen[-1:]  # the others begin the next interval
             out.append(rows.kept(chosen.ravel()))
-        middle = self._bulges()
-        return out if middle is None else [*out, middle]
-
-    def _bulges(self) -> LimitRows | None:
-        """Torques in the middle of intervals, where they are largest there."""
-        changes, task = self.changes, self.task
-        times = changes.t[:-1] + 0.5 * changes.h
-        state = self.trajectory(times)
-        load = (state.u - task.effort_middle) / task.effort_half
-        over = np.abs(load) > np.max(np.abs(self.loads), axis=1) + BULGE
-        over &= np.abs(load) > NEAR
-        over[:, np.setdiff1d(np.arange(changes.n), self.driven)] = False
-        if not over.any():
-            return None
-        parts = task.dynamics.inverse_jacobians(state.q, state.v, state.a)
-        q = changes.position_at(0.5, state.q)
-        v = changes.velocity_at(0.5, state.v)
-        a = 0.5 * (changes.accelerations(0) + changes.accelerations(1))
-        torque = (
-            q.after(blocks(parts.tau_q))
-            + v.after(blocks(parts.tau_v))
-            + changes.fixed(blocks(parts.tau_a) @ a)
-        )
-        rows = self._rows("effort", self._as_loads(torque), -1.0 - load, 1.0 - load)
-        return rows.kept(np.flatnonzero(over.ravel()))
+        return out
 
     # -- what else motors and controllers limit ----------------------------------------
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.dual_program import DualSolution
+from tominpmp.certificate.dual_program import PLACES, DualSolution
 from tominpmp.certificate.friction import overcoming
 from tominpmp.verification.replay import Replay
 
-# Steps of an interval; even, so that one ends in the middle.
-STEPS = 4
+# Steps of an interval: one ends wherever costates may fall.
+STEPS = PLACES
 
 
 def integrate_costates(
@@ -66,8 +66,8 @@ def integrate_costates(
             p = found.costates[k].copy()
         for i in range(STEPS - 1, -1, -1):
             p = p @ steps[k, i]
-            if i == STEPS // 2:
-                p[:n] += found.pushes[k]
+            if i:
+                p = p + found.pushes[k, i]
         if k:
             p = p + found.jumps[k - 1]
     out[0] = p

@@ -20,9 +20,11 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.bulges import bulges
+from tominpmp.certificate.clearances import clearances
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.certificate.perturbations import Linearised
-from tominpmp.certificate.state_limits import clearances, constraints
+from tominpmp.certificate.state_limits import constraints
 from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
@@ -41,6 +43,8 @@ FAR_TORQUES = 0.5
 SMALL = 400
 # A bound at least this far is the trust region's.
 FAR = RADIUS * (1.0 - 1e-9)
+# Places of an interval at which costates may fall; even, so that one is the middle.
+PLACES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +56,9 @@ class DualSolution:
             N, shape (N, 2 n).
         jumps: By how much costates fall at these nodes, where a limit on the state
             holds, shape (N, 2 n).
-        pushes: By how much those of the positions fall in the middle of the intervals,
-            where a clearance holds, shape (N, n).
+        pushes: By how much they fall inside the intervals, at the places nearest to
+            where a limit on the state holds: k / PLACES of an interval, shape
+            (N, PLACES, 2 n).
         switching: Derivative of the Hamiltonian by the torques, mean over each
             interval, in shares of the torque limits, shape (N, n).
         hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
@@ -136,7 +141,7 @@ class _Program:
             for rows in motion.efforts()
         ]
         others = [*motion.declared(), *clearances(motion), *constraints(motion)]
-        self.limits = [*efforts, *others]
+        self.limits = [*efforts, *others, *bulges(motion)]
         self.goal = self._goal()
 
     # -- columns -----------------------------------------------------------------------
@@ -271,14 +276,19 @@ class _Program:
         # The trust region is no limit of the problem.
         held = np.where(slope > 0.0, -lower, upper) < FAR
         jumps = np.where(held, -slope, 0.0).reshape(N, -1) * self.T / self.state_scale
-        pushes = np.zeros((N, n))
+        pushes = np.zeros((N, PLACES, 2 * n))
         for rows, y in self._of_rows(duals):
-            if rows.slopes is not None:
-                target = pushes if rows.share < 1.0 else jumps[:, :n]
-                np.add.at(target, rows.interval, self.T * y[:, None] * rows.slopes)
-            if rows.speed_slopes is not None and rows.share == 1.0:
-                falls = self.T * y[:, None] * rows.speed_slopes
-                np.add.at(jumps[:, n:], rows.interval, falls)
+            if rows.slopes is None:
+                continue
+            falls = np.zeros((y.size, 2 * n))
+            falls[:, :n] = rows.slopes
+            falls[:, n:] = 0.0 if rows.speed_slopes is None else rows.speed_slopes
+            falls *= self.T * y[:, None]
+            share = np.broadcast_to(rows.share, y.shape)
+            inside = share < 1.0
+            place = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)[inside]
+            np.add.at(pushes, (rows.interval[inside], place), falls[inside])
+            np.add.at(jumps, rows.interval[~inside], falls[~inside])
         multipliers = self._multipliers(duals, slopes, shift)
         costates = -duals[:states].reshape(N, -1) * self.T / self.state_scale
         return DualSolution(
@@ -348,9 +358,9 @@ class _Program:
                 continue
             if rows.mean:
                 np.add.at(at_end, (rows.interval, rows.subject), 0.5 * y)
-            elif rows.share == 1.0:
+            elif rows.end == 1:
                 np.add.at(at_end, (rows.interval, rows.subject), y)
-            elif rows.share == 0.0 and ramps:
+            elif rows.end == 0 and ramps:
                 later = rows.interval > 0
                 index = (rows.interval[later] - 1, rows.subject[later])
                 np.add.at(at_end, index, 0.5 * y[later])
@@ -367,8 +377,8 @@ class _Program:
         for rows, y in self._of_rows(duals):
             if rows.kind not in ("effort", "passive"):
                 continue
-            if ramps and rows.share != 0.5:
-                node = rows.interval + int(rows.share)
+            if ramps and rows.end is not None:
+                node = rows.interval + rows.end
                 np.add.at(at_nodes, (node, rows.subject), y)
             else:
                 np.add.at(inside, (rows.interval, rows.subject), y)

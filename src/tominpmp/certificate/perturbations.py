@@ -104,6 +104,20 @@ def blocks(parts: Array) -> sp.csr_matrix:
     return sp.csr_matrix((parts.ravel(), columns.ravel(), starts), shape=(m * k, m * n))
 
 
+def picked(values: Array, m: int, at: IntArray) -> sp.csr_matrix:
+    """Matrix whose rows combine the joints at one of m instants each.
+
+    Args:
+        values: By joint, shape (k, n).
+        m: Number of instants.
+        at: The instant of each row, shape (k,).
+    """
+    k, n = values.shape
+    columns = at[:, None] * n + np.arange(n)
+    starts = np.arange(k + 1) * n
+    return sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=(k, m * n))
+
+
 @dataclass(frozen=True, eq=False)
 class Perturbations:
     """Small changes of a motion on a grid.
@@ -222,6 +236,53 @@ class Perturbations:
         )
         by_length = self._by_own_length((v - self.v[:-1]) / h[:, None])
         return Linearised(matrix.tocsr(), by_length)
+
+    def inside(
+        self, interval: IntArray, share: Array, q: Array, v: Array
+    ) -> tuple[Linearised, Linearised, Linearised]:
+        """Positions, velocities and accelerations at instants inside the intervals.
+
+        Args:
+            interval: Intervals of the instants, shape (m,).
+            share: Where in them, from 0 to 1, shape (m,).
+            q: Positions there, shape (m, n).
+            v: Velocities there, shape (m, n).
+
+        Returns:
+            Rows of one instant after the other, m n each.
+        """
+        m, n, h, s = interval.size, self.n, self.h[interval], share
+        rows = (interval[:, None] * n + np.arange(n)).ravel()
+
+        def times(factor: Array, matrix: sp.csr_matrix) -> sp.csr_matrix:
+            return sp.diags(np.repeat(factor, n)) @ matrix[rows]
+
+        def by_own_length(values: Array) -> sp.csr_matrix:
+            columns, starts = np.repeat(interval, n), np.arange(m * n + 1)
+            return sp.csr_matrix((values.ravel(), columns, starts), (m * n, self.N))
+
+        before = self.accelerations(0), self.accelerations(1)
+        positions = (
+            self.positions[rows]
+            + times(s * h, self.velocities)
+            + times((s**2 / 2 - s**3 / 6) * h**2, before[0])
+            + times(s**3 / 6 * h**2, before[1])
+        )
+        velocities = (
+            self.velocities[rows]
+            + times((s - s**2 / 2) * h, before[0])
+            + times(s**2 / 2 * h, before[1])
+        )
+        accelerations = times(1.0 - s, before[0]) + times(s, before[1])
+        # With the accelerations as they are: twice the way, less what is uniform of it.
+        way = (q - self.q[interval]) / h[:, None]
+        gained = (v - self.v[interval]) / h[:, None]
+        longer = 2.0 * way - s[:, None] * self.v[interval]
+        return (
+            Linearised(positions.tocsr(), by_own_length(longer)),
+            Linearised(velocities.tocsr(), by_own_length(gained)),
+            self.fixed(accelerations),
+        )
 
     def fixed(self, matrix: sp.spmatrix) -> Linearised:
         """Something that does not depend on the lengths of the intervals."""
