@@ -111,7 +111,8 @@ def planned(method: str = "auto", *, limited: bool = False) -> Solution:
     """A joint motion of the paper's arm, over an obstacle if it is limited."""
     if not limited:
         problem = Problem(arm(limited=False), START, JointGoal((0.9, -1.2, -0.9)))
-        return plan(problem, Options(method=method, starts=1))  # type: ignore[arg-type]
+        options = Options(method=method, starts=1, refine=None)  # type: ignore[arg-type]
+        return plan(problem, options)
     scene = Scene([Sphere("O", radius=0.8, position=(4, 0, 0))])
     problem = Problem(arm(limited=True), START, PositionGoal("tip", (4, 1, 0)), scene)
     return plan(problem, Options(starts=1))
