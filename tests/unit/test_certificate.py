@@ -33,7 +33,7 @@ from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
+from tominpmp.scene import ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
@@ -618,19 +618,17 @@ def test_plot(tmp_path: Path) -> None:
 
 
 def test_the_hamiltonian_may_change_where_obstacles_move():
-    # The last part of the way is behind a wall that gives way, and still turns when the
-    # arm passes it: H is what waiting costs.
+    # A ball rises out of the way, and still does when the arm passes it: H is what
+    # waiting costs.
     robot = load_robot("planar3r")
-    wall = Box(
-        "gate",
-        size=(5.0, 0.2, 1.0),
-        position=(3.5, 2.5, 0.0),
-        motion=ConstantVelocity(
-            angular=(0.0, 0.0, -np.pi / 4), pivot=(6.0, 2.5, 0.0), begin=0.5, end=2.5
-        ),
+    ball = Sphere(
+        "lift",
+        radius=0.3,
+        position=(4.5 * np.cos(0.9), 4.5 * np.sin(0.9), 0.0),
+        motion=ConstantVelocity(velocity=(0.0, 0.0, 0.1)),
     )
     goal = JointGoal([1.6, 0.0, 0.0])
-    problem = Problem(robot, [0.2, 0, 0], goal, Scene([wall]), margin=0.02)
+    problem = Problem(robot, [0.2, 0, 0], goal, Scene([ball]))
     solution = plan(problem, Options(intervals=20, starts=1))
     certificate = solution.certificate
     assert "Hamiltonian is not constant" not in certificate.message

@@ -77,6 +77,19 @@ def clearances(motion: Motion) -> list[LimitRows]:
     return rows
 
 
+def nearest_instants(motion: Motion) -> tuple[Array, IntArray]:
+    """When pairs that come close are nearest [s], and which pairs, shape (k,) each."""
+    if motion.task.room is None:
+        return np.zeros(0), np.zeros(0, dtype=np.int64)
+    found = _Approaches(motion, motion.task.room).contacts()
+    close = [item.kept(item.missing > -CLOSE) for item in found]
+    times = [item.at.times(motion.changes) for item in close]
+    pairs = [item.pair for item in close]
+    if not times:
+        return np.zeros(0), np.zeros(0, dtype=np.int64)
+    return np.concatenate(times), np.concatenate(pairs)
+
+
 @dataclass(frozen=True, eq=False)
 class _Approaches:
     """Looks for the instants at which pairs limit a motion."""

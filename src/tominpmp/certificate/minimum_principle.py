@@ -22,6 +22,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,17 +93,41 @@ def certify(
     expect(tolerance, (int, float, np.number), "tolerance", "a share of the duration")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    out = examine(problem, trajectory, verification, tolerance).certificate
+    return replace(out, seconds=time.perf_counter() - begin)
+
+
+class Findings(NamedTuple):
+    """What a certificate was made of.
+
+    Attributes:
+        certificate: The certificate.
+        motion: The motion on its grid; None if nothing can be said of it.
+        found: Its multipliers, likewise.
+    """
+
+    certificate: Certificate
+    motion: Motion | None
+    found: DualSolution | None
+
+
+def examine(
+    problem: Problem,
+    trajectory: Trajectory,
+    verification: Verification | None,
+    tolerance: float,
+) -> Findings:
+    """Check the first-order conditions of a motion of the right joints."""
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(Task.of(problem), trajectory)
             found = solve_dual_program(motion, ENOUGH * tolerance)
-            if found is None:
-                out = _nothing(trajectory, tolerance)
-            else:
-                out = _Reading(motion, found, verification, tolerance).certificate()
+            if found is not None:
+                reading = _Reading(motion, found, verification, tolerance)
+                return Findings(reading.certificate(), motion, found)
     except np.linalg.LinAlgError:
-        out = _nothing(trajectory, tolerance)
-    return replace(out, seconds=time.perf_counter() - begin)
+        pass
+    return Findings(_nothing(trajectory, tolerance), None, None)
 
 
 def _nothing(trajectory: Trajectory, tolerance: float) -> Certificate:
