@@ -47,7 +47,10 @@ WINDOW = 3
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
 # A step that brings this share of what was predicted needs no correction.
 ENOUGH = 0.8
-# Second-order corrections: for violations between these.
+# Second-order corrections of a step, by what the rows are: without equations a second
+# one costs a third more programs and brings nothing (benchmarks/random_goals.py).
+CORRECTIONS, CORRECTIONS_OF_EQUATIONS = 1, 4
+# They are for violations between these.
 CORRECTABLE = 1.0
 EXACT = 1e-10
 # Share of the violation that the error of a step may have once the duration has
@@ -75,8 +78,9 @@ class SlpSolver:
         smoothing: Weight of the total variation [s].
         lp: Solver of the linear programs.
         callback: Sees every record; a status ends the iteration.
-        corrections: Second-order corrections of a step at most; several help where the
-            dynamics are equations.
+        corrections: Second-order corrections of a step at most; None for what fits the
+            program: several help where rows are equations, and one does where all are
+            inequalities.
         keep: Is given the best motion so far, or the present one while there is none:
             the iteration may be told to stop at any time.
         exchange: When to look at the motion between the rows of the program, and what
@@ -88,7 +92,7 @@ class SlpSolver:
     smoothing: float
     lp: LpSolver
     callback: Callback = go_on
-    corrections: int = 4
+    corrections: int | None = None
     keep: Keep = keep_nothing
     exchange: RowExchange | None = None
 
@@ -307,11 +311,16 @@ class SlpSolver:
             brought = (now - trial.merit) / max(predicted, 1e-12)
             return brought >= ENOUGH or not EXACT < violation < CORRECTABLE
 
+        corrections = self.corrections
+        if corrections is None:
+            rows = self.nlp.rows
+            equations = bool(np.any(rows.lower == rows.upper))
+            corrections = CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS
         search = StepSearch(
             self.nlp,
             lambda z, values: merit(z, values, variation),
             program,
-            self.corrections,
+            corrections,
             LINE_SEARCH,
         )
         origin = Trial(iterate.z, iterate.values, now)
