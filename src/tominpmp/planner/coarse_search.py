@@ -38,15 +38,18 @@ logger = logging.getLogger(__name__)
 INTERVALS = 16
 LEAST_INTERVALS = 24
 # How exactly a coarse motion is found, and in how many iterations: it is gone on with.
-TOLERANCE = 1e-3
+TOLERANCE = 2e-3
 ITERATIONS = 30
-# Iterations after which a guess is let go that has led to no motion.
-PATIENCE = 15
+# Iterations after which a guess is let go that has led to no motion, and before that to
+# nothing that is at all near one.
+PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
 # Largest violation of a coarse motion that is gone on with.
 NEARLY = 1e-2
 # A guess is held by speed limits where a joint is at one for this share of the time,
 # from this share of it on: torques do not rule it then.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
+# A timed guess this much slower than a motion that was found is not worth its time.
+TOO_SLOW = 1.4
 # Trust region for going on from a coarse motion, as a share of the usual one.
 RADIUS = 0.5
 # Instants at which motions are compared, and how near to each other the same ones are
@@ -201,8 +204,10 @@ class CoarseSearch:
 
     def _enough(self, record: IterationRecord) -> Status | None:
         """End a start that takes too long, or comes to a motion which is known."""
-        far = record.violation > NEARLY
-        if len(self.progress.records) >= (PATIENCE if far else ITERATIONS):
+        far, most = record.violation > NEARLY, ITERATIONS
+        if far:
+            most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
+        if len(self.progress.records) >= most:
             return Status.ITERATION_LIMIT
         if far or not self.known:
             return None
@@ -251,6 +256,9 @@ class CoarseSearch:
         """
         source = iter(guesses)
         for guess in itertools.islice(source, wanted):
+            best = min((one.duration for one in self.known), default=np.inf)
+            if guess.timed and guess.duration > TOO_SLOW * best:
+                continue
             self.rough(guess)
             if self.stopped:
                 break
