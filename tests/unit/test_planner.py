@@ -159,13 +159,13 @@ def test_callback_sees_progress_and_can_stop(planar3r):
 
     def stop(record):
         records.append(record)
-        return len(records) >= 4
+        return len(records) >= 10
 
     problem = tm.Problem(planar3r, START, tm.JointGoal((2.5, -1.0, 1.0)))
     solution = tm.plan(problem, tm.Options(callback=stop, tolerance=1e-9))
     assert solution.status is tm.Status.INTERRUPTED
-    assert len(records) == 4 == solution.iterations
-    assert solution.success  # the start was admissible, and so is what came of it
+    assert len(records) == 10 == solution.iterations
+    assert solution.success  # a coarse motion is one, too
     assert worst(planar3r, solution.trajectory)[1] <= 1e-6
 
 

@@ -11,6 +11,7 @@ less would have found, and then more.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import logging
 from collections.abc import Iterable, Iterator
@@ -25,9 +26,10 @@ from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.progress import Kept, Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -50,6 +52,8 @@ NEARLY = 1e-2
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.4
+# How much slower a coarse motion may have to be, where it is all that there is.
+TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
 # Trust region for going on from a coarse motion, as a share of the usual one.
 RADIUS = 0.5
 # Instants at which motions are compared, and how near to each other the same ones are
@@ -109,11 +113,13 @@ class Rough:
         attempt: What led to it.
         guess: What that began with.
         shape: Configurations at even shares of its duration, shape (SAMPLES, n).
+        kept: Its program and iterate.
     """
 
     attempt: Attempt
     guess: Guess
     shape: Array
+    kept: Kept
 
     @property
     def duration(self) -> float:
@@ -182,6 +188,7 @@ class CoarseSearch:
     def rough(self, guess: Guess) -> Rough | None:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
         options, progress = self.grids.coarse, self.progress
+        progress.deadline.check()
         progress.begin()
         system = self.system.first_tried
         solve = partial(solve_from_guess, system, options, guess, progress)
@@ -189,7 +196,8 @@ class CoarseSearch:
             attempt = guarded(system.problem, options, progress, guess.name, solve)
         if attempt is None:
             return None
-        rough = Rough(attempt, guess, shape_of(system, attempt.trajectory))
+        shape = shape_of(system, attempt.trajectory)
+        rough = Rough(attempt, guess, shape, progress.kept[-1])
         if attempt.status in STOPPED:
             self.stopped = True
             self.known.append(rough)
@@ -229,22 +237,34 @@ class CoarseSearch:
             return None
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
+        if self.stopped and not attempt.found and progress.best == np.inf:
+            coarse = replace(self._replayed(rough), status=attempt.status)
+            attempt = coarse if coarse.found else attempt
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
         return attempt
 
     def saved(self) -> Iterator[Attempt]:
         """What there is when it is time to stop: the best coarse motion, replayed."""
-        if not self.known:
+        if not self.known or self.progress.best < np.inf:
             return
-        best = min(self.known, key=lambda rough: rough.attempt.duration)
-        attempt = best.attempt
-        if attempt.duration >= self.progress.best:
-            return
-        with self.progress.saving():
-            if attempt.verification is None:
-                attempt = attempt.verified(self.system.problem, self.options)
-        yield replace(attempt, status=Status.TIME_LIMIT)
+        last = self.known[-1].attempt
+        ended = last.status if last.status in STOPPED else Status.TIME_LIMIT
+        best = min(self.known, key=lambda one: (one.attempt.duration, one.duration))
+        yield replace(self._replayed(best), status=ended)
+
+    def _replayed(self, rough: Rough) -> Attempt:
+        """A coarse motion, as slow as it has to be for its replay to be all right."""
+        program, iterate, _ = rough.kept
+        attempt = rough.attempt
+        with self.progress.saving(), contextlib.suppress(Stop):
+            for factor in TIME_SCALINGS:
+                if attempt.verification is not None and attempt.found:
+                    break
+                motion = program.trajectory(program.stretch(iterate.z, factor))
+                slower = replace(attempt, trajectory=motion, layout=None)
+                attempt = slower.verified(self.system.problem, self.options)
+        return attempt
 
     def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Attempt]:
         """The first motions of a plan.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.bounds import LowerBound
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
@@ -60,7 +60,7 @@ def conclude(
         ended = Status.UNVERIFIED
     elif ended is Status.CONVERGED and not best.feasible:
         ended = Status.INFEASIBLE
-    bound = _bound(problem)
+    bound = _bound(problem, progress)
     return Solution(
         problem=problem,
         options=options,
@@ -77,10 +77,10 @@ def conclude(
     )
 
 
-def _bound(problem: Problem) -> LowerBound | None:
+def _bound(problem: Problem, progress: Progress) -> LowerBound | None:
     """A lower bound on the duration, if there is time for it."""
     try:
-        return lower_bound(problem)
+        return progress.lower_bound(problem)
     except Stop:
         return None
 

@@ -10,7 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.options import Options
+from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
@@ -88,6 +90,7 @@ class Progress:
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
         self._judge: Judge | None = None
+        self._bounds: list[tuple[Problem, LowerBound]] = []
         self._starts = first
         self._begin = time.perf_counter()
         self._limit = options.max_planning_time
@@ -142,6 +145,19 @@ class Progress:
     def over(self) -> bool:
         """Whether the planning time is used up."""
         return self._limit is not None and self.seconds >= self._limit
+
+    def lower_bound(self, problem: Problem) -> LowerBound:
+        """Time that no motion can beat, found once for each goal and start.
+
+        Raises:
+            Stop: If it is time to stop.
+        """
+        for known, bound in self._bounds:
+            same = np.array_equal(known.q_start, problem.q_start)
+            if same and known.goal is problem.goal:
+                return bound
+        self._bounds.append((problem, lower_bound(problem)))
+        return self._bounds[-1][1]
 
     # -- what was found ----------------------------------------------------------------
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.bounds import lower_bound
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.options import Options
@@ -21,6 +20,8 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.torque_starts import shots
+from tominpmp.status import STOPPED
+from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # A motion is not searched on from that is at most this much above what none can beat.
@@ -107,30 +108,45 @@ class Search:
         Args:
             solve: Improves a guess on the grid that is asked for.
         """
-        system, progress = self.system, self.progress
+        system = self.system
         guesses = list(itertools.islice(self.guesses.since(0), self.wanted))
         if not guesses:
             return
         first = next((guess for guess in guesses if guess.timed), guesses[0])
         torques = torques_rule(system, first)
-        coarse = CoarseSearch(system, self.options, progress, torques=torques)
+        coarse = CoarseSearch(system, self.options, self.progress, torques=torques)
+        try:
+            yield from self._descents(coarse, first, torques, solve)
+            if not self.stopped and self.options.effort != "quick" and self.promising:
+                yield from self._beyond(coarse, first)
+        except Stop:
+            yield from coarse.saved()
+            raise
+
+    def _descents(
+        self, coarse: CoarseSearch, first: Guess, torques: bool, solve: Solve
+    ) -> Iterator[Attempt]:
+        """The first motions."""
+        system, progress = self.system, self.progress
         fixed = system.final_configuration is not None
-        if system.alone and fixed and not torques:
-            attempt = solve(first)  # it takes no longer than a coarse one
-            if attempt is not None:
-                progress.best = min(progress.best, attempt.duration)
-                yield attempt
-        else:
+        if not (system.alone and fixed) or torques:
             yield from coarse.descents(self.guesses.since(0), self.wanted)
-        self.stopped = coarse.stopped
-        if self.stopped or self.options.effort == "quick" or not self.promising:
+            self.stopped = coarse.stopped
             return
+        attempt = solve(first)  # it takes no longer than a coarse one
+        if attempt is not None:
+            progress.best = min(progress.best, attempt.duration)
+            self.stopped = attempt.status in STOPPED
+            yield attempt
+
+    def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
+        """What is tried beyond the first descents."""
         yield from coarse.probes(self._further(first), IN_VAIN)
         self.stopped = coarse.stopped
         if self.swings and not first.timed and not self.stopped:
             # What cannot be held on the way has to be swung over.
             shooting = replace(self.options, **SHOOTING)
-            tried = shots(system, shooting, progress, SHOTS)
+            tried = shots(self.system, shooting, self.progress, SHOTS)
             yield from (attempt for attempt in tried if attempt is not None)
 
     @property
@@ -141,7 +157,7 @@ class Search:
             return False
         if system.alone and system.n > FEW_JOINTS:
             return False
-        return best > (1.0 + GAP) * lower_bound(system.problem).T
+        return best > (1.0 + GAP) * self.progress.lower_bound(system.problem).T
 
     def _further(self, first: Guess) -> Iterator[Guess]:
         """What is tried beyond the first descents."""
