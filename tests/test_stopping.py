@@ -93,7 +93,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
 
 @pytest.mark.parametrize("stage", ["verify", "lower_bound"])
 def test_interrupted_in_a_later_stage(monkeypatch, stage):
-    place = {"verify": "planner.attempt", "lower_bound": "planner.conclusion"}[stage]
+    place = {"verify": "planner.attempt", "lower_bound": "planner.progress"}[stage]
     module = f"tominpmp.{place}.{stage}"
     calls = []
     usual = tm.verify if stage == "verify" else tm.lower_bound

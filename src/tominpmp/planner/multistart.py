@@ -36,8 +36,8 @@ from tominpmp.planner.continuation import solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
-from tominpmp.planner.search import SHOOTING, Remembered, Search
-from tominpmp.planner.torque_starts import shots
+from tominpmp.planner.search import Remembered, Search
+from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -24,6 +24,7 @@ from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.smoothing import smooth
+from tominpmp.planner.thorough import thorough_search
 from tominpmp.problem import Problem
 from tominpmp.samples import Samples
 from tominpmp.solution import Solution
@@ -129,10 +130,28 @@ def _attempts(
         yield attempt
         if options.objective == "feasible" and attempt.found:
             return
+    for attempt in _last_stages(problem, options, progress, tuple(attempts)):
+        attempts.append(attempt)
+        yield attempt
+    stages = partial(_of_one, problem, options, progress)
+    yield from thorough_search(problem, options, progress, attempts, stages)
+
+
+def _last_stages(
+    problem: Problem, options: Options, progress: Progress, found: Sequence[Attempt]
+) -> Iterator[Attempt]:
+    """What is made of the best motions of a search."""
+    attempts = list(found)
     for attempt in continued(problem, options, progress, attempts):
         attempts.append(attempt)
         yield attempt
     yield from on_finer_grid(problem, options, progress, attempts)
+
+
+def _of_one(
+    problem: Problem, options: Options, progress: Progress, attempt: Attempt
+) -> Iterator[Attempt]:
+    return _last_stages(problem, options, progress, [attempt])
 
 
 def _interrupted(solution: Solution) -> Solution:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.torque_starts import shots
+from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.status import STOPPED
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -34,15 +33,8 @@ IN_VAIN = 4
 # Further paths among obstacles.
 PATHS = 2
 
-# Torques from nowhere that are tried where a motion has to swing, and how they are
-# improved.
+# Torques from nowhere that are tried where a motion has to swing.
 SHOTS = 3
-SHOOTING: dict[str, Any] = {
-    "method": "adjoint",
-    "control": "constant",
-    "lp_solver": "highs",
-    "starts": None,
-}
 
 Solve = Callable[[Guess], Attempt | None]
 

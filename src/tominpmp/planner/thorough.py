@@ -1,0 +1,271 @@
+"""Thorough search: waves of starts of all kinds, while there is time for them.
+
+What a plan with less effort finds is found first, to its last stage; then come waves of
+starts on coarse grids: detours, paths around obstacles, other configurations at the
+goal, motions of the arm without its weight, and torques from nowhere. What promises to
+be faster than the best motion is finished, and if it is faster it has the last stages
+too. So a longer search never ends with a slower motion.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
+from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.coarse_search import CoarseSearch, Rough, suits, torques_rule
+from tominpmp.planner.continuation import WARM_START_RADIUS
+from tominpmp.planner.direct_solve import solve_and_verify
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.rescue import guarded
+from tominpmp.planner.torque_starts import SHOOTING, shots
+from tominpmp.problem import Problem
+from tominpmp.status import STOPPED
+from tominpmp.stopping import Stop
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+logger = logging.getLogger(__name__)
+
+# Starts of a wave, how many waves there are without a time limit, and at most.
+WAVE, WAVES, MOST_WAVES = 8, 4, 1000
+# A motion this close to what none can beat is not searched on from.
+PROVEN = 1e-3
+# For so many motors torques from nowhere are tried too, and switches placed exactly.
+FEW_MOTORS = 3
+# Seeds of the kinds of starts, which do not depend on each other.
+DETOUR, GUESS, AGAIN = 1, 2, 3
+
+Stages = Callable[[Attempt], Iterator[Attempt]]
+
+
+def thorough_search(
+    problem: Problem,
+    options: Options,
+    progress: Progress,
+    attempts: Sequence[Attempt],
+    stages: Stages,
+) -> Iterator[Attempt]:
+    """Search on for faster motions.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        progress: Time limit, and the duration of the best motion so far.
+        attempts: What less effort has led to.
+        stages: The last stages of a plan, for a motion.
+
+    Yields:
+        Attempts, the last stages of those that are the best then among them.
+    """
+    if options.effort != "thorough" or options.objective != "time":
+        return
+    searches = [
+        Waves(ProblemFunctions.of(part), options, progress)
+        for part in problem.alternatives
+        if suits(ProblemFunctions.of(part), options)
+    ]
+    if not searches:
+        return
+    best = min(attempts, key=lambda attempt: attempt.duration, default=None)
+    progress.best = np.inf if best is None else best.duration
+    if best is not None and best.found:
+        for last in exact_switching(problem, options, progress, best):
+            best = last if _faster(last, best) else best
+            yield last
+    most = WAVES if options.max_planning_time is None else MOST_WAVES
+    try:
+        for number, search in itertools.product(range(most), searches):
+            if _proven(problem, progress):
+                return
+            known = best if best is not None and best.found else None
+            for attempt in search.wave(number, known):
+                if attempt.status in STOPPED and not _faster(attempt, best):
+                    return
+                yield attempt
+                if _faster(attempt, best):
+                    best = attempt
+                    for last in _to_the_end(problem, options, progress, best, stages):
+                        best = last if _faster(last, best) else best
+                        yield last
+            if search.stopped:
+                return
+    except Stop as stop:
+        if stop.requested:
+            raise
+        # The time is used up, as it should be.
+
+
+def _to_the_end(
+    problem: Problem,
+    options: Options,
+    progress: Progress,
+    best: Attempt,
+    stages: Stages,
+) -> Iterator[Attempt]:
+    """The last stages for a motion that is the best one now."""
+    for attempt in stages(best):
+        best = attempt if _faster(attempt, best) else best
+        yield attempt
+    yield from exact_switching(problem, options, progress, best)
+
+
+def exact_switching(
+    problem: Problem, options: Options, progress: Progress, best: Attempt
+) -> Iterator[Attempt]:
+    """Place the switches of a motion exactly, where a small arm has nothing around it.
+
+    Its structure is looked at only: other ones come from other starts.
+    """
+    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    small = system.alone and system.n <= FEW_MOTORS
+    plain = problem.motion_limits is None and options.control == "auto"
+    if not (small and plain and options.refine == "auto") or options.control_period:
+        return
+    exact = replace(options, control="constant", refine="switching", starts=1)
+    near = replace(exact, trust_region=WARM_START_RADIUS * exact.trust_region)
+    progress.begin()
+    guess = replace(warm_start(system, best.trajectory), name=best.name)
+    solve = partial(solve_and_verify, system, near, guess, progress)
+    attempt = guarded(problem, options, progress, best.name, solve)
+    if attempt is not None and _faster(attempt, best):
+        progress.best = min(progress.best, attempt.duration)
+        yield attempt
+
+
+def _faster(attempt: Attempt, best: Attempt | None) -> bool:
+    return attempt.found and (best is None or attempt.duration < best.duration)
+
+
+def _proven(problem: Problem, progress: Progress) -> bool:
+    """Whether next to nothing is to be gained any more."""
+    bound = progress.lower_bound(problem).T
+    return progress.best <= (1.0 + PROVEN) * bound
+
+
+class Waves:
+    """Waves of starts for a problem with one goal.
+
+    Args:
+        system: The problem.
+        options: Options of the plan.
+        progress: Time limit, and the duration of the best motion so far.
+    """
+
+    def __init__(
+        self, system: ProblemFunctions, options: Options, progress: Progress
+    ) -> None:
+        self.system, self.options, self.progress = system, options, progress
+        self.coarse: CoarseSearch | None = None
+        self.sources: list[Iterator[Guess]] = []
+        self.shots = self._shots()
+        self.best: Guess | None = None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it was time to stop."""
+        return self.coarse is not None and self.coarse.stopped
+
+    def _rng(self, kind: int) -> np.random.Generator:
+        return np.random.default_rng([self.options.seed, kind])
+
+    def wave(self, number: int, best: Attempt | None) -> Iterator[Attempt]:
+        """Make the attempts of a wave.
+
+        Args:
+            number: Its number, from 0.
+            best: The best motion so far, if there is one.
+        """
+        if self.coarse is None:
+            self._begin()
+        if self.coarse is None:
+            return
+        if best is not None:
+            motion = best.trajectory
+            q = motion(np.linspace(0.0, motion.duration, 200)).q
+            t = np.linspace(0.0, motion.duration, len(q))
+            self.best = Guess(best.name, t, q, False)
+        turns = itertools.cycle(self.sources)
+        guesses = (next(source, None) for source in itertools.islice(turns, WAVE))
+        tried = self._lighter(number, guesses)
+        yield from self.coarse.probes(tried, WAVE + 1)
+        if not self.coarse.stopped:
+            yield from itertools.islice(self.shots, 1)
+
+    def _begin(self) -> None:
+        """Prepare the sources of starts."""
+        system, options = self.system, self.options
+        every = initial_guesses(
+            system,
+            MOST_WAVES * WAVE,
+            self._rng(GUESS),
+            options.initial_duration,
+            self.progress.ends,
+        )
+        first = next(every, None)
+        if first is None:
+            return
+        torques = torques_rule(system, first)
+        self.coarse = CoarseSearch(system, options, self.progress, torques=torques)
+        straight = [first, *itertools.islice(every, 1)]
+        line = next((guess for guess in straight if guess.timed), straight[-1])
+        self.sources = [
+            bumps(system, line, self._rng(DETOUR)),
+            itertools.chain(straight, every),
+            self._around_best(),
+        ]
+
+    def _around_best(self) -> Iterator[Guess]:
+        """Detours from the best motion."""
+        rng = self._rng(AGAIN)
+        for spread in itertools.cycle(SPREADS):
+            heights = spread * rng.normal(size=(2, self.system.n))
+            if self.best is not None:
+                yield bumped(self.system, self.best, heights)
+
+    def _lighter(self, number: int, guesses: Iterable[Guess | None]) -> Iterator[Guess]:
+        """Guesses; in every second wave what they lead to without weight instead."""
+        gravity = self.system.problem.robot.gravity
+        weightless = number % 2 == 1 and bool(np.any(gravity))
+        for guess in guesses:
+            if guess is None:
+                continue
+            yield self._weightless(guess) if weightless else guess
+
+    def _weightless(self, guess: Guess) -> Guess:
+        """The motion that a guess leads to where nothing has a weight."""
+        assert self.coarse is not None  # noqa: S101
+        system = self.system.first_tried
+        robot = system.problem.robot.with_changes(gravity=np.zeros(3))
+        light = replace(system, dynamics=RobotDynamics(robot, dry=False))
+        search = CoarseSearch(light, self.options, self.progress, torques=True)
+        rough = search.rough(guess)
+        return guess if rough is None else _as_guess(rough, guess)
+
+    def _shots(self) -> Iterator[Attempt]:
+        """Torques from nowhere, improved in full."""
+        system = self.system
+        smooth = system.problem.motion_limits is not None
+        if not system.alone or system.n > FEW_MOTORS or smooth:
+            return
+        shooting = replace(self.options, **SHOOTING)
+        for attempt in shots(system, shooting, self.progress, MOST_WAVES):
+            if attempt is not None:
+                yield attempt
+
+
+def _as_guess(rough: Rough, guess: Guess) -> Guess:
+    motion = rough.attempt.trajectory
+    t = np.linspace(0.0, motion.duration, len(guess.t))
+    q: Array = motion(t).q
+    return Guess(guess.name, t, q, False)
