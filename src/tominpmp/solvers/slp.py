@@ -124,7 +124,7 @@ class SlpSolver:
                 solver = replace(solver, nlp=solver.nlp.near(iterate.z))
                 iterate, outcome = solver.step(iterate, effort)
                 best = solver.time_scaled(iterate) or iterate.better_than(best, limit)
-                self.keep(self.nlp, best or iterate)
+                self.keep(solver.nlp, best or iterate)
                 record = solver.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
                 status = solver.terminate(iterate, outcome, most - len(history))
@@ -142,7 +142,7 @@ class SlpSolver:
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
                 last = solver.feasibility_restored(iterate).better_than(best, limit)
-                self.keep(self.nlp, last or iterate)
+                self.keep(solver.nlp, last or iterate)
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
