@@ -92,9 +92,7 @@ class Interval(NamedTuple):
 
 
 def scaled(interval: Interval, factor: float) -> Interval:
-    """Intervals times a factor >= 0; none times infinity is none."""
-    if factor == 0.0:
-        return Interval(np.zeros_like(interval.low), np.zeros_like(interval.high))
+    """Intervals times a factor >= 0."""
     return Interval(factor * interval.low, factor * interval.high)
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
@@ -29,6 +31,9 @@ KINEMATIC_STARTS = 20
 STRAIGHT_LINES = 10
 # Durations of untimed guesses, in multiples of what the speed limits demand.
 DURATION_FACTOR = 2.0
+# A guess that ends with less than this share of the mean speed up to its next sample is
+# at rest there.
+RESTS = 0.5
 # Name of the guess that stays at the start.
 RESTING = "at rest"
 # Samples of a guess.
@@ -63,9 +68,24 @@ class Guess:
         return float(self.t[-1])
 
     def position(self, times: Array) -> Array:
-        """Configurations at times, shape (k, n)."""
-        columns = [np.interp(times, self.t, column) for column in self.q.T]
-        return np.stack(columns, axis=1)
+        """Configurations at times, shape (k, n).
+
+        Between samples they run smoothly and within these: straight pieces would have
+        the speed jump in the short intervals at the ends, and cubic splines overshoot.
+        """
+        return np.asarray(self._curve(np.clip(times, 0.0, self.duration)))
+
+    @cached_property
+    def _curve(self) -> CubicHermiteSpline:
+        later = np.append(True, np.diff(self.t) > 0.0)
+        t, q = self.t[later], self.q[later]
+        slopes = PchipInterpolator(t, q, axis=0).derivative()(t)
+        # What sets out from rest does so at no speed at all.
+        for end, beside in ((0, 1), (-1, -2)):
+            mean = (q[beside] - q[end]) / (t[beside] - t[end])
+            slow = np.abs(slopes[end]) < RESTS * np.abs(mean)
+            slopes[end] = np.where(slow, 0.0, slopes[end])
+        return CubicHermiteSpline(t, q, slopes, axis=0)
 
 
 def straight_guess(

@@ -52,9 +52,7 @@ def conclude(
             None,
             planning_time=progress.seconds,
         )
-    # Of those that are as good the last one, which knows best what it is.
-    order = list(reversed(attempts))
-    best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
+    best = min(attempts, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
     if status in STOPPED:
         ended = status

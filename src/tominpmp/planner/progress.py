@@ -23,6 +23,8 @@ KEPT = 4
 # Time that is left for the replay of a motion, as shares of the limit: at least, and at
 # most; and how many times what the last replay took.
 RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
+# The same while there is no motion, and nobody knows what a replay takes.
+FIRST_RESERVE = 0.06
 # What a step may take beyond the limit, and what the end may: shares of it, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
@@ -66,6 +68,7 @@ class Progress:
         deadline: When to stop.
         records: One record an iteration of the present attempt.
         kept: Motions of the present attempt, the newest last.
+        begun: What the present attempt began with.
         failures: What went wrong with attempts that have led to nothing.
         puts_off: Whether motions need no replay yet, as one on the clock of a
             controller is made of them, which is replayed.
@@ -87,6 +90,7 @@ class Progress:
         self.deadline = Deadline(asked)
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
+        self.begun: Kept | None = None
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
         self._judge: Judge | None = None
@@ -112,7 +116,7 @@ class Progress:
         self.start = self._starts
         self._starts += count
         self.links_touched = False
-        self.records, self.kept = [], []
+        self.records, self.kept, self.begun = [], [], None
         self._set_deadline()
         return self.start
 
@@ -164,6 +168,7 @@ class Progress:
     def keep(self, program: Program, iterate: Iterate) -> None:
         """Keep a motion of the present attempt, should it be cut short."""
         new = Kept(program, iterate, iterate.violation <= self._feasibility)
+        self.begun = self.begun or new
         if self.kept and self.kept[-1].program is program:
             if self.kept[-1].feasible and not new.feasible:
                 return
@@ -220,7 +225,9 @@ class Progress:
         """Time to be left for the replay of what was found [s]."""
         limit = self._limit or 0.0
         if not any(item.feasible for item in self.kept):
-            return 0.0
+            # If there is nothing at all, what the attempt began with is slowed down.
+            nothing = self.best == np.inf and self.begun is not None
+            return FIRST_RESERVE * limit if nothing else 0.0
         return min(max(RESERVE * limit, REPLAYS * self._replay), MOST_RESERVE * limit)
 
     def _set_deadline(self) -> None:

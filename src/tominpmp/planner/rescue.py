@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.progress import Kept, Progress
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import Status
 from tominpmp.stopping import Stop
 
 logger = logging.getLogger(__name__)
+
+# How much slower a guess is made to be a motion, where there is nothing better, and
+# what violation will do: of none of the limits does it use more than it may.
+SLOWER = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
+SLOW_ENOUGH = 1e-6
 
 # What numerics may end with. A failure after a motion was found does not lose it.
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
@@ -79,8 +87,9 @@ def rescued(
         status: How it ended.
 
     Returns:
-        The newest motion that its replay confirms. Without one, the newest that was
-        found; None if there is nothing.
+        The newest motion that its replay confirms. Without one, what it began with, if
+        it need only be slowed down and nothing else is known; else the newest that was
+        found. None if there is nothing.
     """
     if not progress.kept:
         return None
@@ -89,6 +98,9 @@ def rescued(
     feasible = [item for item in reversed(progress.kept) if item.feasible]
     last: Attempt | None = None
     with progress.saving():
+        if not feasible and progress.best == np.inf:
+            with contextlib.suppress(Stop, *NUMERICAL):
+                feasible = slowed_down(progress)
         for item in feasible or progress.kept[-1:]:
             best = item.iterate if item.feasible else None
             result = SlpResult(status, item.iterate, best, tuple(progress.records))
@@ -106,3 +118,16 @@ def rescued(
                 return attempt
             last = attempt
     return last
+
+
+def slowed_down(progress: Progress) -> list[Kept]:
+    """What an attempt began with, as slow as it has to be; nothing if that won't do."""
+    if progress.begun is None:
+        return []
+    program, iterate, _ = progress.begun
+    for factor in SLOWER:
+        z = program.stretch(iterate.z, factor)
+        slow = replace(iterate, z=z, values=program.evaluate(z))
+        if slow.violation <= SLOW_ENOUGH:
+            return [Kept(program, slow, True)]
+    return []

@@ -143,9 +143,14 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         guessed = self.duration
         share = self.shares.sum(axis=1)
         nodes = np.concatenate([[0.0], np.cumsum(share)]) / share.sum()
-        points = position(0.5 * (nodes[1:] + nodes[:-1]) * guessed)
-        points[0] = position(np.zeros(1))[0]
-        points[-1] = position(np.array([guessed]))[0]
+        q = position(nodes * guessed)
+        middle = position(0.5 * (nodes[1:] + nodes[:-1]) * guessed)
+        # The parabolas through nodes and middles: where these are far from short
+        # intervals, their own points would ask for torques beyond all bounds there.
+        limits = self.system.problem.robot.limits
+        points = 2.0 * middle - 0.5 * (q[1:] + q[:-1])
+        points = np.clip(points, limits.position_lower, limits.position_upper)
+        points[0], points[-1] = q[0], q[-1]
         v_end = self.system.final_velocity
         v_end = np.zeros(self._n) if v_end is None else v_end
         eta = np.full(self._m, duration / share.sum())

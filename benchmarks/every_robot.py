@@ -1,0 +1,135 @@
+"""Every robot of example-robot-data: a small joint goal, verified within a time limit.
+
+Each description that is known by name is loaded as it is, with all joints that have
+limits, and moved by a tenth of a radian (or a tenth of its range) of every joint from a
+configuration near the middle of the ranges, links of the robot itself in the way.
+
+    python -m benchmarks.every_robot
+    python -m benchmarks.every_robot --robots icub_reduced,g1 --limit 60
+"""
+
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
+from __future__ import annotations
+
+from benchmarks.sheet import Sheet, markdown, one_thread
+
+one_thread()
+
+import argparse
+import contextlib
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tominpmp as tm
+from tominpmp.description.files import robot_names
+from tominpmp.exceptions import ProblemError, TominpmpError
+
+COLUMNS = (
+    "robot",
+    "joints",
+    "pairs",
+    "status",
+    "verified",
+    "T",
+    "bound",
+    "seconds",
+    "load_seconds",
+    "processor_seconds",
+    "iterations",
+    "programs",
+    "program_seconds",
+    "message",
+)
+# How far each joint goes: at most, and as a share of its range [rad or m].
+STEP, SHARE = 0.1, 0.1
+# Where to begin, as shares of the ranges, one after another until links are clear; near
+# zero first.
+PLACES = (None, 0.5, 0.45, 0.55, 0.4, 0.6, 0.3, 0.7)
+# Ranges beyond this are no ranges.
+WIDE = 10.0
+
+
+def ends(robot: Any, place: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Start and goal, the goal nearer to the middle of the ranges."""
+    lower = np.maximum(robot.limits.position_lower, -WIDE)
+    upper = np.minimum(robot.limits.position_upper, WIDE)
+    step = np.minimum(STEP, SHARE * (upper - lower))
+    middle = 0.5 * (lower + upper)
+    if place is None:
+        start = np.clip(0.0, lower + 0.2 * step, upper - 0.2 * step)
+    else:
+        start = lower + place * (upper - lower)
+    return start, start + np.where(start > middle, -step, step)
+
+
+def pose(robot: Any) -> tm.Problem:
+    """The first problem whose start and goal touch nothing and can be held.
+
+    Where links touch at all places, they are let.
+
+    Raises:
+        TominpmpError: If there is none.
+    """
+    for place in PLACES:
+        start, goal = ends(robot, place)
+        with contextlib.suppress(ProblemError):
+            return tm.Problem(robot, start, tm.JointGoal(goal))
+    start, goal = ends(robot, None)
+    return tm.Problem(robot, start, tm.JointGoal(goal), self_collision=False)
+
+
+def measure(name: str, limit: float) -> dict[str, object]:
+    """Load a robot and move it a little: a row of the sheet."""
+    row: dict[str, object] = dict.fromkeys(COLUMNS, "") | {"robot": name}
+    begin = time.perf_counter()
+    try:
+        robot = tm.load_robot(name)
+        row["joints"] = robot.n
+        problem = pose(robot)
+    except TominpmpError as error:
+        return row | {"status": type(error).__name__, "message": str(error)[:300]}
+    row["pairs"] = len(problem.checker.pairs)
+    row["load_seconds"] = time.perf_counter() - begin
+    begin, used = time.perf_counter(), time.process_time()
+    solution = tm.plan(problem, max_planning_time=limit)
+    row["seconds"] = time.perf_counter() - begin
+    row["processor_seconds"] = time.process_time() - used
+    bound = solution.lower_bound
+    judged = solution.verification
+    return row | {
+        "status": solution.status.name,
+        "verified": bool(solution.success and judged is not None and judged.ok),
+        "T": solution.T,
+        "bound": "" if bound is None else bound.T,
+        "iterations": len(solution.history),
+        "programs": sum(record.programs for record in solution.history),
+        "program_seconds": sum(record.program_seconds for record in solution.history),
+        "message": solution.message,
+    }
+
+
+def main() -> int:
+    """Measure, write the CSV file, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default=",".join(robot_names()))
+    parser.add_argument("--limit", type=float, default=20.0, help="seconds a robot")
+    parser.add_argument("--csv", type=Path, default=Path("out/every_robot.csv"))
+    arguments = parser.parse_args()
+    sheet = Sheet(arguments.csv, COLUMNS)
+    for name in arguments.robots.split(","):
+        sheet.add(measure(name, arguments.limit))
+    shown = ("robot", "joints", "pairs", "status", "verified", "T", "seconds")
+    lines = [[row[key] for key in shown] for row in sheet.rows]
+    print(markdown(shown, lines))
+    posed = [row for row in sheet.rows if row["seconds"] != ""]
+    good = sum(bool(row["verified"]) for row in posed)
+    slowest = max((float(row["seconds"]) for row in posed), default=0.0)
+    print(f"\n{good} of {len(posed)} verified, the slowest took {slowest:.1f} s")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,66 @@
+"""Planning that ends early: what it began with, slowed down, is a motion already."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.planner.direct_solve import first_program
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+
+def planar():
+    robot = tm.load_robot("planar3r")
+    return tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((0.5, 1.0, 1.0)))
+
+
+def test_interrupted_at_once_there_is_a_motion():
+    solution = tm.plan(planar(), callback=lambda record: True)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success
+    assert solution.verification.ok
+    assert solution.T > tm.plan(planar()).T
+
+
+@pytest.mark.parametrize("intervals", [16, 40, 160])
+def test_timed_guesses_are_nearly_motions(intervals):
+    """Short intervals at the ends asked for thirty times the torque there is."""
+    system = ProblemFunctions.of(planar())
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    assert guess.timed
+    options = tm.Options(method="inverse", intervals=intervals, control="constant")
+    program, z = first_program(system, options, guess)
+    assert program.rows.largest_violation(program.evaluate(z)) < 1.0
+    slow = program.evaluate(program.stretch(z, 2.0))
+    assert program.rows.largest_violation(slow) == 0.0
+
+
+def test_a_guess_runs_smoothly_between_its_samples():
+    t = np.linspace(0.0, 1.0, 21)
+    guess = Guess("parabola", t, t[:, None] ** 2, True)
+    fine = np.linspace(0.0, 1.0, 501)
+    np.testing.assert_allclose(guess.position(fine)[:, 0], fine**2, atol=1e-3)
+    slope = np.diff(guess.position(fine)[:, 0]) / np.diff(fine)
+    assert slope[0] < 0.01
+    # Within the samples, and samples at one time are one.
+    steps = Guess("step", np.array([0, 1, 1, 2.0]), np.array([[0, 1, 1, 1.0]]).T, True)
+    assert np.all(np.diff(steps.position(2.0 * fine)[:, 0]) >= 0.0)
+    assert steps.position(np.array([-1.0, 5.0]))[:, 0].tolist() == [0.0, 1.0]
+
+
+def test_a_short_time_limit_leaves_a_verified_motion():
+    """Arms of many joints found none in time: their programs take long."""
+    arm = make_arm(*[slide(1.0) for _ in range(12)], effort=10.0, velocity=5.0)
+    goal = tm.JointGoal(np.linspace(0.05, 0.1, 12))
+    problem = tm.Problem(arm, np.zeros(12), goal)
+    calls = []
+
+    def late(record):
+        calls.append(record)
+        return len(calls) > 1
+
+    solution = tm.plan(problem, callback=late)
+    assert solution.success
