@@ -18,7 +18,20 @@ if TYPE_CHECKING:
     from tominpmp.bounds import LowerBound, lower_bound
     from tominpmp.certificate import Certificate, certify
     from tominpmp.combined_robots import combine_robots
-    from tominpmp.constraints import KeepUpright, PathConstraint, ToolSpeed
+    from tominpmp.constraints import (
+        AxisFixed,
+        JointCoupling,
+        KeepAway,
+        KeepOrientation,
+        KeepUpright,
+        PathConstraint,
+        ToolAcceleration,
+        ToolArc,
+        ToolLine,
+        ToolPolyline,
+        ToolSpeed,
+        WithinRegion,
+    )
     from tominpmp.exceptions import (
         FrameNotFound,
         JointNotFound,
@@ -93,9 +106,18 @@ _HOMES = {
     "certificate": ("Certificate", "certify"),
     "combined_robots": ("combine_robots",),
     "constraints": (
+        "AxisFixed",
+        "JointCoupling",
+        "KeepAway",
+        "KeepOrientation",
         "KeepUpright",
         "PathConstraint",
+        "ToolAcceleration",
+        "ToolArc",
+        "ToolLine",
+        "ToolPolyline",
         "ToolSpeed",
+        "WithinRegion",
     ),
     "exceptions": (
         "FrameNotFound",
@@ -195,6 +217,7 @@ _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names
 __all__ = [
     "AllGoals",
     "AnyGoal",
+    "AxisFixed",
     "AxisGoal",
     "Box",
     "Capsule",
@@ -208,10 +231,13 @@ __all__ = [
     "Goal",
     "HeightField",
     "IterationRecord",
+    "JointCoupling",
     "JointGoal",
     "JointLimits",
     "JointNotFound",
     "JointRegionGoal",
+    "KeepAway",
+    "KeepOrientation",
     "KeepUpright",
     "LowerBound",
     "Mesh",
@@ -249,10 +275,15 @@ __all__ = [
     "Tolerances",
     "TominpmpError",
     "TominpmpWarning",
+    "ToolAcceleration",
+    "ToolArc",
+    "ToolLine",
+    "ToolPolyline",
     "ToolSpeed",
     "Trajectory",
     "Verification",
     "Waypoints",
+    "WithinRegion",
     "Workcell",
     "certify",
     "check_export",

@@ -131,6 +131,74 @@ class RobotKinematics:
         )
         return np.asarray(found.linear).copy()
 
+    def acceleration(self, q: Array, v: Array, a: Array, frame: str) -> Array:
+        """Linear acceleration of a frame's origin in the world [m/s^2], shape (3,).
+
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,).
+            a: Accelerations, shape (n,).
+            frame: Name of the frame.
+        """
+        robot, data = self.robot, self._data
+        pin.forwardKinematics(
+            robot.model,
+            data,
+            robot.expand(q),
+            robot.expand_tangent(v),
+            robot.expand_tangent(a),
+        )
+        found = pin.getFrameClassicalAcceleration(
+            robot.model,
+            data,
+            robot.frame_id(frame),
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+        )
+        return np.asarray(found.linear).copy()
+
+    def accelerated_motion(
+        self, q: Array, v: Array, a: Array, frame: str
+    ) -> tuple[Array, Array, Array, Array]:
+        """Linear acceleration of a frame's origin in the world, with derivatives.
+
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,).
+            a: Accelerations, shape (n,).
+            frame: Name of the frame.
+
+        Returns:
+            The acceleration [m/s^2], shape (3,), and its derivatives by q, v and a,
+            shape (3, n) each.
+        """
+        robot, data = self.robot, self._data
+        pin.computeForwardKinematicsDerivatives(
+            robot.model,
+            data,
+            robot.expand(q),
+            robot.expand_tangent(v),
+            robot.expand_tangent(a),
+        )
+        index, local = robot.frame_id(frame), pin.ReferenceFrame.LOCAL
+        parts = pin.getFrameAccelerationDerivatives(robot.model, data, index, local)
+        # Pinocchio drops the second dimension of arms with a single joint.
+        v_q, a_q, a_v, a_a = (np.reshape(part, (6, -1)) for part in parts)
+        rotation = pin.updateFramePlacement(robot.model, data, index).rotation
+        speed = pin.getFrameVelocity(robot.model, data, index, local)
+        spatial = pin.getFrameAcceleration(robot.model, data, index, local)
+        linear, turning = np.asarray(speed.linear), np.asarray(speed.angular)
+        # Of the origin itself: R (a + w x v), and R turns with q by R dR = a_a[3:].
+        own = np.asarray(spatial.linear) + np.cross(turning, linear)
+        w, x = pin.skew(turning), pin.skew(linear)
+        by_q = a_q[:3] + w @ v_q[:3] - x @ v_q[3:] - pin.skew(own) @ a_a[3:]
+        by_v = a_v[:3] + w @ a_a[:3] - x @ a_a[3:]
+        return (
+            np.asarray(rotation @ own),
+            robot.reduce_tangent(rotation @ by_q),
+            robot.reduce_tangent(rotation @ by_v),
+            robot.reduce_tangent(rotation @ a_a[:3]),
+        )
+
     def reach(self, frame: str | None = None) -> float:
         """Upper bound on the distance of a frame from the base, at any q [m].
 

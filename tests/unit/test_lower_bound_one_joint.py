@@ -62,6 +62,22 @@ def test_every_limit_of_a_rail_gives_its_closed_form() -> None:
     assert lower_bound(rail(friction=3.0)).T == pytest.approx(dry)
 
 
+def test_torque_rates_and_jerks_bend_the_motions_of_rails() -> None:
+    rate = lower_bound(rail(MotionLimits(effort_rate=60.0), effort=1e6)).T
+    assert rate == pytest.approx((32.0 / 30.0) ** (1.0 / 3.0))
+    # Force and its rate: 5 m/s^2 after 1/6 s, as for an acceleration limit.
+    both = lower_bound(rail(MotionLimits(effort_rate=60.0))).T
+    push, jerk = FORCE / MASS, 30.0
+    ramp = push / jerk
+    plateau = 0.5 * (-3.0 * ramp + math.sqrt(ramp**2 + 4.0 / push))
+    assert both == pytest.approx(4 * ramp + 2 * plateau)
+    # More friction takes longer, and a bound remains one where it is viscous.
+    dry = lower_bound(rail(MotionLimits(effort_rate=60.0), friction=2.0)).T
+    assert dry > both
+    viscous = lower_bound(rail(MotionLimits(effort_rate=60.0), damping=1.0)).T
+    assert 0.9 * both < viscous
+
+
 def test_torque_over_speed_gives_the_time_by_quadrature() -> None:
     droop = EffortCurve.droop(FORCE, 1.4)
     limits = MotionLimits(effort_curves={"joint1": droop})

@@ -1,9 +1,11 @@
 r"""Equations of motion with some joints held at a constant velocity.
 
-A joint that runs at its speed limit has no acceleration; the torque for that follows,
-and the other joints move as their torques and this acceleration demand:
+A joint that runs at its speed limit has no acceleration; some torque for that follows,
+mostly its own, and the other joints move as their torques and this acceleration demand:
 
-.. math:: M_{ff} \dot v_f = u_f - \tau_f(q, v, 0), \qquad \dot v_h = 0.
+.. math:: \tau(q, v, a) = u, \qquad a_h = 0, \qquad u_k \text{ known but for } u_f.
+
+Where the torque of the joint itself is at its limit, another one's can hold it.
 """
 
 from __future__ import annotations
@@ -12,8 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
+
+# A joint keeps its velocity; a torque follows from that.
+HOLDS, FOLLOWS = 1, 2
 
 
 class Rates(NamedTuple):
@@ -22,7 +27,7 @@ class Rates(NamedTuple):
     Attributes:
         f: dx/dt with x = (q, v), shape (m, 2n).
         f_x: Shape (m, 2n, 2n).
-        f_u: Shape (m, 2n, n); zero for the torques of held joints.
+        f_u: Shape (m, 2n, n); zero for torques that follow.
         tau: Torques of all joints, shape (m, n) [N m or N].
         tau_x: Shape (m, n, 2n).
         tau_u: Shape (m, n, n).
@@ -37,19 +42,19 @@ class Rates(NamedTuple):
 
 
 def differentiate_rates(
-    dynamics: Dynamics, x: Array, u: Array, held: BoolArray
+    dynamics: Dynamics, x: Array, u: Array, modes: IntArray
 ) -> Rates:
     """State derivatives with their partial derivatives.
 
     Args:
         dynamics: Equations of motion.
         x: States (q, v), shape (m, 2n).
-        u: Torques, shape (m, n); those of held joints are ignored.
-        held: Which joints keep their velocity, shape (m, n).
+        u: Torques, shape (m, n); those that follow are ignored.
+        modes: HOLDS for joints that keep their velocity, FOLLOWS for torques that do
+            so, or their sum, shape (m, n); as many of both in each row.
     """
     count, n = u.shape
-    some = np.any(held, axis=1)
-    if not np.any(some):
+    if not np.any(modes):
         by = dynamics.forward_jacobians(x, u)
         tau_u = np.broadcast_to(np.eye(n), (count, n, n))
         return Rates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
@@ -61,42 +66,48 @@ def differentiate_rates(
         np.empty((count, n, 2 * n)),
         np.empty((count, n, n)),
     )
-    patterns, which = np.unique(held, axis=0, return_inverse=True)
+    patterns, which = np.unique(modes, axis=0, return_inverse=True)
     for number, pattern in enumerate(patterns):
         rows = np.flatnonzero(which.ravel() == number)
         if pattern.any():
             part = _held_rates(dynamics, x[rows], u[rows], pattern)
         else:
-            none = np.zeros((rows.size, n), dtype=bool)
+            none = np.zeros((rows.size, n), dtype=np.int64)
             part = differentiate_rates(dynamics, x[rows], u[rows], none)
         for target, value in zip(out, part, strict=True):
             target[rows] = value
     return out
 
 
-def _held_rates(dynamics: Dynamics, x: Array, u: Array, held: BoolArray) -> Rates:
+def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> Rates:
     """Rates of rows of which the same joints are held."""
     count, n = u.shape
     q, v = x[:, :n], x[:, n:]
-    free = np.flatnonzero(~held)
-    a = np.zeros_like(u)
-    still = dynamics.inverse_jacobians(q, v, a)
-    mass = still.tau_a[:, free[:, None], free]
-    drive = (u - still.tau)[:, free, None]
-    a[:, free] = np.linalg.solve(mass, drive)[..., 0]
+    free = np.flatnonzero((modes & HOLDS) == 0)
+    follows = np.flatnonzero((modes & FOLLOWS) != 0)
+    known = np.flatnonzero((modes & FOLLOWS) == 0)
+    still = dynamics.inverse_jacobians(q, v, np.zeros_like(u))
+    # The unknowns are the accelerations of free joints and the torques that follow.
+    matrix = np.zeros((count, n, n))
+    matrix[:, :, : free.size] = still.tau_a[:, :, free]
+    matrix[:, follows, free.size + np.arange(follows.size)] = -1.0
+    drive = -still.tau
+    drive[:, known] += u[:, known]
+    found = np.linalg.solve(matrix, drive[..., None])[..., 0]
+    a, tau = np.zeros_like(u), u.copy()
+    a[:, free], tau[:, follows] = found[:, : free.size], found[:, free.size :]
     by = dynamics.inverse_jacobians(q, v, a)
-    tau_x = np.concatenate([by.tau_q, by.tau_v], axis=2)
-    a_x, a_u = np.zeros((count, n, 2 * n)), np.zeros((count, n, n))
-    a_x[:, free] = -np.linalg.solve(mass, tau_x[:, free])
-    a_u[:, free[:, None], free] = np.linalg.inv(mass)
-    f_x, f_u = np.zeros((count, 2 * n, 2 * n)), np.zeros((count, 2 * n, n))
-    f_x[:, :n, n:] = np.eye(n)
-    f_x[:, n:], f_u[:, n:] = a_x, a_u
-    return Rates(
-        np.concatenate([v, a], axis=1),
-        f_x,
-        f_u,
-        by.tau,
-        tau_x + by.tau_a @ a_x,
-        by.tau_a @ a_u,
+    slope = np.concatenate([by.tau_q, by.tau_v], axis=2)
+    by_x = np.linalg.solve(matrix, -slope)
+    by_u = np.linalg.solve(
+        matrix, np.broadcast_to(np.eye(n)[:, known], (count, n, known.size))
     )
+    f_x, f_u = np.zeros((count, 2 * n, 2 * n)), np.zeros((count, 2 * n, n))
+    tau_x, tau_u = np.zeros((count, n, 2 * n)), np.zeros((count, n, n))
+    f_x[:, :n, n:] = np.eye(n)
+    f_x[:, n + free] = by_x[:, : free.size]
+    f_u[:, (n + free)[:, None], known] = by_u[:, : free.size]
+    tau_x[:, follows] = by_x[:, free.size :]
+    tau_u[:, follows[:, None], known] = by_u[:, free.size :]
+    tau_u[:, known, known] = 1.0
+    return Rates(np.concatenate([v, a], axis=1), f_x, f_u, tau, tau_x, tau_u)

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from tominpmp.arcs.held_joints import Rates, differentiate_rates
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 
 _R = math.sqrt(6.0)
@@ -90,7 +90,7 @@ def integrate(
     dynamics: Dynamics,
     x_start: Array,
     u: Array,
-    held: BoolArray,
+    modes: IntArray,
     h: Array,
     guess: Array,
 ) -> tuple[IntegratedArcs | None, int]:
@@ -100,7 +100,8 @@ def integrate(
         dynamics: Equations of motion.
         x_start: State at the start, shape (2n,).
         u: Torques of the steps, shape (M, n) [N m or N].
-        held: Which joints keep their velocity, shape (M, n).
+        modes: Which joints keep their velocity, and which torques follow, shape (M, n);
+            see :func:`~tominpmp.arcs.held_joints.differentiate_rates`.
         h: Lengths of the steps [s], shape (M,).
         guess: Stages of a motion near by, shape (M, 3, 2n).
 
@@ -110,7 +111,7 @@ def integrate(
     """
     count, _, size = guess.shape
     torque = np.repeat(u, STAGES, axis=0)
-    kept = np.repeat(held, STAGES, axis=0)
+    kept = np.repeat(modes, STAGES, axis=0)
     both = _repeated(count, size)
 
     def residual_at(stages: Array) -> tuple[Rates, Array]:
@@ -154,7 +155,7 @@ def integrate(
 
 
 def explicit_stages(
-    dynamics: Dynamics, x_start: Array, u: Array, held: BoolArray, h: Array
+    dynamics: Dynamics, x_start: Array, u: Array, modes: IntArray, h: Array
 ) -> Array:
     """Stages of a motion by explicit steps, one after the other: a guess.
 
@@ -162,7 +163,8 @@ def explicit_stages(
         dynamics: Equations of motion.
         x_start: State at the start, shape (2n,).
         u: Torques of the steps, shape (M, n) [N m or N].
-        held: Which joints keep their velocity, shape (M, n).
+        modes: Which joints keep their velocity, and which torques follow, shape (M, n);
+            see :func:`~tominpmp.arcs.held_joints.differentiate_rates`.
         h: Lengths of the steps [s], shape (M,).
 
     Returns:
@@ -172,9 +174,9 @@ def explicit_stages(
     x = x_start
     s = NODES[:, None]
     for i, step in enumerate(h.tolist()):
-        torque, kept = u[i : i + 1], held[i : i + 1]
+        torque, kept = u[i : i + 1], modes[i : i + 1]
 
-        def rate(state: Array, torque: Array = torque, kept: BoolArray = kept) -> Array:
+        def rate(state: Array, torque: Array = torque, kept: IntArray = kept) -> Array:
             if not kept.any():
                 rates = dynamics.forward(state[None], torque)
             else:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from tominpmp.arcs.held_joints import FOLLOWS, HOLDS
 from tominpmp.arcs.radau import NODES, IntegratedArcs, explicit_stages, integrate
 from tominpmp.arcs.structure import Arcs
 from tominpmp.arrays import Array, BoolArray, IntArray
@@ -89,6 +90,8 @@ class ArcProgram:
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
         self._held = arcs.held[self.arc_of_step] != 0
+        self._follows = arcs.follows[self.arc_of_step]
+        self._modes = HOLDS * self._held + FOLLOWS * self._follows
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
         # Not a number: without a guess steps are marched.
@@ -122,7 +125,7 @@ class ArcProgram:
         levels = arcs.levels.copy()
         levels[arcs.free] = np.clip(y[count:], -1.0, 1.0)
         lengths = np.maximum(y[:count], 0.0) * self.duration
-        return Arcs(lengths, levels, arcs.free, arcs.held)
+        return replace(arcs, lengths=lengths, levels=levels)
 
     def shoot(self, y: Array) -> Shot | None:
         """The motion of some unknowns; None if it cannot be integrated."""
@@ -149,8 +152,8 @@ class ArcProgram:
 
     def _settle(self, arcs: Arcs, guess: Array) -> IntegratedArcs | None:
         u, h = self._drive(arcs)
-        dynamics, held = self.system.dynamics, self._held
-        motion, cost = integrate(dynamics, self._start, u, held, h, guess)
+        dynamics, modes = self.system.dynamics, self._modes
+        motion, cost = integrate(dynamics, self._start, u, modes, h, guess)
         self.evaluations += cost
         return motion
 
@@ -164,7 +167,7 @@ class ArcProgram:
         """Stages of an explicit integration, shape (M, 3, 2n): a guess."""
         u, h = self._drive(arcs)
         self.evaluations += h.size
-        return explicit_stages(self.system.dynamics, self._start, u, self._held, h)
+        return explicit_stages(self.system.dynamics, self._start, u, self._modes, h)
 
     def propagate(self, motion: IntegratedArcs) -> tuple[Array, Array]:
         """Derivatives of the states by the unknowns.
@@ -248,8 +251,8 @@ class ArcProgram:
             tau = motion.rates.tau.reshape(-1, 3, n)[:, -1]
             share = (tau - system.effort_middle) / system.effort_half
             return (
-                np.where(self._held, 1.0 - share, np.inf),
-                np.where(self._held, 1.0 + share, np.inf),
+                np.where(self._follows, 1.0 - share, np.inf),
+                np.where(self._follows, 1.0 + share, np.inf),
             )
         assert system.clearance is not None  # noqa: S101
         room = -system.clearance.values(x[:, :n], times=np.cumsum(motion.h))

@@ -7,6 +7,7 @@ an interval of a grid is a compromise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,8 +19,10 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 SATURATED = 0.98
 # Speeds this near the limit, relatively, are at it.
 AT_SPEED = 3e-3
-# Stretches of this many intervals with torques between their limits stand for switches.
+# Stretches of this many intervals with torques between their limits stand for switches,
+# and those that take no more than this share of the duration.
 SWITCH_INTERVALS = 3
+SWITCH_SHARE = 0.04
 # Longer ones are cut into this many arcs at most.
 PIECES = 6
 # Arcs shorter than this share of the duration are joined to their neighbours.
@@ -38,12 +41,20 @@ class Arcs:
         free: Whether a torque lies between its limits, to be found, shape (K, n).
         held: 1 or -1 where a joint runs at its speed limit forwards or backwards, else
             0, shape (K, n).
+        follows: Whether a torque follows from joints that are held, as many as these in
+            each arc, shape (K, n); by default their own.
     """
 
     lengths: Array
     levels: Array
     free: BoolArray
     held: IntArray
+    follows: BoolArray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Held joints are held by their own torques unless others are given."""
+        if self.follows is None:
+            object.__setattr__(self, "follows", self.held != 0)
 
     @property
     def count(self) -> int:
@@ -63,7 +74,13 @@ class Arcs:
 
     def pick(self, index: IntArray, lengths: Array) -> Arcs:
         """Arcs of chosen kinds with given lengths."""
-        return Arcs(lengths, self.levels[index], self.free[index], self.held[index])
+        return Arcs(
+            lengths,
+            self.levels[index],
+            self.free[index],
+            self.held[index],
+            self.follows[index],
+        )
 
     def insert(
         self, arc: int, share: float, joint: int, level: float, held: int = 0
@@ -84,7 +101,54 @@ class Arcs:
         levels, free, kept = cut.levels.copy(), cut.free.copy(), cut.held.copy()
         levels[arc + 1, joint] = level
         free[arc + 1, joint], kept[arc + 1, joint] = False, held
-        return Arcs(lengths, levels, free, kept)
+        follows = cut.follows.copy()
+        follows[arc + 1, joint] = held != 0
+        return Arcs(lengths, levels, free, kept, follows)
+
+    def lean(
+        self, arc: int, joint: int, level: float, other: int, *, last: bool
+    ) -> Arcs:
+        """Put in an arc without length on which another torque holds a joint.
+
+        Args:
+            arc: The arc on which its own torque holds it, before which it is put, or
+                behind which.
+            joint: The joint.
+            level: The limit that its torque has come to, as a share of the limits.
+            other: The joint whose torque holds it.
+            last: Whether it is put behind.
+        """
+        index = np.insert(np.arange(self.count), arc, arc)
+        lengths = self.lengths[index]
+        new = arc + 1 if last else arc
+        lengths[new] = 0.0
+        cut = self.pick(index, lengths)
+        levels, free, follows = cut.levels.copy(), cut.free.copy(), cut.follows.copy()
+        levels[new, joint], free[new, other] = level, False
+        follows[new, joint], follows[new, other] = False, True
+        return replace(cut, levels=levels, free=free, follows=follows)
+
+    def split(
+        self, arc: int, joint: int, shares: Sequence[float], levels: Sequence[float]
+    ) -> Arcs:
+        """Cut an arc into some on which a torque has limits in place of one value.
+
+        Args:
+            arc: The arc to be cut.
+            joint: The joint whose torque it is.
+            shares: How much of the arc each piece takes.
+            levels: Its torque on each, as a share of the limits.
+        """
+        repeated = np.ones(self.count, dtype=np.int64)
+        repeated[arc] = len(shares)
+        index = np.repeat(np.arange(self.count), repeated)
+        lengths = self.lengths[index]
+        pieces = slice(arc, arc + len(shares))
+        lengths[pieces] *= np.array(shares)
+        cut = self.pick(index, lengths)
+        values, free = cut.levels.copy(), cut.free.copy()
+        values[pieces, joint], free[pieces, joint] = levels, False
+        return replace(cut, levels=values, free=free)
 
     def cleaned(self) -> Arcs:
         """Without arcs of hardly any length, and equal neighbours joined."""
@@ -94,8 +158,9 @@ class Arcs:
         arcs = self.pick(keep, self.lengths[keep])
         same = np.all(
             (arcs.held[1:] == arcs.held[:-1])
+            & (arcs.follows[1:] == arcs.follows[:-1])
             & (
-                (arcs.held[1:] != 0)
+                arcs.follows[1:]
                 | (
                     ~arcs.free[1:]
                     & ~arcs.free[:-1]
@@ -113,7 +178,7 @@ class Arcs:
     def loosened(self) -> Arcs:
         """With all torques to be found that can be."""
         driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
-        return replace(self, free=(self.held == 0) & driven)
+        return replace(self, free=(self.held == 0) & ~self.follows & driven)
 
     def saturated(self) -> Arcs:
         """With torques that have come to a limit no longer to be found."""
@@ -191,7 +256,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
             out.append(Stretch(end, 0.0, False, kind // 2))
         elif kind != 0:
             out.append(Stretch(end, float(kind), False, 0))
-        elif b - a <= SWITCH_INTERVALS:
+        elif b - a <= SWITCH_INTERVALS or t[b] - t[a] <= SWITCH_SHARE * t[-1]:
             before = out[-1] if out else None
             after = runs[index + 1][2] if index + 1 < len(runs) else 0
             out += _short_stretches(t[a : b + 1], shares[a:b], before, after)

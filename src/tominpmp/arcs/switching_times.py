@@ -34,6 +34,8 @@ FEWER_STEPS = 30
 STEPS = 60
 ACCURACY = 1e-7
 MOST_STEPS = 960
+# With more steps the structure is no longer changed.
+CHANGED_STEPS = 240
 # Steps of an arc at least.
 STEPS_OF_ARC = 2
 # What the goal may be missed by, and limits passed by, in scaled units.
@@ -45,6 +47,8 @@ DEPENDENT = 1e-10
 # Steps that close what is left of a gap to the goal, where it is this small.
 CLOSING = 4
 NEARLY = 1e-3
+# How often arcs that have vanished are left out at most.
+CLEANINGS = 4
 # Rounds of looking at limits that a solution has come near to.
 LOOKS = 4
 # Largest number of changes of the structure; what one must promise, as a share of the
@@ -60,6 +64,9 @@ NOT_INTEGRATED = 1e3
 # Relative progress and misses that count as none, and how often in a row.
 STILL = 1e-10
 STILL_STEPS = 2
+# While arcs are looked for, so little progress in so many steps is none, relatively.
+SLOW = 1e-6
+SLOW_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +142,7 @@ def solve_lengths(
         if shot is None or budget.spent:
             return None
         program.watch(program.look(shot.motion))
-        y = _minimize(program, y, budget)
+        y = _minimize(program, y, budget, rough=total <= FEWER_STEPS)
         shot = program.shoot(y)
         excess = np.inf if shot is None else program.excess(shot.motion, 0.1 * SLACK)
         if excess <= SLACK:
@@ -187,8 +194,13 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     return constraints
 
 
-def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
-    """Least duration from some unknowns on, with the limits that are watched."""
+def _minimize(
+    program: ArcProgram, y: Array, budget: Budget, *, rough: bool = False
+) -> Array:
+    """Least duration from some unknowns on, with the limits that are watched.
+
+    A rough one ends where hardly anything is gained any more.
+    """
     count, size = program.arcs.count, program.size
     cost = np.concatenate([np.ones(count), np.zeros(size - count)])
     first = program.shoot(y)
@@ -196,6 +208,7 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
     low = np.concatenate([np.zeros(count), -np.ones(size - count)])
     high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
     last, still_steps, paid = y, 0, program.evaluations
+    durations: list[float] = []
 
     def follow(z: Array) -> None:
         # SLSQP's own test asks for more digits than there are.
@@ -204,6 +217,13 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget) -> Array:
         step = abs(float(cost @ (z - last)))
         still = shot is not None and step < STILL and _miss(shot) < STILL
         still_steps = still_steps + 1 if still else 0
+        reached = shot is not None and _miss(shot) < EXACT
+        durations.append(float(cost @ z) if reached else np.inf)
+        slow = (
+            durations[-SLOW_STEPS] - durations[-1] if len(durations) > SLOW_STEPS else 1
+        )
+        if rough and slow < SLOW:
+            raise StopIteration
         last = z.copy()
         budget.pay(program.evaluations - paid)
         paid = program.evaluations
@@ -268,9 +288,18 @@ def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
 def polish(
     system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget, total: int
 ) -> OptimisedArcs | None:
-    """Solve again without the arcs that have vanished."""
-    arcs = optimised.arcs.cleaned().saturated()
-    return solve_lengths(system, arcs, optimised.states, budget, total)
+    """Solve again without the arcs that have vanished, until none vanishes any more."""
+    found: OptimisedArcs | None = optimised
+    for _ in range(CLEANINGS):
+        assert found is not None  # noqa: S101
+        arcs = found.arcs.cleaned().saturated()
+        if found is not optimised and arcs.count == found.arcs.count:
+            break
+        after = solve_lengths(system, arcs, found.states, budget, total)
+        if after is None or (found is not optimised and not after.feasible):
+            return None if found is optimised else found
+        found = after
+    return found
 
 
 def improve(
@@ -349,6 +378,9 @@ def sharpen(
         if finer is None or not finer.feasible:
             break
         change = abs(finer.duration / optimised.duration - 1.0)
+        if change > ACCURACY and total <= CHANGED_STEPS:
+            # Between coarser steps it had passed a limit, where it may rest now.
+            finer = improve(system, finer, reserve, total)
         optimised = finer
         if change < ACCURACY:
             break

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arcs.held_joints import differentiate_rates
+from tominpmp.arcs.held_joints import FOLLOWS, HOLDS, differentiate_rates
 from tominpmp.arcs.radau import NODES
 from tominpmp.arcs.shooting import ArcProgram, Shot
 from tominpmp.arrays import Array, IntArray
@@ -124,13 +124,14 @@ class ArcTranscription:
         motion, arcs, n = shot.motion, program.unpack(z), system.n
         of = program.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
-        held = arcs.held[of] != 0
+        follows = arcs.follows[of]
+        modes = HOLDS * (arcs.held[of] != 0) + FOLLOWS * follows
         steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
         x, h = motion.x, motion.h
         rows_x, rows_u, rows_h = [x[:1]], [], []
         known = np.concatenate([[0.0], NODES])
         for i in steps.tolist():
-            if not held[i].any():
+            if not modes[i].any():
                 rows_x.append(x[i + 1 : i + 2])
                 rows_u.append(u[i : i + 1])
                 rows_h.append(h[i : i + 1])
@@ -143,10 +144,10 @@ class ArcTranscription:
             ).T
             inside = weights @ points
             middle, ends = inside[::2], inside[1::2]
-            same_u, same_held = np.tile(u[i], (CUTS, 1)), np.tile(held[i], (CUTS, 1))
-            rates = differentiate_rates(system.dynamics, middle, same_u, same_held)
+            same_u, same = np.tile(u[i], (CUTS, 1)), np.tile(modes[i], (CUTS, 1))
+            rates = differentiate_rates(system.dynamics, middle, same_u, same)
             rows_x.append(ends)
-            rows_u.append(np.where(same_held, rates.tau, same_u))
+            rows_u.append(np.where(follows[i], rates.tau, same_u))
             rows_h.append(np.full(CUTS, h[i] / CUTS))
         states, torque = np.concatenate(rows_x), np.concatenate(rows_u)
         torque = torque + system.resistance

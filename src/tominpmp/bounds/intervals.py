@@ -92,7 +92,9 @@ class Interval(NamedTuple):
 
 
 def scaled(interval: Interval, factor: float) -> Interval:
-    """Intervals times a factor >= 0."""
+    """Intervals times a factor >= 0; none times infinity is none."""
+    if factor == 0.0:
+        return Interval(np.zeros_like(interval.low), np.zeros_like(interval.high))
     return Interval(factor * interval.low, factor * interval.high)
 
 

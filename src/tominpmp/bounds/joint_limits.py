@@ -20,7 +20,11 @@ LONGEST = 1e6
 
 
 def jerk_limited_time(
-    way: float, ends: Array, top: float, acceleration: float, jerk: float
+    way: float,
+    ends: Array,
+    top: float,
+    accelerations: tuple[float, float],
+    jerk: float,
 ) -> float:
     """Minimum time of a joint that begins and ends without acceleration.
 
@@ -28,7 +32,7 @@ def jerk_limited_time(
         way: Distance to go, with its sign.
         ends: Velocities at start and end, shape (2,).
         top: Speed limit, possibly infinite.
-        acceleration: Acceleration limit, possibly infinite.
+        accelerations: Largest acceleration and largest deceleration, possibly infinite.
         jerk: Jerk limit, possibly infinite.
 
     Returns:
@@ -37,16 +41,21 @@ def jerk_limited_time(
     side = 1.0 if way >= 0.0 else -1.0
     v0, v1 = float(side * ends[0]), float(side * ends[1])
     loose = abs(way) / top
-    if math.isfinite(acceleration):
-        limits = acceleration, acceleration
-        loose = double_integrator_time(way, ends, limits, top)
+    if math.isfinite(sum(accelerations)):
+        loose = double_integrator_time(way, ends, accelerations, top)
     if not math.isfinite(jerk) or v0 < 0.0 or v1 < 0.0:
+        return loose
+    up, down = accelerations if side > 0.0 else accelerations[::-1]
+    if min(up, down) <= 0.0:
         return loose
 
     def covered_by(peak: float) -> tuple[float, float]:
-        times = [_change_time(abs(peak - v), acceleration, jerk) for v in (v0, v1)]
-        far = 0.5 * (v0 + peak) * times[0] + 0.5 * (v1 + peak) * times[1]
-        return times[0] + times[1], float(far)
+        first, last = (
+            _change_time(peak - v0, up, jerk),
+            _change_time(peak - v1, down, jerk),
+        )
+        far = 0.5 * (v0 + peak) * first + 0.5 * (v1 + peak) * last
+        return first + last, far
 
     low, distance = max(v0, v1), abs(way)
     if covered_by(low)[1] > distance:

@@ -170,8 +170,8 @@ def _limit_bounds(
         jerk = np.full(robot.n, np.inf)
     units = np.where(prismatic_joints(robot), "m", "rad")
     for i in np.flatnonzero(np.isfinite(np.minimum(most, jerk))).tolist():
-        limit = float(robot.limits.velocity[i]), float(most[i]), float(jerk[i])
-        T = jerk_limited_time(float(way[i]), ends[:, i], *limit)
+        top, both = float(robot.limits.velocity[i]), (float(most[i]), float(most[i]))
+        T = jerk_limited_time(float(way[i]), ends[:, i], top, both, float(jerk[i]))
         parts = []
         if math.isfinite(most[i]):
             parts.append(f"accelerates by {most[i]:.4g} {units[i]}/s^2 at most")

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 
 from tominpmp.arrays import Array
+from tominpmp.bounds.joint_limits import jerk_limited_time
 from tominpmp.bounds.one_joint import OneJoint
 from tominpmp.bounds.speed_changes import least_time_of_changes
 from tominpmp.bounds.swings import least_swing_time
 from tominpmp.problem import Problem
+
+# Halvings of an interval of times.
+HALVINGS = 30
 
 
 def single_joint_time(
@@ -25,7 +29,47 @@ def single_joint_time(
     arm = OneJoint.of(problem)
     if arm is None or not all(map(math.isfinite, (*arm.effort, arm.mass))):
         return None
+    smooth = _smooth_time(arm, q, v) if smooth_ends else 0.0
     if arm.uniform:
-        limits = arm.limit(1.0), arm.limit(-1.0)
-        return least_time_of_changes(float(q[1] - q[0]), v, *limits, arm.velocity)
-    return least_swing_time(arm, q, v)
+        way, limits = float(q[1] - q[0]), (arm.limit(1.0), arm.limit(-1.0))
+        return max(least_time_of_changes(way, v, *limits, arm.velocity), smooth)
+    return max(least_swing_time(arm, q, v), smooth)
+
+
+def _smooth_time(arm: OneJoint, q: Array, v: Array) -> float:
+    """Bound from limits of jerk and torque rate, and the largest accelerations.
+
+    It is the minimum where nothing depends on the speed or the position: viscous
+    friction and gravity change the torque, and so the jerk that its rate allows. A
+    joint with dry friction and only one way to go is taken not to turn back on it.
+    """
+    side = 1.0 if q[1] >= q[0] else -1.0
+    if not math.isfinite(min(arm.jerk, arm.effort_rate)) or min(side * v) < 0.0:
+        return 0.0
+    constant, *waves = arm.weight
+    wave = math.hypot(*waves)
+    # Whoever only goes on has dry friction against him all the way.
+    dry = side * arm.friction
+    up = (arm.effort[1] - constant + wave - dry) / arm.mass
+    down = (constant + wave + dry - arm.effort[0]) / arm.mass
+    up, down = min(up, arm.acceleration), min(down, arm.acceleration)
+    if min(up, down) <= 0.0:
+        return 0.0
+    way, strongest = float(q[1] - q[0]), max(up, down)
+    speed = float(max(abs(v)))
+
+    def least(T: float) -> float:
+        """Least time of motions that take no longer than T."""
+        fastest = min(arm.velocity, speed + strongest * T)
+        # Torque follows speed and place as fast as that.
+        drift = arm.damping * strongest + wave * fastest
+        jerk = min(arm.jerk, (arm.effort_rate + drift) / arm.mass)
+        return jerk_limited_time(way, v, arm.velocity, (up, down), jerk)
+
+    low, high = 0.0, least(0.0)
+    if least(high) >= high:
+        return high
+    for _ in range(HALVINGS):
+        T = 0.5 * (low + high)
+        low, high = (T, high) if least(T) >= T else (low, T)
+    return low

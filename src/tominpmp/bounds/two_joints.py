@@ -251,6 +251,12 @@ class _Narrowing:
         if p.empty:
             return True
         self.p = self.p.cut(p.within())
+        impulse = self._impulse(one)
+        if impulse.empty:
+            return True
+        resisted = impulse.within().minus(scaled(self.first, first))
+        if np.all(np.isfinite(resisted)):
+            self.p = self.p.cut(resisted)
         force = two.minus(ratio.times(one)).plus(bent.times(self.p.squared()))
         across = ratio.times(scaled(self.p.over(mass), first))
         squares = ratio.squared()
@@ -273,7 +279,7 @@ class _Narrowing:
             (arm.q[0] + arm.shift[0], arm.q[1] + arm.shift[1]),
             rate.cut(kept).with_zero(),
         )
-        if c.empty:
+        if c.empty or self._resisted(impulse):
             return True
         self.first = self.first.cut(c.within().minus(self.ranges[4]))
         self.v1, self.v2 = self._speeds()
@@ -283,6 +289,34 @@ class _Narrowing:
         if not np.any(drag.high):
             return Tube.of(ends, scaled(rate.with_zero(), self.h))
         return Tube.damped(ends, rate, drag, self.h)
+
+    def _impulse(self, load: Interval) -> Tube:
+        """Momentum of the first joint and what friction has taken: d times its way."""
+        arm, first = self.arm, float(self.arm.damping[0])
+        ends = arm.p[0] + first * arm.q[0], arm.p[1] + first * arm.q[1]
+        return Tube.of(ends, scaled(load.with_zero(), self.h))
+
+    def _resisted(self, impulse: Tube) -> bool:
+        """Follow q1 + the integral of M12 / M11 with friction; whether nothing is left.
+
+        Its rate is the impulse less what friction has taken, over M11, in which no
+        velocity appears.
+        """
+        arm, first = self.arm, float(self.arm.damping[0])
+        mass, turned = self.ranges[0], self.ranges[4]
+        begin, end = arm.q[0] + arm.shift[0], arm.q[1] + arm.shift[1]
+        shift = Interval(turned.low - begin, turned.high - begin)
+        rate = impulse.within().plus(scaled(shift, first)).over(mass)
+        if first == 0.0 or not np.all(np.isfinite(rate)):
+            return False
+        drag = Interval(first / mass.high, first / mass.low)
+        c = Tube.damped((0.0, end - begin), rate, drag, self.h)
+        if c.empty:
+            return True
+        around = c.within()
+        place = Interval(around.low + begin, around.high + begin)
+        self.first = self.first.cut(place.minus(turned))
+        return bool(np.any(self.first.low > self.first.high + 1e-6))
 
     def _way(self, y: Tube, limit: Interval) -> Interval:
         """Bounds on the way of s in each interval."""

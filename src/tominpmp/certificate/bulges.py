@@ -25,6 +25,8 @@ SHARES = np.arange(1, 10) / 10
 # ends by this share of their limits, and near them.
 BULGE = 1e-3
 NEAR = 0.97
+# A torque that is less than this smaller in the middle runs along its limit.
+FLAT = 1e-2
 # Positions with less room than this [rad, or shares of the reach] that turn back inside
 # an interval, by more than this.
 ROOM, TURN = 0.05, 1e-5
@@ -158,7 +160,13 @@ class _Inside:
         undriven = np.setdiff1d(np.arange(motion.changes.n), motion.driven)
         seen = np.abs(load)
         seen[:, undriven] = 0.0
-        index, joint = self._largest(seen, np.abs(motion.loads))
+        # Where a torque runs along its limit, the middle is a row as well as the ends:
+        # it does not change as their mean does.
+        middle = np.arange(SHARES.size) == SHARES.size // 2
+        favoured = (
+            seen + np.where(np.tile(middle, motion.changes.N), FLAT, 0.0)[:, None]
+        )
+        index, joint = self._largest(favoured, np.abs(motion.loads))
         if not index.size:
             return None
         scale, value = _diagonal(1.0 / task.effort_half[joint]), load[index, joint]

@@ -28,7 +28,7 @@ Shape: TypeAlias = Literal["steps", "ramps", "torques"]
 # No interval is longer than this share of the motion: longer ones are cut.
 LONGEST = 0.05
 # Beyond this number neighbours are joined while they are shorter than this share.
-MOST = 120
+MOST = 300
 SHORTEST = 0.0125
 # Torques that change by this share of their range at a node jump there.
 JUMP = 0.2

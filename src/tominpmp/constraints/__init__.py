@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
+from tominpmp.constraints.coupling import JointCoupling
 from tominpmp.constraints.final import GoalReached
 from tominpmp.constraints.joint_limits import (
     AccelerationLimit,
@@ -12,7 +13,11 @@ from tominpmp.constraints.joint_limits import (
     PositionLimit,
     VelocityLimit,
 )
+from tominpmp.constraints.orientation import AxisFixed, KeepOrientation
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.tool_acceleration import ToolAcceleration
+from tominpmp.constraints.tool_path import ToolArc, ToolLine, ToolPolyline
+from tominpmp.constraints.tool_region import KeepAway, WithinRegion
 from tominpmp.constraints.tool_speed import ToolSpeed
 from tominpmp.constraints.torque import (
     Motors,
@@ -24,20 +29,29 @@ from tominpmp.constraints.upright import KeepUpright
 
 __all__ = [
     "AccelerationLimit",
+    "AxisFixed",
     "ClearanceConstraint",
     "Constraint",
     "GoalReached",
     "JerkLimit",
+    "JointCoupling",
     "JointLimit",
+    "KeepAway",
+    "KeepOrientation",
     "KeepUpright",
     "Motors",
     "Partials",
     "PathConstraint",
     "PositionLimit",
     "States",
+    "ToolAcceleration",
+    "ToolArc",
+    "ToolLine",
+    "ToolPolyline",
     "ToolSpeed",
     "TorqueLimit",
     "TorqueOverSpeed",
     "TorqueRate",
     "VelocityLimit",
+    "WithinRegion",
 ]

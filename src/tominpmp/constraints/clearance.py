@@ -48,6 +48,12 @@ class ClearanceConstraint(Constraint):
         self.padding = np.broadcast_to(padding, len(checker.pairs))
         self.moving = checker.moving
 
+    def tightened(self, share: float) -> ClearanceConstraint:
+        """The same with a share of the padding."""
+        padding = share * self.padding
+        margin = self.margin + self.length * (padding - self.padding)
+        return ClearanceConstraint(self.checker, margin, self.length, padding)
+
     @property
     def count(self) -> int:
         """Number of pairs."""

@@ -27,9 +27,10 @@ Own = TypeVar("Own", bound="PathConstraint")
 class PathConstraint(Record, Constraint):
     """A quantity that is to stay below a limit at all times of a motion.
 
-    Subclasses are frozen dataclasses, declared with ``eq=False``. The quantity is the
-    length of a vector that is a smooth function of the state; rows are made of it
-    rounded off about zero, where a length has a kink, see :func:`rounded`.
+    Subclasses are frozen dataclasses, declared with ``eq=False``. Most quantities are
+    the length of a :meth:`vector` that is a smooth function of the state; rows are made
+    of it rounded off about zero, where a length has a kink, see :func:`rounded`. Those
+    that are no length give their rows by :meth:`terms` and their number by ``count``.
     """
 
     @property
@@ -65,7 +66,6 @@ class PathConstraint(Record, Constraint):
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The quantity at one state, shapes (n,); what is not asked for is empty."""
 
-    @abstractmethod
     def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """A vector whose length is the quantity, and its derivatives.
 
@@ -73,6 +73,7 @@ class PathConstraint(Record, Constraint):
             Vector, shape (k,), and derivatives by q, v and a, shape (k, n) each; empty
             for those that it does not depend on.
         """
+        raise NotImplementedError(f"{type(self).__name__} is no length")
 
     # -- what follows from these -------------------------------------------------------
 
@@ -98,12 +99,30 @@ class PathConstraint(Record, Constraint):
     @property
     def usable(self) -> Array:
         """A little, between the instants of the rows."""
-        return np.full(1, USABLE)
+        return np.full(self.count, USABLE)
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """Smooth values at states, shape (m, 1)."""
-        limit = self.largest / self.scale
-        return rounded(self.measures(states) / self.scale, limit)[:, None]
+        """Smooth values at states, shape (m, count)."""
+        if self._is_length:
+            limit = self.largest / self.scale
+            return rounded(self.measures(states) / self.scale, limit)[:, None]
+        values = [self.terms(*state)[0] for state in self._each(states)]
+        return np.array(values).reshape(-1, self.count)
+
+    @property
+    def _is_length(self) -> bool:
+        return type(self).terms is PathConstraint.terms
+
+    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """Smooth values at a state, and their derivatives.
+
+        Returns:
+            Values in units of the scale, <= 0 where the limit is kept, shape (count,),
+            and their derivatives by q, v and a, shape (count, n) each; empty where
+            there are none.
+        """
+        value, (by_q, by_v, by_a) = self.value(q, v, a)
+        return np.array([value]), by_q[None], by_v[None], by_a[None]
 
     def value(self, q: Array, v: Array, a: Array) -> tuple[float, list[Array]]:
         """Smooth value at a state, and its derivatives.
@@ -122,11 +141,15 @@ class PathConstraint(Record, Constraint):
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Their derivatives."""
         every = list(self._each(states))
-        values = [self.value(*every[k])[1] for k in at.tolist()]
+        used, place = np.unique(at, return_inverse=True)
+        found = [self.terms(*every[k])[1:] for k in used.tolist()]
         parts: list[Array | None] = []
         for order in range(3):
-            rows = np.array([value[order] for value in values])
-            parts.append(rows if rows.size else None)
+            if not found or not found[0][order].size:
+                parts.append(None)
+                continue
+            table = np.array([one[order] for one in found])
+            parts.append(table[place, which])
         return Partials(at, parts[0], parts[1], parts[2])
 
     def measures(self, states: States) -> Array:

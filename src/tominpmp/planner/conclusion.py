@@ -52,7 +52,9 @@ def conclude(
             None,
             planning_time=progress.seconds,
         )
-    best = min(attempts, key=lambda a: (a.duration, not a.feasible, a.violation))
+    # Of those that are as good the last one, which knows best what it is.
+    order = list(reversed(attempts))
+    best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
     if status in STOPPED:
         ended = status

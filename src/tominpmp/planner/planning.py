@@ -22,6 +22,7 @@ from tominpmp.planner.control_period import (
 )
 from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.multistart import make_attempts
+from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.thorough import thorough_search
@@ -145,7 +146,10 @@ def _last_stages(
     for attempt in continued(problem, options, progress, attempts):
         attempts.append(attempt)
         yield attempt
-    yield from on_finer_grid(problem, options, progress, attempts)
+    for attempt in on_finer_grid(problem, options, progress, attempts):
+        attempts.append(attempt)
+        yield attempt
+    yield from certified(problem, options, progress, attempts)
 
 
 def _of_one(

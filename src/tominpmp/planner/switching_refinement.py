@@ -24,7 +24,7 @@ from tominpmp.arcs.switching_times import (
 from tominpmp.arcs.transcription import ArcTranscription
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
-from tominpmp.planner.grid_refinement import replayed_well
+from tominpmp.planner.grid_refinement import refine_grid, replayed_well
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import IterationRecord, Status
@@ -163,6 +163,8 @@ def refine_switching(
         arcs = _transcribe(sharpen(granted, motion, budget.part()))
         if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
             return arcs[0], _result(*arcs, result, iterate)
+    # What would have been done without this is done now.
+    program, result = refine_grid(system, options, program, result, lp, progress)
     return program, replace(result, remark=KEPT)
 
 

@@ -9,13 +9,13 @@ from typing import cast
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.status import STOPPED
+from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
-# Rounds of adding rows, and iterations of each.
-ROUNDS = 6
+# Rounds of adding rows at most, and iterations of each.
+ROUNDS = 12
 ROUND_ITERATIONS = 25
 # Progress below which rows between the nodes are looked for while the duration still
 # falls: rows that a finished motion breaks cost a new solve.
@@ -67,6 +67,10 @@ def solve_in_rounds(
         result = solve(program, z, few if settled else options, result)
         program = _last(program, result)
         settled = True
+    else:
+        if result.status is Status.CONVERGED and revised(program, result.iterate.z):
+            # It has settled on rows that are not all that it needs.
+            result = replace(result, status=Status.ITERATION_LIMIT)
     return program, result
 
 

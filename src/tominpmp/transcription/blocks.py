@@ -70,12 +70,14 @@ class Sampled:
         within: First interval of the segment on which it holds, and the one after its
             last; None for all.
         suffix: What its name ends with.
+        ignored: Values that are no rows at the first of the instants, shape (r, p).
     """
 
     constraint: Constraint
     fixed: Instants
     within: tuple[int, int] | None = None
     suffix: str = ""
+    ignored: BoolArray | None = None
 
     @property
     def name(self) -> str:
@@ -94,7 +96,12 @@ class Sampled:
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
-        return self.constraint.bounds(self.fixed.size + self.kinks.size)
+        lower, upper = self.constraint.bounds(self.fixed.size + self.kinks.size)
+        if self.ignored is not None:
+            none = np.zeros(upper.shape, dtype=bool)
+            none[: len(self.ignored)] = self.ignored
+            lower, upper = np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
+        return lower, upper
 
     @property
     def lower(self) -> Array:

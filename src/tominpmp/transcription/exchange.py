@@ -131,6 +131,11 @@ def _violated(
     if constraint.order >= 2:
         return _jumping(constraint, of, motion, overload, block.within)
     known = block.instants(of, motion.h)
+    if block.ignored is not None:
+        # Where not all values are rows a new one may be beside.
+        whole = np.ones(known.size, dtype=bool)
+        whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
+        known = Instants(known.interval[whole], known.share[whole])
     return _Continuous(constraint, of, motion, block.within).violated(known)
 
 

@@ -1,0 +1,109 @@
+"""Joints that are coupled: a weighted sum of positions stays within bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, frozen_array, number_or_nan
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.exceptions import JointNotFound, ProblemError, brief
+from tominpmp.goals.base import goal_vector
+from tominpmp.robot import Robot
+
+NONE = np.zeros(0)
+# What an excess is measured by [rad or m].
+SCALE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class JointCoupling(PathConstraint):
+    """A weighted sum of joint positions stays within bounds, at all times.
+
+    lower <= c^T q <= upper: a parallel mechanism that keeps a tool upright (equal
+    bounds), a cable between two joints, a belt.
+
+    Attributes:
+        joints: Names of the joints.
+        weights: A number c for each, shape (k,).
+        upper: Upper bound [rad or m]; infinity for none.
+        lower: Lower bound [rad or m]; minus infinity for none.
+
+    Raises:
+        ProblemError: If the weights do not fit the joints, or the bounds each other.
+    """
+
+    joints: tuple[str, ...]
+    weights: Array
+    upper: float
+    lower: float = -np.inf
+
+    order = 0
+    unit = "rad or m"
+    largest = 0.0
+    scale = SCALE
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        names = (self.joints,) if isinstance(self.joints, str) else self.joints
+        if not isinstance(names, list | tuple) or not names:
+            names = ()
+        if not names or not all(isinstance(name, str) for name in names):
+            raise ProblemError(
+                f"joints is {brief(self.joints)}, expected names of joints", "joints"
+            )
+        object.__setattr__(self, "joints", tuple(names))
+        count = len(names)
+        given = [self.weights] if np.isscalar(self.weights) else self.weights
+        expected = f"{count} number{'' if count == 1 else 's'}, one for each joint"
+        weights = goal_vector(given, "weights", expected, count)
+        object.__setattr__(self, "weights", frozen_array(weights))
+        for name in ("lower", "upper"):
+            object.__setattr__(self, name, number_or_nan(getattr(self, name)))
+        if not self.lower <= self.upper or self.lower == np.inf:
+            raise ProblemError(
+                f"lower is {self.lower:g} and upper {self.upper:g}, expected the lower "
+                "bound below the upper one, or equal bounds",
+                "lower",
+            )
+        if not np.any(np.isfinite([self.lower, self.upper])):
+            raise ProblemError("lower, upper: nothing is asked for", "upper")
+
+    @property
+    def name(self) -> str:
+        """What it is, and of which joints."""
+        return f"coupling of {self.subject}"
+
+    @property
+    def subject(self) -> str:
+        """The joints."""
+        return f"joints {', '.join(self.joints)}"
+
+    def validate(self, robot: Robot) -> None:
+        """Check that the robot has the joints."""
+        for joint in self.joints:
+            if joint not in robot.joint_names:
+                raise JointNotFound(joint, robot.joint_names)
+
+    def _row(self) -> Array:
+        names = list(self.kinematics.robot.joint_names)
+        row = np.zeros(len(names))
+        np.add.at(row, [names.index(joint) for joint in self.joints], self.weights)
+        return row
+
+    def bounds(self, instants: int) -> tuple[Array, Array]:
+        """The bounds over the scale."""
+        shape = instants, 1
+        lower, upper = self.lower / self.scale, self.upper / self.scale
+        return np.full(shape, lower), np.full(shape, upper)
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """How far the sum is beyond its bounds, zero within."""
+        total = float(self._row() @ q)
+        return max(self.lower - total, total - self.upper, 0.0)
+
+    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """The sum over the scale."""
+        row = self._row() / self.scale
+        return np.array([row @ q]), row[None], NONE, NONE

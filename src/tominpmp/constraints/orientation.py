@@ -1,0 +1,97 @@
+"""Keeping the orientation of a tool, or one of its axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, frozen_array
+from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.constraints.upright import LEAST_SCALE, KeepUpright
+from tominpmp.exceptions import ProblemError, SceneError
+from tominpmp.scene import rotation_matrix
+
+NONE = np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFixed(KeepUpright):
+    """An axis of a frame keeps a direction, at all times; the frame may spin about it.
+
+    A drill, a nozzle, a sander: :class:`~tominpmp.KeepUpright` with a narrow cone.
+
+    Attributes:
+        frame: Name of the frame.
+        axis: Axis in the frame, shape (3,); of any length.
+        direction: Direction in the world, shape (3,); of any length.
+        tolerance: Largest angle between them [rad].
+
+    Raises:
+        ProblemError: If a vector is zero, or the tolerance no angle above zero.
+    """
+
+    tolerance: float = 0.01
+
+    quantity = "deviation of the axis"
+
+
+@dataclass(frozen=True, eq=False)
+class KeepOrientation(FrameConstraint):
+    """A frame keeps an orientation, at all times.
+
+    Attributes:
+        frame: Name of the frame.
+        rotation: Orientation frame_to_world, a matrix, shape (3, 3), or a quaternion
+            xyzw, shape (4,).
+        tolerance: Largest angle of the rotation between them [rad].
+
+    Raises:
+        ProblemError: If the rotation is none, or the tolerance no angle above zero.
+    """
+
+    frame: str
+    rotation: Array = (0.0, 0.0, 0.0, 1.0)  # type: ignore[assignment]
+    tolerance: float = 0.01
+
+    quantity = "turn"
+    order = 0
+    unit = "rad"
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        try:
+            rotation = rotation_matrix(self.rotation, "")
+        except SceneError as error:
+            words = str(error).replace("obstacle '': ", "")
+            raise ProblemError(words, "rotation") from error
+        object.__setattr__(self, "rotation", frozen_array(rotation))
+        angle = positive(self.tolerance, "tolerance", self.unit, most=np.pi)
+        object.__setattr__(self, "tolerance", angle)
+
+    @property
+    def largest(self) -> float:
+        """The tolerance."""
+        return self.tolerance
+
+    @property
+    def scale(self) -> float:
+        """The tolerance, or a small angle if it is less."""
+        return max(self.tolerance, LEAST_SCALE)
+
+    def _turn(self, q: Array) -> Array:
+        place = self.kinematics.placement(q, self.frame)
+        return np.asarray(self.rotation.T @ place.rotation)
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The angle [rad]."""
+        return float(np.linalg.norm(pin.log3(self._turn(q))))
+
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """Rotation vector from the orientation to that of the frame [rad]."""
+        turn = self._turn(q)
+        jacobian = self.kinematics.jacobian(q, self.frame, local=True)[3:]
+        by_q = np.asarray(pin.Jlog3(turn)) @ jacobian
+        return np.asarray(pin.log3(turn)), by_q, NONE, NONE

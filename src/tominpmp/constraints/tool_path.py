@@ -1,0 +1,223 @@
+"""Tubes for a tool: about a straight line, a polyline, or an arc.
+
+The orientation of the tool is free; with :class:`~tominpmp.KeepUpright` it is in a
+cone, and with :class:`~tominpmp.KeepOrientation` it is fixed.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, frozen_array
+from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.exceptions import ProblemError, brief
+from tominpmp.goals.base import goal_vector
+
+NONE = np.zeros(0)
+# Narrower tubes are measured by this, so that rows stay of order one [m].
+LEAST_SCALE = 0.02
+POINT = "three coordinates [m]"
+
+
+class Tube(FrameConstraint):
+    """The origin of a frame stays near a curve."""
+
+    radius: float
+
+    quantity = "distance from its path"
+    order = 0
+    unit = "m"
+
+    @abstractmethod
+    def from_curve(self, point: Array) -> tuple[Array, Array]:
+        """Vector from the nearest point of the curve, and its derivative.
+
+        Args:
+            point: A point in the world, shape (3,) [m].
+
+        Returns:
+            Shapes (3,) and (3, 3).
+        """
+
+    @property
+    def largest(self) -> float:
+        """The radius."""
+        return self.radius
+
+    @property
+    def scale(self) -> float:
+        """The radius, or a small length if it is less."""
+        return max(self.radius, LEAST_SCALE)
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The distance [m]."""
+        place = self.kinematics.placement(q, self.frame)
+        return float(np.linalg.norm(self.from_curve(np.asarray(place.translation))[0]))
+
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """Vector from the nearest point of the curve [m]."""
+        place = self.kinematics.placement(q, self.frame)
+        found, by_point = self.from_curve(np.asarray(place.translation))
+        jacobian = self.kinematics.jacobian(q, self.frame)[:3]
+        return found, by_point @ jacobian, NONE, NONE
+
+
+@dataclass(frozen=True, eq=False)
+class ToolLine(Tube):
+    """The origin of a frame stays within a radius of a straight line, at all times.
+
+    Attributes:
+        frame: Name of the frame.
+        start: One end of the line in the world, shape (3,) [m].
+        end: The other end, shape (3,) [m].
+        radius: Largest distance from the line [m].
+
+    Raises:
+        ProblemError: If a point is none, or the radius no positive number.
+    """
+
+    frame: str
+    start: Array
+    end: Array
+    radius: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        for name in ("start", "end"):
+            point = goal_vector(getattr(self, name), name, POINT, 3)
+            object.__setattr__(self, name, frozen_array(point))
+        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+
+    def from_curve(self, point: Array) -> tuple[Array, Array]:
+        """Vector from the nearest point of the line."""
+        return from_segment(point, self.start, self.end)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPolyline(Tube):
+    """The origin of a frame stays within a radius of a polyline, at all times.
+
+    Attributes:
+        frame: Name of the frame.
+        points: Its corners in the world, shape (k, 3) [m].
+        radius: Largest distance from it [m].
+
+    Raises:
+        ProblemError: If the points are not two or more, or the radius no positive
+            number.
+    """
+
+    frame: str
+    points: Array
+    radius: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        try:
+            points = np.array(self.points, dtype=np.float64)
+        except (TypeError, ValueError):
+            points = np.zeros(0)
+        right = points.ndim == 2 and points.shape[0] > 1 and points.shape[1] == 3
+        if not right or not np.all(np.isfinite(points)):
+            raise ProblemError(
+                f"points is {brief(self.points)}, expected two or more points of "
+                f"{POINT}",
+                "points",
+            )
+        object.__setattr__(self, "points", frozen_array(points))
+        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+
+    def from_curve(self, point: Array) -> tuple[Array, Array]:
+        """Vector from the nearest point of the polyline."""
+        found = [
+            from_segment(point, begin, end)
+            for begin, end in zip(self.points[:-1], self.points[1:], strict=True)
+        ]
+        return min(found, key=lambda one: float(one[0] @ one[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class ToolArc(Tube):
+    """The origin of a frame stays within a radius of an arc of a circle.
+
+    Attributes:
+        frame: Name of the frame.
+        center: Center of the circle in the world, shape (3,) [m].
+        start: Where the arc begins, shape (3,) [m].
+        axis: What it turns about, by the right hand, shape (3,); of any length, across
+            the way from the center to the start.
+        angle: By how much, up to a full turn [rad].
+        radius: Largest distance from the arc [m].
+
+    Raises:
+        ProblemError: If a vector is none, the axis is not across, or a number is not
+            positive.
+    """
+
+    frame: str
+    center: Array
+    start: Array
+    axis: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
+    angle: float = 2.0 * np.pi
+    radius: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        for name in ("center", "start", "axis"):
+            vector = goal_vector(getattr(self, name), name, POINT, 3)
+            object.__setattr__(self, name, frozen_array(vector))
+        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+        angle = positive(self.angle, "angle", "rad", most=2.0 * np.pi)
+        object.__setattr__(self, "angle", angle)
+        spoke = self.start - self.center
+        sizes = np.linalg.norm(self.axis), np.linalg.norm(spoke)
+        if not min(sizes) > 0.0 or abs(self.axis @ spoke) > 1e-6 * sizes[0] * sizes[1]:
+            raise ProblemError(
+                f"axis is {self.axis.tolist()}, expected a vector across the way from "
+                f"the center to the start, {brief(spoke.tolist())}",
+                "axis",
+            )
+
+    def from_curve(self, point: Array) -> tuple[Array, Array]:
+        """Vector from the nearest point of the arc."""
+        spoke = self.start - self.center
+        size = float(np.linalg.norm(spoke))
+        first = spoke / size
+        axis = self.axis / np.linalg.norm(self.axis)
+        second = np.cross(axis, first)
+        out = point - self.center
+        x, y = float(out @ first), float(out @ second)
+        turn = float(np.arctan2(y, x)) % (2.0 * np.pi)
+        if turn > self.angle:  # beyond the ends: the nearer one
+            end = self.angle if turn - self.angle < 2.0 * np.pi - turn else 0.0
+            tip = size * (np.cos(end) * first + np.sin(end) * second)
+            return out - tip, np.eye(3)
+        flat = max(float(np.hypot(x, y)), 1e-12)
+        along = (x * first + y * second) / flat
+        across = np.cross(axis, along)
+        return out - size * along, np.eye(3) - (size / flat) * np.outer(across, across)
+
+
+def from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
+    """Vector from the nearest point of a straight line, and its derivative.
+
+    Args:
+        point: The point, shape (3,).
+        start: One end of the line, shape (3,).
+        end: The other end, shape (3,); the same for a line that is a point.
+
+    Returns:
+        Shapes (3,) and (3, 3).
+    """
+    along, out = end - start, point - start
+    square = float(along @ along)
+    share = float(out @ along) / square if square > 0.0 else 0.0
+    if not 0.0 < share < 1.0:
+        return point - (end if share >= 1.0 else start), np.eye(3)
+    return out - share * along, np.eye(3) - np.outer(along, along) / square

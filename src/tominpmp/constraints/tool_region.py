@@ -1,0 +1,148 @@
+"""Where a tool may be: within a box, or away from a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, frozen_array
+from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals.base import goal_vector
+from tominpmp.goals.frames import checked_pose, pose_values
+
+NONE = np.zeros(0)
+CORNER = "three coordinates [m]"
+# What an excess is measured by [m].
+SCALE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class WithinRegion(FrameConstraint):
+    """The origin of a frame stays within a box, at all times.
+
+    Attributes:
+        frame: Name of the frame.
+        lower: Lower corner of the box, along its axes, shape (3,) [m]; minus infinity
+            for none.
+        upper: Upper corner, shape (3,) [m]; infinity for none.
+        pose: Placement box_to_world; None for the world itself.
+
+    Raises:
+        ProblemError: If the corners are none, or nothing is asked for.
+    """
+
+    frame: str
+    lower: Array
+    upper: Array
+    pose: pin.SE3 | None = None
+
+    quantity = "distance from its region"
+    order = 0
+    unit = "m"
+    largest = 0.0
+    scale = SCALE
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        for name in ("lower", "upper"):
+            corner = goal_vector(getattr(self, name), name, CORNER, 3, infinite=True)
+            object.__setattr__(self, name, frozen_array(corner))
+        wrong = (self.lower > self.upper) | (self.lower == np.inf)
+        if np.any(wrong | (self.upper == -np.inf)):
+            raise ProblemError(
+                f"lower is {self.lower.tolist()} and upper {self.upper.tolist()}, "
+                "expected the lower corner below the upper one",
+                "lower",
+            )
+        if not np.any(np.isfinite([self.lower, self.upper])):
+            raise ProblemError("lower, upper: the box is infinite", "lower")
+        if self.pose is not None:
+            try:
+                object.__setattr__(self, "pose", checked_pose(self.pose))
+            except ProblemError as error:
+                words = str(error).replace("goal.pose", "pose")
+                raise ProblemError(words, "pose") from error
+
+    def _values(self) -> tuple[Any, ...]:
+        return pose_values(self)
+
+    def _local(self, q: Array) -> Array:
+        point = np.asarray(self.kinematics.placement(q, self.frame).translation)
+        return point if self.pose is None else np.asarray(self.pose.actInv(point))
+
+    @property
+    def count(self) -> int:
+        """One value for each side of the box that there is."""
+        return int(np.isfinite([self.lower, self.upper]).sum())
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The distance from the box, zero within [m]."""
+        point = self._local(q)
+        return float(np.linalg.norm(point - np.clip(point, self.lower, self.upper)))
+
+    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """How far the point is beyond each side."""
+        point = self._local(q)
+        sides = np.concatenate([self.lower - point, point - self.upper])
+        jacobian = self.kinematics.jacobian(q, self.frame)[:3]
+        if self.pose is not None:
+            jacobian = self.pose.rotation.T @ jacobian
+        by_q = np.concatenate([-jacobian, jacobian])
+        real = np.isfinite(np.concatenate([self.lower, self.upper]))
+        return sides[real] / self.scale, by_q[real] / self.scale, NONE, NONE
+
+
+@dataclass(frozen=True, eq=False)
+class KeepAway(FrameConstraint):
+    """The origin of a frame stays away from a point, at all times.
+
+    Attributes:
+        frame: Name of the frame.
+        point: The point in the world, shape (3,) [m].
+        distance: Least distance from it [m].
+
+    Raises:
+        ProblemError: If the point is none, or the distance no positive number.
+    """
+
+    frame: str
+    point: Array
+    distance: float
+
+    quantity = "intrusion"
+    order = 0
+    unit = "m"
+    largest = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        frame_name(self.frame)
+        point = goal_vector(self.point, "point", CORNER, 3)
+        object.__setattr__(self, "point", frozen_array(point))
+        distance = positive(self.distance, "distance", self.unit)
+        object.__setattr__(self, "distance", distance)
+
+    @property
+    def scale(self) -> float:
+        """The distance."""
+        return self.distance
+
+    def _out(self, q: Array) -> Array:
+        place = self.kinematics.placement(q, self.frame)
+        return np.asarray(place.translation) - self.point
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """How much of the distance is missing, zero outside [m]."""
+        return max(self.distance - float(np.linalg.norm(self._out(q))), 0.0)
+
+    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """(d^2 - |p - c|^2) / (2 d^2), which has no kink at the point."""
+        out, square = self._out(q), self.distance**2
+        jacobian = self.kinematics.jacobian(q, self.frame)[:3]
+        value = 0.5 * (square - float(out @ out)) / square
+        return np.array([value]), -(out @ jacobian)[None] / square, NONE, NONE

@@ -1,0 +1,137 @@
+"""Following: iterations whose rows of distances go along with the motion.
+
+Each iteration linearises distances where pairs are nearest in the motion as it is, and
+the step is judged where they are nearest in the motion that it leads to: the merit is
+that of the least distances, whenever these are. Nothing that a grid has chosen holds
+the motion, and no row is left behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.clearances import nearest_instants
+from tominpmp.certificate.task import Task
+from tominpmp.linear_programs import make_solver
+from tominpmp.options import Options
+from tominpmp.planner.direct_solve import NEARLY, make_slp
+from tominpmp.planner.progress import Progress
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.merit import WEIGHT_MARGIN, Merit
+from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.transcription.anchoring import anchored, padding_left
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.layout import Gridded
+from tominpmp.transcription.program import NonlinearProgram
+
+# Iterations at most.
+STEPS = 20
+# Trust region to begin with, as a share of the usual one, and how it follows.
+RADIUS, LARGER, SMALLER, SMALLEST = 0.1, 2.0, 0.3, 5e-3
+# A step is taken if it brings so much of T, and following ends when this many together
+# bring less than that.
+WORTH, WINDOW, LITTLE = 1e-6, 4, 3e-4
+# Least weight of violations in the merit, as a share of T.
+LEAST_WEIGHT = 0.5
+# The last iterations, with rows that stay where they are.
+LAST = 8
+
+
+class Following:
+    """Improves a motion with rows of distances at its own nearest instants.
+
+    Args:
+        of: The parameterisation.
+        options: Options of the plan; the smoothing is a share of T.
+        progress: Time limit and callback.
+        padding: Share of the padding of distances that is left.
+    """
+
+    def __init__(
+        self, of: Gridded, options: Options, progress: Progress, padding: float
+    ) -> None:
+        self.of, self.progress, self.padding = of, progress, padding
+        self.task = Task.of(of.system.problem)
+        self.lp = make_solver(options.lp_solver)
+        self.options, self.radius = options, RADIUS
+
+    def run(self, z: Array) -> tuple[NonlinearProgram, SlpResult]:
+        """Follow a motion, then settle it with the rows that it has in the end."""
+        self.padding = padding_left(self.of, z, *self._nearest(z), self.padding)
+        program, gains = self.anchored(z), [np.inf] * WINDOW
+        for _ in range(min(STEPS, self.options.max_iterations)):
+            result = self._solve(program, z, None, 1)
+            self.progress(result.history[-1])
+            merit, there = _weighted(result.iterate), result.iterate.z
+            after = self.anchored(there)
+            gain = _merit(merit, program, z) - _merit(merit, after, there)
+            T = result.iterate.duration
+            if gain > WORTH * T:
+                z, program = there, after
+                self.radius = min(LARGER * self.radius, 1.0)
+            else:
+                self.radius *= SMALLER
+            gains = [*gains[1:], max(gain, 0.0)]
+            if sum(gains) < LITTLE * T or self.radius < SMALLEST:
+                break
+        return self.settled(program, z, LAST)
+
+    def settled(
+        self, program: NonlinearProgram, z: Array, iterations: int
+    ) -> tuple[NonlinearProgram, SlpResult]:
+        """Iterate with rows that stay where they are, and others between them."""
+        most = min(iterations, self.options.max_iterations)
+        few = replace(self.options, max_iterations=most)
+
+        def solve(
+            program: NonlinearProgram, z: Array, few: Options, former: SlpResult | None
+        ) -> SlpResult:
+            return self._solve(program, z, former, few.max_iterations)
+
+        return solve_in_rounds(program, z, few, solve, rough=False)
+
+    def anchored(self, z: Array) -> NonlinearProgram:
+        """The program with rows of distances where pairs are nearest in an iterate."""
+        return anchored(self.plain(z), z, *self._nearest(z), self.padding)
+
+    def plain(self, z: Array) -> NonlinearProgram:
+        """The program with rows where a grid has them, and where the motion rests."""
+        program = NonlinearProgram.of(self.of).at(z)
+        return exchanged(program, z, -NEARLY) or program
+
+    def _nearest(self, z: Array) -> tuple[Array, IntArray]:
+        if self.of.system.clearance is None:
+            return np.zeros(0), np.zeros(0, dtype=np.int64)
+        return nearest_instants(Motion.of(self.task, self.of.trajectory(z)))
+
+    def _solve(
+        self, program: NonlinearProgram, z: Array, former: SlpResult | None, most: int
+    ) -> SlpResult:
+        """Some iterations with given rows."""
+        options = self.options
+        radius = options.trust_region * max(self.radius, SMALLEST)
+        few = replace(options, trust_region=radius, max_iterations=most)
+        smoothing = (options.smoothing or 0.0) * float(program.cost @ z)
+        solver = make_slp(program, few, smoothing, self.lp, self.progress)
+        return solver.run(z, after=former)
+
+
+def _weighted(iterate: Iterate) -> Merit:
+    """The merit with weights a little above the multipliers of the last program."""
+    merit, rows = iterate.merit, iterate.merit.rows
+    groups = np.zeros(int(rows.group.max()) + 1)
+    np.add.at(groups, rows.group, np.abs(iterate.multipliers))
+    needed = np.zeros_like(merit.weights)
+    np.maximum.at(needed, rows.group_kind, WEIGHT_MARGIN * groups)
+    least = LEAST_WEIGHT * iterate.duration
+    return replace(merit, weights=np.clip(needed, least, merit.weights))
+
+
+def _merit(merit: Merit, program: NonlinearProgram, z: Array) -> float:
+    """Merit of an iterate with the rows of a program, but for the smoothing."""
+    own = replace(merit, rows=program.rows, smoothing=0.0)
+    return own(z, program.evaluate(z), None)

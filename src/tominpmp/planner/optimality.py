@@ -1,0 +1,223 @@
+"""The last word of a search: is the motion an optimum, and if not, go on.
+
+An iteration ends when it makes no more progress, which proves nothing: rows of
+distances beside the nearest instants may hold it, a small trust region, or a padding
+that costs time. So the best motion is put to the test of its certificate. Where small
+changes of it promise too much it is improved, with rows of distances at the nearest
+instants, which follow it, and with less padding where that is what is to be gained.
+Only what passes is called locally optimal; else the status says which limit was
+reached, and the message how much small changes promise still.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tominpmp.certificate.clearances import CLOSE
+from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
+from tominpmp.certificate.perturbations import LONGEST
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.direct_solve import SMOOTHING_SHARE
+from tominpmp.planner.following import Following
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.refinement import SHORTEST_MOTION
+from tominpmp.planner.rescue import guarded
+from tominpmp.problem import Problem
+from tominpmp.status import STOPPED, Status
+from tominpmp.transcription.layout import Layout
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+logger = logging.getLogger(__name__)
+
+# Rounds of going on, each of which ends with a look at the motion, and iterations of
+# those that do not follow it.
+ROUNDS, ITERATIONS = 4, 25
+# Where the padding of distances is worth this share of the promise, this much of it is
+# left for the next round.
+PADDING_SHARE, LESS_PADDING = 0.3, 0.3
+# Rounds in a row that may bring next to nothing: this share of T.
+IDLE, LITTLE = 1, 5e-4
+# What small changes may promise, as a share of T, where effort is "thorough".
+THOROUGH = 1e-3
+# Where nothing comes near, a last step that promised less than this share of the
+# tolerance, if it is taken as far as the certificate does, is proof enough.
+CLEARLY = 0.3
+# Weight of the total variation, as a share of T and of the tolerance: what it costs is
+# less than that.
+SMOOTHING = 1e-2
+
+
+def certified(
+    problem: Problem,
+    options: Options,
+    progress: Progress,
+    attempts: Sequence[Attempt],
+) -> Iterator[Attempt]:
+    """Go on with the best motion until it keeps the first-order conditions.
+
+    Motions of several segments have no certificate, and are left as they are.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        progress: Time limit and callback.
+        attempts: What was found.
+
+    Yields:
+        The motion, or one that is faster, with the status that it deserves.
+    """
+    found = [attempt for attempt in attempts if attempt.found]
+    if problem.segments or options.objective != "time" or not found:
+        return
+    best, tolerance = min(found, key=_duration), tolerance_of(options)
+    if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
+        return
+    if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
+        return
+    progress.share(1)
+    touched = progress.links_touched
+    progress.begin()
+    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    system = system if touched else system.first_tried
+    settling = Settling(system, options, progress, tolerance)
+    settle = partial(settling.run, best)
+    settled = guarded(problem, options, progress, best.name, settle)
+    if settled is not None and settled.duration <= best.duration:
+        yield settled
+    progress.deadline.check()
+
+
+def tolerance_of(options: Options) -> float:
+    """What small changes of a motion that is called optimal may promise, in T."""
+    return THOROUGH if options.effort == "thorough" else TOLERANCE
+
+
+def _duration(attempt: Attempt) -> float:
+    return attempt.duration
+
+
+def clearly(
+    problem: Problem, options: Options, attempt: Attempt, tolerance: float
+) -> bool:
+    """Whether the last step of an iteration was proof enough.
+
+    What a linear program promises within a trust region is at least that share of what
+    it would promise within one that is larger, of which the region is that share.
+    """
+    judged = attempt.verification
+    if len(attempt.history) < 2 or judged is None or attempt.layout is None:
+        return False  # other methods have steps and radii of other kinds
+    h = np.diff(attempt.trajectory.t)
+    if np.max(h) > LONGEST * h.sum():
+        return False  # the certificate allows of more changes than the grid
+    reach = CLOSE * ProblemFunctions.of(problem).reach
+    if judged.min_clearance < float(np.max(problem.margins, initial=0.0)) + reach:
+        return False
+    before, last = attempt.history[-2:]
+    radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
+    promised = last.predicted / max(radius * last.duration, 1e-300)
+    return last.accepted and promised <= CLEARLY * tolerance
+
+
+class Settling:
+    """Improves a motion until its certificate accepts it.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        progress: Time limit and callback.
+        tolerance: What small changes may promise, as a share of T.
+    """
+
+    def __init__(
+        self,
+        system: ProblemFunctions,
+        options: Options,
+        progress: Progress,
+        tolerance: float,
+    ) -> None:
+        self.system, self.progress = system, progress
+        self.tolerance, self.padding = tolerance, 1.0
+        smoothing = options.smoothing
+        if smoothing is None:
+            smoothing = min(SMOOTHING_SHARE, SMOOTHING * tolerance)
+        self.options = replace(options, smoothing=smoothing)
+
+    def run(self, attempt: Attempt) -> Attempt:
+        """The motion, or a faster one, with the status that it deserves."""
+        best, seen = attempt, self.examine(attempt)
+        layout = attempt.layout or Layout.of_motion(attempt.trajectory)
+        idle = used = 0
+        limit = self.options.max_iterations
+        for _ in range(ROUNDS):
+            used = len(self.progress.records)
+            if seen.certificate.ok or layout is None or idle > IDLE or used >= limit:
+                break
+            self._spend_padding(seen)
+            further = self._further(best, layout, follow=not idle)
+            gain = 1.0 - further.duration / best.duration
+            idle = 0 if gain > LITTLE else idle + 1
+            if gain > 0.0:
+                best, layout = further, further.layout
+                seen = self.examine(best)
+        return self._concluded(best, seen, used >= limit)
+
+    def examine(self, attempt: Attempt) -> Findings:
+        """What the certificate says of a motion."""
+        problem, judged = self.system.problem, attempt.verification
+        seen = examine(problem, attempt.trajectory, judged, self.tolerance)
+        promise = seen.certificate.stationarity
+        logger.info("T %.5f s, small changes promise %.1e", attempt.duration, promise)
+        return seen
+
+    def _spend_padding(self, seen: Findings) -> None:
+        """Leave less padding where that is what is to be gained."""
+        if seen.found is None:
+            return
+        given = seen.found.multipliers
+        gained = float(given.promise[given.of("clearance")].sum())
+        if gained > PADDING_SHARE * max(seen.certificate.stationarity, self.tolerance):
+            self.padding *= LESS_PADDING
+
+    def _further(self, best: Attempt, layout: Layout, *, follow: bool) -> Attempt:
+        """A faster motion, replayed; the same where there is none.
+
+        Where following has brought nothing, rows that stay where they are may: corners
+        that pass within a fraction of a millimetre are no matter for small steps.
+        """
+        of, z = layout.taken_up(self.system, best.trajectory)
+        following = Following(of, self.options, self.progress, self.padding)
+        if follow:
+            program, result = following.run(z)
+        else:
+            program, result = following.settled(following.plain(z), z, ITERATIONS)
+        if result.best is None:
+            return best
+        found = Attempt.of(best.name, program, best.initial, result)
+        found = replace(found, remark=best.remark, history=())
+        if not found.duration < best.duration:
+            return best
+        found = found.verified(self.system.problem, self.options)
+        return found if found.duration < best.duration else best
+
+    def _concluded(self, best: Attempt, seen: Findings, limited: bool) -> Attempt:
+        """The motion with the status that it deserves."""
+        history = tuple(self.progress.records)
+        if seen.certificate.ok:
+            return replace(best, status=Status.CONVERGED, history=history)
+        status = Status.ITERATION_LIMIT if limited else Status.STALLED
+        if best.status not in (Status.CONVERGED, Status.STALLED):
+            status = best.status
+        promise = 100.0 * seen.certificate.stationarity
+        remark = f"Small changes promise {promise:.2g} % of T"
+        intervals = best.trajectory.t.size - 1
+        if seen.motion is not None and seen.motion.changes.N > intervals:
+            remark += f", some of them on a grid finer than its {intervals} intervals"
+        remark = f"{best.remark} {remark}.".strip()
+        return replace(best, status=status, history=history, remark=remark)

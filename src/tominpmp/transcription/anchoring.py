@@ -1,0 +1,134 @@
+"""Anchoring: rows of distances where pairs of bodies are nearest, and only there.
+
+A pair holds a motion at the instant at which it is nearest, which moves with the
+motion. Rows at other instants of the same approach, as a grid has them, say more than
+that: they hold the pace, since sooner or later the pair was or will be nearer than it
+is at that very instant. A program whose rows are beside the nearest instants settles on
+motions that are not optimal; so its instants follow those of a motion once it is near
+the optimum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.constraints.clearance import ClearanceConstraint
+from tominpmp.transcription.base import Motion, Transcription
+from tominpmp.transcription.blocks import Block, Sampled
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.program import NonlinearProgram
+
+# Rows of pairs beyond this, in lengths, are left as they are.
+ATTENTION = 0.03
+# A row within this share of the motion around the nearest instant belongs to the same
+# approach, if at its speed its room would not last for that time.
+APPROACH = 0.05
+# Of what is left of the padding this share is asked for, and so much of all at least.
+ALMOST, LEAST = 0.95, 0.3
+
+
+def anchored(
+    program: NonlinearProgram, z: Array, times: Array, pairs: IntArray, padding: float
+) -> NonlinearProgram:
+    """The program with rows of distances at the nearest instants of pairs.
+
+    Args:
+        program: The program.
+        z: Its iterate.
+        times: When pairs are nearest in it [s], shape (k,).
+        pairs: The pair of each, shape (k,).
+        padding: Share of the padding of the distances that is left.
+
+    Returns:
+        The program; rows that came to it between the nodes are left out.
+    """
+    of = program.transcription
+    motion = of.motion(z)
+    blocks: list[Block] = []
+    for block in program.blocks:
+        if isinstance(block, Sampled) and isinstance(
+            block.constraint, ClearanceConstraint
+        ):
+            constraint = block.constraint.tightened(padding)
+            block = replace(block, constraint=constraint)
+            block = _anchored(block, of, motion, times, pairs)
+        blocks.append(block)
+    return replace(program, blocks=tuple(blocks))
+
+
+def _anchored(
+    block: Sampled,
+    of: Transcription[Any],
+    motion: Motion,
+    times: Array,
+    pairs: IntArray,
+) -> Sampled:
+    constraint = block.constraint
+    regular = of.instants(constraint.order, constraint.field)
+    beside = _beside(constraint, of, motion, regular, times, pairs)
+    distinct, index = np.unique(times, return_inverse=True)
+    nearest = Instants.at_times(distinct, motion.h, of.delays)
+    others = np.ones((distinct.size, constraint.count), dtype=bool)
+    others[index, pairs] = False
+    ignored = np.concatenate([beside, others])
+    return replace(block, fixed=regular.joined(nearest), ignored=ignored)
+
+
+def _beside(
+    constraint: Any,
+    of: Transcription[Any],
+    motion: Motion,
+    at: Instants,
+    times: Array,
+    pairs: IntArray,
+) -> BoolArray:
+    """Which values at instants belong to an approach that has a row of its own."""
+    states = of.states(motion, at, 1)
+    values = constraint.evaluate(states, ATTENTION)
+    out = np.zeros(values.shape, dtype=bool)
+    k, pair = np.nonzero(values > -ATTENTION)
+    when = at.times(motion.h) + of.delays[at.interval]
+    T = float(motion.h.sum() + of.delays[-1])
+    near = np.zeros(values.shape, dtype=bool)
+    for time, own in zip(times, pairs, strict=True):
+        near[:, own] |= np.abs(when - time) <= APPROACH * T
+    own = near[k, pair]
+    k, pair = k[own], pair[own]
+    if not k.size:
+        return out
+    partials = constraint.differentiate(states, k, pair)
+    speed = np.einsum("kj,kj->k", partials.by_q, of.rates(motion, at)[k])
+    if partials.by_t is not None:
+        speed = speed + partials.by_t
+    room = np.maximum(constraint.padding[pair] - values[k, pair], 0.0)
+    out[k, pair] = room < APPROACH * T * np.abs(speed)
+    return out
+
+
+def padding_left(
+    of: Transcription[Any], z: Array, times: Array, pairs: IntArray, most: float
+) -> float:
+    """Share of the padding that pairs have left where they are nearest.
+
+    Args:
+        of: The parameterisation.
+        z: An iterate of it.
+        times: When pairs are nearest in it [s], shape (k,).
+        pairs: The pair of each, shape (k,).
+        most: What is not exceeded.
+    """
+    constraint = of.system.clearance
+    if constraint is None or not times.size:
+        return most
+    motion = of.motion(z)
+    distinct, index = np.unique(times, return_inverse=True)
+    states = of.states(motion, Instants.at_times(distinct, motion.h, of.delays), 0)
+    padding = constraint.padding[pairs]
+    room = padding - constraint.evaluate(states, ATTENTION)[index, pairs]
+    padded = padding > 0.0
+    left = np.min(room[padded] / padding[padded], initial=np.inf)
+    return float(np.clip(ALMOST * left, LEAST * most, most))

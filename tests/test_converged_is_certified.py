@@ -1,0 +1,234 @@
+"""What planning calls a locally time-optimal motion, its certificate accepts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.clearances import nearest_instants
+from tominpmp.certificate.task import Task
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.planner import optimality
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.optimality import certified, clearly
+from tominpmp.planner.progress import Progress
+from tominpmp.solvers import rounds
+from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.transcription.anchoring import anchored, padding_left
+from tominpmp.transcription.layout import Layout
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
+
+START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
+OPTIONS = tm.Options(intervals=40, control="constant", refine=None, starts=1)
+
+
+@pytest.fixture(scope="module")
+def around():
+    """A motion of the paper's arm past a ball, as near as it may."""
+    robot = tm.load_robot("planar3r")
+    scene = tm.Scene([tm.Sphere("O", radius=0.8, position=(3.2, 3.2, 0))])
+    problem = tm.Problem(robot, START, tm.JointGoal(END), scene=scene)
+    return tm.plan(problem, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def free():
+    robot = tm.load_robot("planar3r")
+    return tm.plan(tm.Problem(robot, START, tm.JointGoal(END)), OPTIONS)
+
+
+def slower(solution, factor=1.05):
+    """The motion of a solution, slowed down, as an attempt that says it converged."""
+    motion, inverse = solution.trajectory, RobotDynamics(solution.problem.robot).inverse
+    v, a = motion.v / factor, motion.a / factor**2
+    u = inverse(motion.q, v, np.vstack([a, a[-1:]]))
+    motion = replace(motion, t=factor * motion.t, v=v, a=a, u=u)
+    return Attempt(
+        "slow",
+        tm.Status.CONVERGED,
+        True,
+        motion,
+        motion,
+        {},
+        (),
+        tm.verify(solution.problem, motion),
+    )
+
+
+def judged(solution, attempt, **changes):
+    """What the last stage makes of an attempt."""
+    options = replace(resolve_options(solution.problem, OPTIONS), **changes)
+    progress = Progress(options)
+    with progress.deadline.in_force():
+        return list(certified(solution.problem, options, progress, [attempt]))
+
+
+@pytest.mark.parametrize("name", ["free", "around"])
+def test_a_motion_that_is_none_is_improved_until_it_is_one(name, request):
+    solution = request.getfixturevalue(name)
+    attempt = slower(solution)
+    assert not tm.certify(solution.problem, attempt.trajectory).ok
+    (found,) = judged(solution, attempt)
+    assert found.status is tm.Status.CONVERGED
+    assert found.verification.ok
+    assert found.duration < 1.01 * solution.T
+    certificate = tm.certify(
+        solution.problem, found.trajectory, verification=found.verification
+    )
+    assert certificate.ok, certificate.message
+    assert found.history  # iterations are accounted for
+
+
+def test_where_nothing_can_be_gained_it_says_so(free, monkeypatch):
+    """A promise that no iteration keeps is not called an optimum."""
+    monkeypatch.setattr(optimality, "ROUNDS", 0)
+    (found,) = judged(free, slower(free))
+    assert found.status is tm.Status.STALLED
+    assert "Small changes promise" in found.remark
+
+
+def test_an_iteration_limit_is_no_convergence(free):
+    solution = tm.plan(free.problem, replace(OPTIONS, max_iterations=2))
+    converged = solution.status is tm.Status.CONVERGED
+    assert not converged or solution.certificate.ok, solution.certificate.message
+    assert converged or not solution.success or "promise" in solution.message
+
+
+def test_the_message_of_a_plan_says_how_much_is_promised(monkeypatch, free):
+    monkeypatch.setattr(optimality, "tolerance_of", lambda options: 1e-12)
+    monkeypatch.setattr(optimality, "ROUNDS", 0)
+    solution = tm.plan(free.problem, OPTIONS)
+    assert solution.success
+    assert solution.status is tm.Status.STALLED
+    assert "Small changes promise" in solution.message
+
+
+def test_thorough_asks_for_a_tenth():
+    thorough = replace(OPTIONS, effort="thorough")
+    assert optimality.tolerance_of(thorough) == 0.1 * optimality.tolerance_of(OPTIONS)
+
+
+def test_the_last_step_is_proof_enough_only_if_it_is_small_and_far_reaching(free):
+    """A small promise within a small trust region proves nothing."""
+    options = resolve_options(free.problem, OPTIONS)
+    layout = Layout.of_motion(free.trajectory)
+    attempt = replace(slower(free), verification=free.verification, layout=layout)
+    T = attempt.duration
+    record = replace(free.history[-1], accepted=True, duration=T)
+
+    def with_last(predicted, radius):
+        last = replace(record, predicted=predicted, radius=radius)
+        return replace(attempt, history=(last, last))
+
+    assert clearly(free.problem, options, with_last(1e-5 * T, 1.0), 0.01)
+    assert not clearly(free.problem, options, with_last(1e-5 * T, 0.005), 0.01)
+    assert not clearly(free.problem, options, with_last(1e-2 * T, 1.0), 0.01)
+    assert not clearly(free.problem, options, replace(attempt, history=()), 0.01)
+
+
+@pytest.mark.parametrize("method", ["collocation", "adjoint", "penalty"])
+def test_other_methods_are_judged_too(free, method):
+    options = tm.Options(method=method, intervals=24, starts=1)
+    solution = tm.plan(free.problem, options)
+    converged = solution.status is tm.Status.CONVERGED
+    assert solution.success
+    assert not converged or solution.certificate.ok, solution.certificate.message
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_random_clutter(seed):
+    """Boxes around a UR5: success is not refuted."""
+    rng = np.random.default_rng(seed)
+    robot = tm.load_robot("ur5")
+    ends = ((-1.2, -1.1, 1.2, -1.0, -1.5, 0.0), (1.0, -1.3, 1.4, -1.2, -1.5, 0.6))
+    boxes = []
+    while len(boxes) < 5:
+        angle, away = rng.uniform(-1.0, 1.0), rng.uniform(0.35, 0.8)
+        place = (away * np.cos(angle), away * np.sin(angle), rng.uniform(0.0, 0.7))
+        box = tm.Box(
+            f"box{len(boxes)}", size=tuple(rng.uniform(0.1, 0.3, 3)), position=place
+        )
+        try:
+            tm.Problem(robot, ends[0], tm.JointGoal(ends[1]), tm.Scene([*boxes, box]))
+        except tm.ProblemError:
+            continue
+        boxes.append(box)
+    problem = tm.Problem(robot, ends[0], tm.JointGoal(ends[1]), tm.Scene(boxes))
+    solution = tm.plan(problem)
+    assert solution.success
+    if solution.status is tm.Status.CONVERGED:
+        assert solution.certificate.ok, solution.certificate.message
+    else:
+        assert "Small changes promise" in solution.message
+
+
+# -- rows where pairs are nearest ------------------------------------------------------
+
+
+def test_rows_stand_where_pairs_are_nearest_and_beside_there_are_none(around):
+    """Rows beside them hold the pace: the program settles where no optimum is."""
+    problem = around.problem
+    of, z = Layout.of_motion(around.trajectory).taken_up(
+        ProblemFunctions.of(problem), around.trajectory
+    )
+    program = NonlinearProgram.of(of).at(z)
+    seen = Motion.of(Task.of(problem), of.trajectory(z))
+    times, pairs = nearest_instants(seen)
+    assert times.size
+    share = padding_left(of, z, times, pairs, 1.0)
+    found = anchored(program, z, times, pairs, share)
+    index = found.rows.kinds.index("clearance")
+    block = found.blocks[index]
+    at = block.instants(of, of.motion(z).h).times(of.motion(z).h)
+    held = np.isfinite(block.upper)
+    for time, pair in zip(times, pairs, strict=True):
+        assert held[np.argmin(np.abs(at - time)), pair]
+    added = np.setdiff1d(np.round(at, 9), np.round(_regular(of, z), 9))
+    assert added.size  # the grid had no rows there
+    values = found.evaluate(z)
+    kept = found.rows.kind == index
+    # What is left of the padding is asked for, so that the motion may go on as it is.
+    assert share < 1.0 or np.max(found.rows.violation(values)[kept]) <= 1e-9
+    assert np.max(found.rows.violation(values)[kept]) <= 2e-3
+
+
+def _regular(of, z):
+    h = of.motion(z).h
+    nodes = np.concatenate([[0.0], np.cumsum(h)])
+    return np.concatenate([nodes, 0.5 * (nodes[1:] + nodes[:-1])])
+
+
+def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
+    """They were: the motion had settled on rows that were not all that it needed."""
+    from tominpmp.solvers.slp import SlpSolver
+
+    monkeypatch.setattr(rounds, "ROUNDS", 1)
+    monkeypatch.setattr(rounds, "revised", lambda program, z: (program, z))
+    options = resolve_options(around.problem, OPTIONS)
+    of, z = Layout.of_motion(around.trajectory).taken_up(
+        ProblemFunctions.of(around.problem), around.trajectory
+    )
+    program = NonlinearProgram.of(of).at(z)
+
+    def solve(program, z, options, after):
+        from tominpmp.linear_programs import make_solver
+
+        solver = SlpSolver(program, options, 1e-4, make_solver("piqp"))
+        return solver.run(z, after=after)
+
+    _, result = solve_in_rounds(program, z, options, solve)
+    assert result.status is tm.Status.ITERATION_LIMIT
+
+
+def test_a_grid_that_is_the_limit_is_named(free):
+    """Of few intervals, which may not be split: so the message says."""
+    solution = tm.plan(free.problem, replace(OPTIONS, intervals=12))
+    assert solution.success
+    assert solution.status is not tm.Status.CONVERGED
+    assert "on a grid finer than its 12 intervals" in solution.message

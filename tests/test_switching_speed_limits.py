@@ -1,0 +1,112 @@
+"""Exact switching where joints rest on their speed limits, three of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, rod, slide
+
+import tominpmp as tm
+from tominpmp.arcs.held_joints import FOLLOWS, HOLDS, differentiate_rates
+from tominpmp.arcs.structure import Arcs
+from tominpmp.arcs.switching_functions import Change
+from tominpmp.dynamics import RobotDynamics
+
+
+def planar(velocity: object = 1e3) -> tm.Robot:
+    effort = np.array([20.0, 10.0, 5.0])
+    return make_arm(*[rod(1.0, 1.0)] * 3, effort=effort, velocity=velocity)
+
+
+def test_three_rails_at_their_speed_limits_take_their_closed_form() -> None:
+    axes = np.eye(3)
+    rails = make_arm(
+        *(slide(1.0, tuple(axis)) for axis in axes),
+        effort=np.array([9.0, 8.0, 5.0]),
+        velocity=np.array([1.0, 1.2, 0.9]),
+    )
+    problem = tm.Problem(rails, np.zeros(3), tm.JointGoal([1.0, 0.8, -0.7]))
+    solution = tm.plan(problem, tm.Options(refine="switching", starts=1))
+    # The first one carries all three: 1 m at 1 m/s, after 1/3 s of 3 m/s^2.
+    assert solution.success
+    assert solution.T == pytest.approx(4.0 / 3.0, rel=1e-7)
+
+
+@pytest.mark.slow
+def test_three_links_at_their_speed_limits() -> None:
+    """Two orders of switches are locally optimal, 1.23548 s and 1.23333 s.
+
+    Where the elbow switches in the faster one, the first joint can keep its speed with
+    full torque only while the elbow's torque lies between its limits; without such an
+    arc it takes 1.2356 s.
+    """
+    robot = planar(np.array([1.6, 2.0, 2.0]))
+    goal = tm.JointGoal([1.2, -0.4, 0.6])
+    problem = tm.Problem(robot, [0.0, 0.5, -0.5], goal)
+    solution = tm.plan(problem, tm.Options(refine="switching", starts=1))
+    assert solution.success
+    assert 1.2333 < solution.T < 1.2355
+    assert solution.verification is not None
+    assert solution.verification.ok
+
+
+@pytest.mark.parametrize(
+    "modes",
+    [
+        (HOLDS | FOLLOWS, 0, 0),
+        (HOLDS, FOLLOWS, 0),
+        (HOLDS | FOLLOWS, HOLDS, FOLLOWS),
+        (0, 0, 0),
+    ],
+)
+def test_a_torque_holds_its_joint_or_another(
+    modes: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    """Held joints do not accelerate, torques that are known are as they were given."""
+    robot = planar()
+    dynamics = RobotDynamics(robot)
+    x, u = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
+    pattern = np.tile(np.array(modes), (4, 1))
+    rates = differentiate_rates(dynamics, x, u, pattern)
+    a = rates.f[:, 3:]
+    np.testing.assert_allclose(a[(pattern & HOLDS) > 0], 0.0, atol=1e-12)
+    known = (pattern & FOLLOWS) == 0
+    np.testing.assert_allclose(rates.tau[known], u[known])
+    needed = dynamics.inverse(x[:, :3], x[:, 3:], a)
+    np.testing.assert_allclose(rates.tau, needed, rtol=1e-9, atol=1e-9)
+    step = 1e-6
+    for k in range(6):
+        d = step * np.eye(6)[k]
+        ends = [differentiate_rates(dynamics, x + s * d, u, pattern) for s in (1, -1)]
+        slope = (ends[0].f - ends[1].f) / (2.0 * step)
+        np.testing.assert_allclose(rates.f_x[..., k], slope, rtol=1e-5, atol=1e-6)
+        slope = (ends[0].tau - ends[1].tau) / (2.0 * step)
+        np.testing.assert_allclose(rates.tau_x[..., k], slope, rtol=1e-5, atol=1e-6)
+    for k in range(3):
+        d = step * np.eye(3)[k]
+        ends = [differentiate_rates(dynamics, x, u + s * d, pattern) for s in (1, -1)]
+        slope = (ends[0].f - ends[1].f) / (2.0 * step)
+        np.testing.assert_allclose(rates.f_u[..., k], slope, rtol=1e-5, atol=1e-6)
+
+
+def test_torques_between_limits_give_way_to_such_at_limits() -> None:
+    one = np.ones((1, 1))
+    arcs = Arcs(np.array([2.0]), 0.5 * one, one > 0.0, np.zeros((1, 1), dtype=int))
+    pieces = ((0.25, -1.0), (0.75, 1.0))
+    found = Change(1.0, 0, 0.0, 0, -1.0, 0, pieces).apply(arcs)
+    np.testing.assert_allclose(found.lengths, [0.5, 1.5])
+    np.testing.assert_allclose(found.levels[:, 0], [-1.0, 1.0])
+    assert not found.free.any()
+
+
+def test_another_torque_takes_over_before_an_arc_or_behind_it() -> None:
+    held = np.array([[1, 0]])
+    arcs = Arcs(np.array([2.0]), np.array([[0.0, 1.0]]), held == 2, held)
+    for share, new in ((0.0, 0), (1.0, 1)):
+        found = Change(1.0, 0, share, 0, -1.0, 0, (), 1).apply(arcs)
+        assert found.lengths[new] == 0.0
+        assert found.lengths[1 - new] == 2.0
+        np.testing.assert_array_equal(found.held, [[1, 0], [1, 0]])
+        np.testing.assert_array_equal(found.follows[new], [False, True])
+        np.testing.assert_array_equal(found.follows[1 - new], [True, False])
+        assert found.levels[new, 0] == -1.0

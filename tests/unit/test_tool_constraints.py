@@ -1,0 +1,151 @@
+"""Constraints on the way beyond tool speed and upright: derivatives, bounds, files."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import tominpmp as tm
+from tominpmp.cli.text_values import constraint
+from tominpmp.constraints import States
+from tominpmp.exceptions import JointNotFound, ProblemError
+
+HALF = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
+POSE = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.9), np.array([0.1, 0.2, 0.3]))
+ITEMS = (
+    tm.ToolAcceleration("tool0", 3.0),
+    tm.ToolLine("tool0", (0.3, -0.4, 0.2), (0.6, 0.5, 0.9), 0.01),
+    tm.ToolLine("tool0", (0.3, 0.1, 0.2), (0.3, 0.1, 0.2), 0.01),
+    tm.ToolPolyline("tool0", [(0.3, -0.4, 0.2), (0.6, 0.5, 0.9), (0.1, 0.5, 0.9)]),
+    tm.ToolArc("tool0", (0.1, 0.0, 0.4), (0.5, 0.0, 0.4), angle=2.0, radius=0.02),
+    tm.ToolArc("tool0", (0.1, 0.0, 0.4), (0.1, 0.0, 0.8), (1.0, 0.0, 0.0)),
+    tm.KeepOrientation("tool0", HALF, 0.05),
+    tm.AxisFixed("tool0", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    tm.WithinRegion("tool0", (-0.1, -math.inf, 0.0), (0.4, 0.5, 0.8), POSE),
+    tm.KeepAway("tool0", (0.3, 0.2, 0.4), 0.3),
+    tm.JointCoupling(("wrist_1_joint", "elbow_joint"), (1.0, -2.0), 0.3, -0.2),
+)
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return tm.load_robot("ur5")
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
+def test_derivatives_against_differences(item, ur5):
+    item = item.on(ur5)
+    rng = np.random.default_rng(4)
+    step = 1e-6
+    for _ in range(6):
+        state = [rng.uniform(-2, 2, 6) for _ in range(3)]
+        values, *parts = item.terms(*state)
+        assert values.shape == (item.count,)
+        for place, part in enumerate(parts):
+            if place > item.order:
+                assert part.size == 0 or not np.any(part)
+                continue
+            for j in range(6):
+                ends = []
+                for sign in (1.0, -1.0):
+                    moved = [x.copy() for x in state]
+                    moved[place][j] += sign * step
+                    ends.append(item.terms(*moved)[0])
+                slope = (ends[0] - ends[1]) / (2 * step)
+                size = max(1.0, float(np.abs(slope).max()))
+                assert part[:, j] == pytest.approx(slope, abs=2e-6 * size)
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
+def test_rows_have_the_sign_of_the_excess(item, ur5):
+    item = item.on(ur5)
+    rng = np.random.default_rng(5)
+    lower, upper = item.bounds(1)
+    for _ in range(40):
+        q, v, a = (rng.uniform(-2, 2, 6) for _ in range(3))
+        states = States(np.zeros(1), q[None], v[None], a[None])
+        row = item.evaluate(states)
+        over = item.measure(q, v, a) - item.largest > 0.0
+        assert bool(np.any((row > upper) | (row < lower))) == over
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
+def test_scenario_files_hold_them(item, ur5, tmp_path):
+    free = item if item.order > 1 else None
+    start, goal = np.full(6, 0.5), tm.JointGoal(np.full(6, 0.6))
+    if free is None:
+        item = type(item)(**{**vars(item), **_loose(item)})
+    problem = tm.Problem(ur5, start, goal, constraints=(item,), self_collision=False)
+    path = tmp_path / "task.toml"
+    tm.save_scenario(path, problem)
+    assert tm.load_scenario(path).problem.constraints == (item,)
+
+
+def _loose(item):
+    """Fields with which almost anything is allowed."""
+    wide = {"radius": 9.0, "tolerance": 3.1, "distance": 1e-3}
+    if isinstance(item, tm.WithinRegion):
+        return {"lower": [-9.0, -np.inf, -9.0], "upper": [9.0, 9.0, 9.0]}
+    if isinstance(item, tm.JointCoupling):
+        return {"lower": -9.0, "upper": 9.0}
+    return {key: wide[key] for key in wide if hasattr(item, key)}
+
+
+def test_the_command_line_knows_them():
+    assert constraint(
+        "tool_line:frame=tip:start=0,0,1:end=1,0,1:radius=0.02"
+    ) == tm.ToolLine("tip", (0, 0, 1), (1, 0, 1), 0.02)
+    assert constraint("keep_away:frame=tip:point=0,0,1:distance=0.3") == tm.KeepAway(
+        "tip", (0, 0, 1), 0.3
+    )
+    assert constraint("tool_acceleration:frame=tip:limit=2") == tm.ToolAcceleration(
+        "tip", 2.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: tm.ToolAcceleration("tip", -1), "limit is -1, expected a positive"),
+        (lambda: tm.ToolLine("tip", (0, 0), (1, 0, 0)), "start"),
+        (lambda: tm.ToolLine("tip", (0, 0, 0), (1, 0, 0), 0.0), "radius is 0.0"),
+        (lambda: tm.ToolPolyline("tip", [(0, 0, 0)]), "expected two or more points"),
+        (lambda: tm.ToolPolyline("tip", "abc"), "points is 'abc'"),
+        (lambda: tm.ToolPolyline("tip", [(0, 0, 0), (1, math.nan, 0)]), "points is"),
+        (
+            lambda: tm.ToolArc("tip", (0, 0, 0), (0, 0, 1)),
+            "expected a vector across the way",
+        ),
+        (lambda: tm.ToolArc("tip", (0, 0, 0), (1, 0, 0), angle=7.0), "angle is 7.0"),
+        (lambda: tm.KeepOrientation("tip", (1, 2, 3)), "rotation"),
+        (lambda: tm.WithinRegion("tip", (1, 0, 0), (0, 1, 1)), "lower is"),
+        (
+            lambda: tm.WithinRegion("tip", [-np.inf] * 3, [np.inf] * 3),
+            "the box is infinite",
+        ),
+        (lambda: tm.KeepAway("tip", (0, 0, 0), 0.0), "distance is 0.0"),
+        (lambda: tm.JointCoupling((), (), 1.0), r"joints is \(\), expected names"),
+        (lambda: tm.JointCoupling(("a", "b"), (1.0,), 1.0), "weights"),
+        (lambda: tm.JointCoupling(("a",), (1.0,), 1.0, 2.0), "lower is 2 and upper 1"),
+        (lambda: tm.JointCoupling(("a",), (1.0,), math.nan), "lower is"),
+        (lambda: tm.JointCoupling(("a",), (1.0,), math.inf), "nothing is asked for"),
+    ],
+)
+def test_wrong_values_are_named(make, words):
+    with pytest.raises(ProblemError, match=words):
+        make()
+
+
+def test_unknown_joints_are_named(ur5):
+    item = tm.JointCoupling(("elbow",), (1.0,), 1.0)
+    with pytest.raises(JointNotFound, match="elbow"):
+        tm.Problem(ur5, np.zeros(6), tm.JointGoal(np.ones(6)), constraints=(item,))
+
+
+def test_a_start_off_the_line_is_an_error(ur5):
+    item = tm.ToolLine("tool0", (5, 5, 5), (6, 6, 6), 0.01)
+    with pytest.raises(ProblemError, match="distance from its path of frame tool0 is"):
+        tm.Problem(ur5, np.zeros(6), tm.JointGoal(np.ones(6)), constraints=(item,))
