@@ -7,6 +7,8 @@ tests/optimum_cases.py and tests/two_link_cases.py.
     python -m benchmarks.known_optima --methods inverse --families level,vertical
     python -m benchmarks.known_optima --methods inverse --intervals 40 \
         --grids cosine --refine none,grid,switching --markdown out/known_optima.md
+    python -m benchmarks.known_optima --methods auto --intervals 40 --grids cosine \
+        --efforts quick,standard,thorough
     python -m benchmarks.known_optima --search --families level
 
 ``--search`` looks for faster motions than the known ones by a direct method that shares
@@ -51,13 +53,15 @@ from two_link_cases import CASES
 
 from tominpmp import Options, plan
 
-METHODS = ("inverse", "collocation", "adjoint")
+METHODS = ("auto", "inverse", "collocation", "adjoint")
 GRIDS = ("cosine", "uniform")
-REFINEMENTS = ("none", "grid", "switching")
+REFINEMENTS = ("auto", "none", "grid", "switching")
+EFFORTS = ("quick", "standard", "thorough")
 COLUMNS = (
     "family",
     "problem",
     "method",
+    "effort",
     "intervals",
     "grid",
     "refine",
@@ -83,11 +87,18 @@ Row = dict[str, Any]
 
 
 def measure(
-    family: str, case: Case, method: str, intervals: int, grid: str, refine: str
+    family: str,
+    case: Case,
+    method: str,
+    effort: str,
+    intervals: int,
+    grid: str,
+    refine: str,
 ) -> Row:
     """Plan a problem and compare T with the known one."""
     options = Options(
         method=method,
+        effort=effort,
         intervals=intervals,
         grid=grid,
         refine=None if refine == "none" else refine,
@@ -100,6 +111,7 @@ def measure(
         "family": family,
         "problem": case.name,
         "method": method,
+        "effort": effort,
         "intervals": intervals,
         "grid": grid,
         "refine": refine,
@@ -122,7 +134,11 @@ def run(arguments: argparse.Namespace) -> list[Row]:
         writer.writeheader()
         cases = [(name, case) for name in arguments.families for case in _cases(name)]
         settings = itertools.product(
-            arguments.methods, arguments.intervals, arguments.grids, arguments.refine
+            arguments.methods,
+            arguments.efforts,
+            arguments.intervals,
+            arguments.grids,
+            arguments.refine,
         )
         for (family, case), setting in itertools.product(cases, settings):
             row = measure(family, case, *setting)
@@ -139,7 +155,8 @@ def _cases(family: str) -> list[Case]:
 
 def _progress(row: Row) -> str:
     return (
-        f"{row['problem']}, {row['method']}, {row['intervals']} {row['grid']}, "
+        f"{row['problem']}, {row['method']}, {row['effort']}, "
+        f"{row['intervals']} {row['grid']}, "
         f"refine {row['refine']}: {_cell(row)}"
     )
 
@@ -162,8 +179,8 @@ def markdown_tables(rows: Iterable[Row]) -> str:
     for method in dict.fromkeys(row["method"] for row in rows):
         chosen = [row for row in rows if row["method"] == method]
         settings = dict.fromkeys(
-            f"N = {row['intervals']}, {row['grid']}"
-            + (f", refine {row['refine']}" if row["refine"] != "none" else "")
+            f"{row['effort']}, N = {row['intervals']}, {row['grid']}"
+            + (f", refine {row['refine']}" if row["refine"] != "auto" else "")
             for row in chosen
         )
         header = ["problem", "T [s]", *settings]
@@ -342,9 +359,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     families = list(CASES)
     parser.add_argument("--families", type=names(families), default=families)
-    parser.add_argument("--methods", type=names(METHODS), default=list(METHODS))
+    parser.add_argument("--methods", type=names(METHODS), default=list(METHODS[1:]))
     parser.add_argument("--grids", type=names(GRIDS), default=list(GRIDS))
-    parser.add_argument("--refine", type=names(REFINEMENTS), default=["none"])
+    parser.add_argument("--efforts", type=names(EFFORTS), default=["standard"])
+    parser.add_argument("--refine", type=names(REFINEMENTS), default=["auto"])
     parser.add_argument("--intervals", type=numbers, default=[20, 40, 80])
     parser.add_argument("--search", action="store_true", help="look for faster motions")
     parser.add_argument("--starts", type=int, default=10, help="of a search")

@@ -225,7 +225,7 @@ class Court:
 
 
 def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Plan with the library and default options."""
+    """Plan with the library, with default options but for effort and time."""
     import tominpmp as tm
     from tominpmp import linear_programs as lp
     from tominpmp.constraints import ClearanceConstraint
@@ -233,7 +233,9 @@ def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
 
     files = court.case.scene_path, court.case.request_path
     problem = load_moveit(court.robot, *files)
-    options = tm.Options(max_planning_time=arguments.time_limit)
+    options = tm.Options(
+        effort=arguments.effort, max_planning_time=arguments.time_limit
+    )
     watch = Stopwatch()
     solvers = [
         value
@@ -415,6 +417,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--time-limit", type=positive, metavar="S", help="planning time [s]"
     )
+    parser.add_argument(
+        "--effort", choices=("quick", "standard", "thorough"), default="standard"
+    )
     parser.add_argument("--rerun", action="store_true", help="compute all anew")
     return parser
 
@@ -427,6 +432,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--data is missing, and ${VARIABLE} is not set")
     if options.out is None:
         name = "motionbenchmaker_rival" if options.rival else "motionbenchmaker"
+        if options.effort != "standard" and not options.rival:
+            name += f"_{options.effort}"
         options.out = Path("out") / f"{name}.csv"
     rows = run(options)
     others: list[Row] = []

@@ -49,7 +49,16 @@ LOCKED_JOINTS: dict[str, dict[str, float]] = {
 }
 ROBOTS = ("ur3", "ur5", "ur10", "panda", "kinova", "xarm7", "z1", "planar3r")
 METHODS = ("ours", "ipopt", "toppra")
-KEY = ("robot", "goal", "speed_factor", "intervals", "grid", "interior", "seed")
+KEY = (
+    "robot",
+    "goal",
+    "speed_factor",
+    "intervals",
+    "grid",
+    "interior",
+    "seed",
+    "effort",
+)
 SHARED = ("success", "status", "T", "seconds")
 JUDGED = ("torque_excess", "velocity_excess", "position_excess", "goal_error")
 OWN = {
@@ -140,6 +149,7 @@ class Contest:
         intervals: Number of intervals of the library's plan and of IPOPT's.
         grid: How the intervals of both are spread, see :func:`interval_shares`.
         interior_points: Instants inside an interval at which IPOPT sees torque limits.
+        effort: The library's, see its options.
     """
 
     def __init__(
@@ -148,8 +158,10 @@ class Contest:
         intervals: int,
         grid: str = "uniform",
         interior_points: int = 0,
+        effort: str = "standard",
     ) -> None:
         self._robot = robot
+        self._effort = effort
         self._arm = Arm.of(robot)
         self._intervals = intervals
         self._interior_points = interior_points
@@ -187,7 +199,9 @@ class Contest:
         problem = tm.Problem(
             self._robot, q_start, tm.JointGoal(q_goal), self_collision=False
         )
-        options = tm.Options(intervals=self._intervals, grid=self._grid)
+        options = tm.Options(
+            intervals=self._intervals, grid=self._grid, effort=self._effort
+        )
         solution = tm.plan(problem, options)
         seconds = time.perf_counter() - started
         values = {
@@ -275,6 +289,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 arguments.grid,
                 str(arguments.interior_points),
                 str(arguments.seed),
+                arguments.effort,
             )
             wanted.append(key)
             row = rows.setdefault(key, dict(zip(KEY, key, strict=True)))
@@ -289,6 +304,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                     arguments.intervals,
                     arguments.grid,
                     arguments.interior_points,
+                    arguments.effort,
                 )
                 problems = sample_problems(robot, arguments.goals, arguments.seed)
             if not warm:
@@ -412,6 +428,9 @@ def _parser() -> argparse.ArgumentParser:
         default=list(METHODS),
         metavar="METHODS",
         help="of ours,ipopt,toppra",
+    )
+    parser.add_argument(
+        "--effort", choices=("quick", "standard", "thorough"), default="standard"
     )
     parser.add_argument("--rerun", action="store_true", help="compute all anew")
     parser.add_argument("--csv", type=Path, default=Path("out/random_goals.csv"))
