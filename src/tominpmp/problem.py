@@ -143,8 +143,9 @@ class Problem(Record):
         """Distances of the links to the obstacles and to each other."""
         own = self.self_collision is not False
         may_touch = frozenset(map(frozenset, self.may_touch))
+        scene = self.scene.sorted
         return CollisionChecker(
-            self.robot, self.scene, self_collision=own, may_touch=may_touch
+            self.robot, scene, self_collision=own, may_touch=may_touch
         )
 
     @cached_property

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tominpmp.arrays import Record
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
@@ -76,6 +78,15 @@ class Scene(Record):
         """The obstacles that move."""
         return tuple(item for item in self.obstacles if item.motion is not None)
 
+    @property
+    def sorted(self) -> Scene:
+        """The same obstacles in the order of where they are, however they are listed.
+
+        Rows of programs are in the order of the pairs, and what a solver makes of steps
+        that are equally good depends on it.
+        """
+        return Scene(tuple(sorted(self.obstacles, key=_whereabouts)))
+
     def at(self, time: float) -> Scene:
         """The scene with all obstacles at rest where they are at a time [s]."""
         if not self.moving:
@@ -92,3 +103,11 @@ class Scene(Record):
         if not self.moving:
             return self
         return Scene(tuple(item for item in self.obstacles if item.motion is None))
+
+
+def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
+    """Where an obstacle is, and of what kind: what tells it from others."""
+    position = np.asarray(obstacle.position, dtype=np.float64).ravel()
+    rotation = np.asarray(obstacle.rotation, dtype=np.float64).ravel()
+    kind = type(obstacle).__name__
+    return (obstacle.motion is not None, *position.tolist(), kind, *rotation.tolist())
