@@ -200,11 +200,12 @@ class Progress:
             yield
 
     @contextmanager
-    def judged(self, judge: Judge) -> Iterator[None]:
+    def judged(self, judge: Judge | None) -> Iterator[None]:
         """Let somebody end iterations that promise nothing, for a while.
 
         Args:
             judge: Sees every record after it was shown; a status ends the iteration.
+                None for nobody.
         """
         self._judge = judge
         try:

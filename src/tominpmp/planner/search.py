@@ -16,10 +16,10 @@ from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
+from tominpmp.planner.coarse_search import NEARLY, CoarseSearch, torques_rule
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.torque_starts import SHOOTING, shots
-from tominpmp.status import STOPPED
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -28,6 +28,10 @@ GAP = 0.03
 # Arms with so many joints at most are searched on where nothing is in their way: they
 # may swing, or turn their elbow over. How many detours are tried at least.
 FEW_JOINTS, DETOURS = 3, 6
+# Iterations on the asked grid after which a motion among obstacles has to be
+# near one that none can beat by much; else coarse grids are tried.
+# It leads astray that is ever so much above that.
+DIRECT, ASTRAY = 8, 0.1
 # After so many starts in a row that promise nothing it is enough.
 IN_VAIN = 4
 # Further paths among obstacles.
@@ -118,18 +122,34 @@ class Search:
     def _descents(
         self, coarse: CoarseSearch, first: Guess, torques: bool, solve: Solve
     ) -> Iterator[Attempt]:
-        """The first motions."""
+        """The first motions.
+
+        Where speed limits rule and little is in the way, a descent on the grid that is
+        asked for takes a few iterations only, and ends near what none can beat.
+        """
         system, progress = self.system, self.progress
-        fixed = system.final_configuration is not None
-        if not (system.alone and fixed) or torques:
-            yield from coarse.descents(self.guesses.since(0), self.wanted)
-            self.stopped = coarse.stopped
-            return
-        attempt = solve(first)  # it takes no longer than a coarse one
-        if attempt is not None:
-            progress.best = min(progress.best, attempt.duration)
-            self.stopped = attempt.status in STOPPED
-            yield attempt
+        if system.final_configuration is not None and not torques:
+            judge = None if system.alone else self._leads_astray
+            with progress.judged(judge):
+                attempt = solve(first)
+            self.stopped = attempt is not None and attempt.status in STOPPED
+            if attempt is not None and (attempt.found or self.stopped):
+                progress.best = min(progress.best, attempt.duration)
+                yield attempt
+            if self.stopped or (progress.best < np.inf and system.alone):
+                return
+            if progress.best < np.inf and not self.promising:
+                return
+        yield from coarse.descents(self.guesses.since(0), self.wanted)
+        self.stopped = coarse.stopped
+
+    def _leads_astray(self, record: IterationRecord) -> Status | None:
+        """End a descent among obstacles that is not near the best motion soon."""
+        bound = self.progress.lower_bound(self.system.problem).T
+        above = record.duration / max(bound, 1e-12) - 1.0
+        early = len(self.progress.records) < DIRECT
+        near = early or (above <= GAP and record.violation <= NEARLY)
+        return None if near and above <= ASTRAY else Status.ITERATION_LIMIT
 
     def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
         """What is tried beyond the first descents."""
