@@ -25,6 +25,30 @@ class FrameMotion(NamedTuple):
     by_v: Array
 
 
+class SpatialMotion(NamedTuple):
+    """Spatial velocity and acceleration of a frame in its own axes, with derivatives.
+
+    Linear parts are above angular ones.
+
+    Attributes:
+        rotation: Orientation frame_to_world, shape (3, 3).
+        velocity: Shape (6,) [m/s, rad/s].
+        acceleration: Shape (6,) [m/s^2, rad/s^2]; of a spatial vector, not of a point.
+        v_q: Derivative of the velocity by q, shape (6, n).
+        v_v: The same by v, and of the acceleration by a.
+        a_q: Derivative of the acceleration by q.
+        a_v: The same by v.
+    """
+
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+    v_q: Array
+    v_v: Array
+    a_q: Array
+    a_v: Array
+
+
 class RobotKinematics:
     """Frame placements and Jacobians of a robot.
 
@@ -171,6 +195,25 @@ class RobotKinematics:
             The acceleration [m/s^2], shape (3,), and its derivatives by q, v and a,
             shape (3, n) each.
         """
+        m = self.spatial_motion(q, v, a, frame)
+        linear, turning = m.velocity[:3], m.velocity[3:]
+        # Of the origin itself: R (a + w x v), and R turns with q by R dR = v_v[3:].
+        own = m.acceleration[:3] + np.cross(turning, linear)
+        w, x = pin.skew(turning), pin.skew(linear)
+        by_q = m.a_q[:3] + w @ m.v_q[:3] - x @ m.v_q[3:] - pin.skew(own) @ m.v_v[3:]
+        by_v = m.a_v[:3] + w @ m.v_v[:3] - x @ m.v_v[3:]
+        rotation = m.rotation
+        return rotation @ own, rotation @ by_q, rotation @ by_v, rotation @ m.v_v[:3]
+
+    def spatial_motion(self, q: Array, v: Array, a: Array, frame: str) -> SpatialMotion:
+        """Spatial velocity and acceleration of a frame in its axes, with derivatives.
+
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,).
+            a: Accelerations, shape (n,).
+            frame: Name of the frame.
+        """
         robot, data = self.robot, self._data
         pin.computeForwardKinematicsDerivatives(
             robot.model,
@@ -182,21 +225,20 @@ class RobotKinematics:
         index, local = robot.frame_id(frame), pin.ReferenceFrame.LOCAL
         parts = pin.getFrameAccelerationDerivatives(robot.model, data, index, local)
         # Pinocchio drops the second dimension of arms with a single joint.
-        v_q, a_q, a_v, a_a = (np.reshape(part, (6, -1)) for part in parts)
-        rotation = pin.updateFramePlacement(robot.model, data, index).rotation
+        v_q, a_q, a_v, v_v = (
+            robot.reduce_tangent(np.reshape(part, (6, -1))) for part in parts
+        )
+        placement = pin.updateFramePlacement(robot.model, data, index)
         speed = pin.getFrameVelocity(robot.model, data, index, local)
         spatial = pin.getFrameAcceleration(robot.model, data, index, local)
-        linear, turning = np.asarray(speed.linear), np.asarray(speed.angular)
-        # Of the origin itself: R (a + w x v), and R turns with q by R dR = a_a[3:].
-        own = np.asarray(spatial.linear) + np.cross(turning, linear)
-        w, x = pin.skew(turning), pin.skew(linear)
-        by_q = a_q[:3] + w @ v_q[:3] - x @ v_q[3:] - pin.skew(own) @ a_a[3:]
-        by_v = a_v[:3] + w @ a_a[:3] - x @ a_a[3:]
-        return (
-            np.asarray(rotation @ own),
-            robot.reduce_tangent(rotation @ by_q),
-            robot.reduce_tangent(rotation @ by_v),
-            robot.reduce_tangent(rotation @ a_a[:3]),
+        return SpatialMotion(
+            np.array(placement.rotation),
+            np.array(speed.vector),
+            np.array(spatial.vector),
+            v_q,
+            v_v,
+            a_q,
+            a_v,
         )
 
     def reach(self, frame: str | None = None) -> float:

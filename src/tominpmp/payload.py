@@ -63,7 +63,8 @@ class Payload(Record):
             )
         object.__setattr__(self, "com", com)
         if self.inertia is not None:
-            object.__setattr__(self, "inertia", _checked_inertia(self.inertia))
+            tensor = checked_inertia(self.inertia, "payload.inertia")
+            object.__setattr__(self, "inertia", tensor)
         object.__setattr__(self, "geometry", self._checked_geometry())
 
     def _checked_mass(self) -> float:
@@ -102,22 +103,26 @@ def _numbers(value: object, shape: tuple[int, ...]) -> Array | None:
     return array if array.shape == shape and np.all(np.isfinite(array)) else None
 
 
-def _checked_inertia(value: object) -> Array:
-    """Check that a body can have such an inertia."""
+def checked_inertia(value: object, name: str) -> Array:
+    """Check that a body can have such an inertia, shape (3, 3).
+
+    Raises:
+        ProblemError: If it is none.
+    """
     array = _numbers(value, (3, 3))
     if array is None or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
         raise ProblemError(
-            f"payload.inertia is {brief(value)}, expected a symmetric matrix of 3x3 "
+            f"{name} is {brief(value)}, expected a symmetric matrix of 3x3 "
             "numbers [kg m^2]",
-            "payload.inertia",
+            name,
         )
     moments = np.linalg.eigvalsh(array)
     slack = ROUNDING * float(np.abs(moments).max())
     if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
         raise ProblemError(
-            f"payload.inertia has the principal moments {moments.tolist()}, expected "
+            f"{name} has the principal moments {moments.tolist()}, expected "
             "none below 0 or above the sum of the other two",
-            "payload.inertia",
+            name,
         )
     return frozen_array(0.5 * (array + array.T))
 

@@ -13,6 +13,7 @@ from tominpmp.constraints.joint_limits import (
     PositionLimit,
     VelocityLimit,
 )
+from tominpmp.constraints.load import FirmGrasp, StableContact
 from tominpmp.constraints.orientation import AxisFixed, KeepOrientation
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.tool_acceleration import ToolAcceleration
@@ -32,6 +33,7 @@ __all__ = [
     "AxisFixed",
     "ClearanceConstraint",
     "Constraint",
+    "FirmGrasp",
     "GoalReached",
     "JerkLimit",
     "JointCoupling",
@@ -43,6 +45,7 @@ __all__ = [
     "Partials",
     "PathConstraint",
     "PositionLimit",
+    "StableContact",
     "States",
     "ToolAcceleration",
     "ToolArc",
