@@ -43,14 +43,14 @@ class Interval(NamedTuple):
 
     def times(self, other: Interval) -> Interval:
         """The product; zero times infinity is zero."""
-        a, b = self.low * other.low, self.low * other.high
-        c, d = self.high * other.low, self.high * other.high
+        with np.errstate(invalid="ignore"):
+            a, b = self.low * other.low, self.low * other.high
+            c, d = self.high * other.low, self.high * other.high
+            unknown = np.isnan(a + b + c + d).any()
+        if unknown:
+            a, b, c, d = (np.where(np.isnan(part), 0.0, part) for part in (a, b, c, d))
         low = np.minimum(np.minimum(a, b), np.minimum(c, d))
         high = np.maximum(np.maximum(a, b), np.maximum(c, d))
-        if np.isnan(low).any():
-            parts = np.stack([a, b, c, d])
-            parts[np.isnan(parts)] = 0.0
-            return Interval(np.min(parts, axis=0), np.max(parts, axis=0))
         return Interval(low, high)
 
     def over(self, positive: Interval) -> Interval:
@@ -71,6 +71,17 @@ class Interval(NamedTuple):
         """What both have."""
         return Interval(
             np.maximum(self.low, other.low), np.minimum(self.high, other.high)
+        )
+
+    def part(self, some: slice) -> Interval:
+        """Some of them."""
+        return Interval(self.low[some], self.high[some])
+
+    def followed_by(self, other: Interval) -> Interval:
+        """These and others."""
+        return Interval(
+            np.concatenate([self.low, other.low]),
+            np.concatenate([self.high, other.high]),
         )
 
     def cosine(self) -> Interval:

@@ -40,11 +40,13 @@ from tominpmp.problem import Problem
 __all__ = ["LowerBound", "lower_bound"]
 
 
-def lower_bound(problem: Problem) -> LowerBound:
+def lower_bound(problem: Problem, *, quick: bool = False) -> LowerBound:
     """Find a time that no motion which solves a problem can beat.
 
     Args:
         problem: The problem.
+        quick: Whether to leave out what takes longer than some hundredths of a second:
+            an arm with two joints has a weaker bound then.
 
     Returns:
         The largest bound that was found.
@@ -53,8 +55,9 @@ def lower_bound(problem: Problem) -> LowerBound:
     if problem.segments:
         return _of_segments(problem)
     start = problem.v_start
+    goals = problem.goal.alternatives
     return min(
-        (_of_goal(problem, goal, start) for goal in problem.goal.alternatives),
+        (_of_goal(problem, goal, start, quick=quick) for goal in goals),
         key=lambda bound: bound.T,
     )
 
@@ -90,7 +93,12 @@ def _of_segments(problem: Problem) -> LowerBound:
 
 
 def _of_goal(
-    problem: Problem, goal: Goal, start: Array | None, smooth_ends: bool = True
+    problem: Problem,
+    goal: Goal,
+    start: Array | None,
+    smooth_ends: bool = True,
+    *,
+    quick: bool = True,
 ) -> LowerBound:
     """The best bound for one goal.
 
@@ -99,12 +107,13 @@ def _of_goal(
         goal: One of its goals.
         start: Velocities at the start, shape (n,); None if they may be any.
         smooth_ends: Whether accelerations that may not jump begin and end with zero.
+        quick: Whether to leave out what takes long.
     """
     q = goal.configuration
     given = start is not None and goal.fixes_velocity
     if q is not None and given and start is not None:
         ends = np.stack([start, goal.final_velocity(problem.robot.n)])
-        bounds = _joint_bounds(problem, q, ends, smooth_ends)
+        bounds = _joint_bounds(problem, q, ends, smooth_ends, quick)
     else:
         bounds = _range_bounds(problem, goal, start, smooth_ends)
     nothing = LowerBound(0.0, "no bound is known for a goal of this kind")
@@ -115,7 +124,7 @@ def _of_goal(
 
 
 def _joint_bounds(
-    problem: Problem, q: Array, ends: Array, smooth_ends: bool
+    problem: Problem, q: Array, ends: Array, smooth_ends: bool, quick: bool
 ) -> list[LowerBound]:
     """Bounds between two states; velocities at both of shape (2, n)."""
     way = q - problem.q_start
@@ -130,7 +139,7 @@ def _joint_bounds(
     pair = TwoJoints.of(problem, positions, ends)
     if pair is not None:
         reason = "no torques move the two joints there sooner"
-        found.append(LowerBound(pair.least_time(), reason))
+        found.append(LowerBound(pair.least_time(quick=quick), reason))
     energy = energy_bounds(problem.robot, problem.motion_limits)
     if energy is not None:
         found += _energy_bounds(problem, way, ends, energy)

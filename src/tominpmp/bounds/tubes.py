@@ -9,6 +9,9 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.bounds.intervals import Interval, scaled
 
+# Bounds at both ends.
+Ends = tuple[tuple[float, float], tuple[float, float]]
+
 
 @dataclass(frozen=True, eq=False)
 class Tube:
@@ -26,35 +29,35 @@ class Tube:
     bulge: Array | None = None
 
     @classmethod
-    def of(cls, ends: tuple[float, float], change: Interval) -> Tube:
+    def of(cls, ends: Ends, change: Interval) -> Tube:
         """Add up bounds on the changes in each interval, shape (K,)."""
 
         def summed(part: Array) -> Array:
             return np.concatenate([[0.0], np.cumsum(part)])
 
+        begin, end = ends
         least, most = summed(change.low), summed(change.high)
-        onwards = Interval(ends[0] + least, ends[0] + most)
-        back = Interval(ends[1] - (most[-1] - most), ends[1] - (least[-1] - least))
+        onwards = Interval(begin[0] + least, begin[1] + most)
+        back = Interval(end[0] - (most[-1] - most), end[1] - (least[-1] - least))
         return cls(onwards, back)
 
     @classmethod
-    def damped(
-        cls, ends: tuple[float, float], rate: Interval, drag: Interval, h: float
-    ) -> Tube:
+    def damped(cls, ends: Ends, rate: Interval, drag: Interval, h: float) -> Tube:
         """Bounds on a quantity x whose rate is another one less a drag times x.
 
         Args:
-            ends: At start and goal.
+            ends: Bounds at start and goal.
             rate: Rate in each interval of time without the drag, shape (K,).
             drag: Drag there, >= 0.
             h: Length of the intervals.
         """
+        begin, end = ends
         least, most = np.minimum(rate.low, 0.0), np.maximum(rate.high, 0.0)
-        on, back = (most, drag, h), (-least, drag, h)
-        up, down = _decayed(ends[0], *on), _decayed(-ends[0], *back)
-        last = tuple(part[::-1] for part in drag)
-        grown = _grown(ends[1], -least[::-1], last[1], h)[::-1]
-        fallen = _grown(-ends[1], most[::-1], last[1], h)[::-1]
+        up = _decayed(begin[1], most, drag, h)
+        down = _decayed(-begin[0], -least, drag, h)
+        last = drag.high[::-1]
+        grown = _grown(end[1], -least[::-1], last, h)[::-1]
+        fallen = _grown(-end[0], most[::-1], last, h)[::-1]
         bulge = drag.high * (1.0 + drag.high * h) * h / 12.0
         return cls(Interval(-down, up), Interval(-fallen, grown), bulge)
 
@@ -83,6 +86,37 @@ class Tube:
                 sides[0].high + share * np.diff(first.high),
             )
         return scaled(sides[0].cut(sides[1]), h)
+
+
+@dataclass(frozen=True, eq=False)
+class TubeThrough:
+    """Bounds on a quantity that is within a range halfway.
+
+    Attributes:
+        halves: Those before and those afterwards.
+    """
+
+    halves: tuple[Tube, Tube]
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is an instant at which nothing is left."""
+        return self.halves[0].empty or self.halves[1].empty
+
+    def within(self) -> Interval:
+        """Bounds in each interval of time, shape (K,)."""
+        first, last = (half.within() for half in self.halves)
+        return first.followed_by(last)
+
+    def integral(self, h: float) -> Interval:
+        """Bounds on its integral over each interval of time, shape (K,)."""
+        first, last = (half.integral(h) for half in self.halves)
+        return first.followed_by(last)
+
+
+def known(ends: tuple[float, float]) -> Ends:
+    """Ends that are known exactly."""
+    return (ends[0], ends[0]), (ends[1], ends[1])
 
 
 def _mean(at: Interval) -> Interval:
