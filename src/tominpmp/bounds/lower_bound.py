@@ -32,6 +32,7 @@ from tominpmp.bounds.joint_limits import JointReach, jerk_limited_time
 from tominpmp.bounds.result import LowerBound
 from tominpmp.bounds.single_joint import single_joint_time
 from tominpmp.bounds.two_joints import TwoJoints
+from tominpmp.bounds.two_joints_time import two_joints_time
 from tominpmp.exceptions import expect
 from tominpmp.goals import Goal
 from tominpmp.kinematics import prismatic_joints
@@ -139,7 +140,7 @@ def _joint_bounds(
     pair = TwoJoints.of(problem, positions, ends)
     if pair is not None:
         reason = "no torques move the two joints there sooner"
-        found.append(LowerBound(pair.least_time(quick=quick), reason))
+        found.append(LowerBound(two_joints_time(pair, quick=quick), reason))
     energy = energy_bounds(problem.robot, problem.motion_limits)
     if energy is not None:
         found += _energy_bounds(problem, way, ends, energy)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.bounds.intervals import Interval, scaled
 from tominpmp.bounds.tubes import Ends, Tube, TubeThrough, known
-
-if TYPE_CHECKING:
-    from tominpmp.bounds.two_joints import TwoJoints
+from tominpmp.bounds.two_joints import TwoJoints
 
 # Intervals of time, and how often they are narrowed.
 INTERVALS = 40

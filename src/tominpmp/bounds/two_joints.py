@@ -29,30 +29,16 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.bounds.inertia import effort_bounds, inertia_at
 from tominpmp.bounds.intervals import Interval, Table
-from tominpmp.bounds.narrowing import Halfway, Narrowing
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits, Robot
-from tominpmp.stopping import check
 
 # Positions of the second joint at which the arm is looked at.
 POSITIONS = 1500
 # An unlimited second joint is looked at this far from start and goal [rad].
 FAR = 2.0 * math.pi
-# Steps of the search for the time.
-BISECTIONS = 8
-# How much longer times are that are looked at with ranges halfway, at first and at
-# last, how many ranges, and how often one is cut in halves at most.
-FIRST_STRIDE = 1.16
-LAST_STRIDE = 1.02
-MOST_PARTS = 60
-MOST_SPLITS = 8
 # Positions may be this far beyond their limits, as the verification has it.
 BEYOND = 1e-2
-# Longest time looked at [s].
-LONGEST = 1e4
-# Relative rounding, and errors of quadrature, that are granted.
-ROUNDING = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,51 +137,6 @@ class TwoJoints:
             bool(np.any(gravity)),
             low < x[0] or high > x[-1],
         )
-
-    def least_time(self, *, quick: bool = False) -> float:
-        """Time that no motion can beat, or a little less.
-
-        Args:
-            quick: Whether not to tell motions apart by where they are halfway.
-        """
-        low, high = 0.0, 1e-2
-        while self.excluded(high):
-            low, high = high, 2.0 * high
-            if high > LONGEST:
-                return low
-        for _ in range(BISECTIONS):
-            T = 0.5 * (low + high)
-            low, high = (T, high) if self.excluded(T) else (low, T)
-        # Beyond that, motions are told apart by where they are halfway.
-        stride = 1.0 if quick else FIRST_STRIDE
-        while low > 0.0 and stride > LAST_STRIDE:
-            if self.excluded(stride * low, MOST_PARTS):
-                low *= stride
-            else:
-                stride = math.sqrt(stride)
-        return low * (1.0 - ROUNDING)
-
-    def excluded(self, T: float, parts: int = 1) -> bool:
-        """Whether no motion takes so little time, nor less.
-
-        All bounds allow to wait, so that shorter motions are among the longer ones.
-
-        Args:
-            T: The time.
-            parts: How many ranges of the state halfway are looked at one by one.
-        """
-        left = [Halfway()]
-        for _ in range(parts):
-            check()
-            halfway = left.pop()
-            narrowing = Narrowing(self, T, halfway)
-            if not narrowing.empty():
-                if parts == 1 or halfway.splits >= MOST_SPLITS:
-                    return False
-                left += narrowing.split()
-            if not left:
-                return True
-        return False
 
 
 def _reach(limits: JointLimits, q: Array) -> Interval:
