@@ -18,11 +18,14 @@ from tominpmp.certificate.clearances import nearest_instants
 from tominpmp.certificate.task import Task
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
-from tominpmp.planner.direct_solve import NEARLY, make_slp
+from tominpmp.planner.direct_solve import NEARLY
 from tominpmp.planner.progress import Progress
+from tominpmp.solvers.callbacks import go_on
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.merit import WEIGHT_MARGIN, Merit
 from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.anchoring import anchored, padding_left
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import Gridded
@@ -41,20 +44,46 @@ LEAST_WEIGHT = 0.5
 LAST = 8
 
 
+class Budget:
+    """Callback that ends iterations when there have been enough.
+
+    Args:
+        progress: Is shown every record.
+        limit: So many iterations are enough.
+
+    Attributes:
+        used: Iterations so far.
+    """
+
+    def __init__(self, progress: Progress, limit: int) -> None:
+        self.progress, self.limit, self.used = progress, limit, 0
+
+    @property
+    def spent(self) -> bool:
+        """Whether there have been enough."""
+        return self.used >= self.limit
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        self.used += 1
+        status = self.progress(record)
+        return status or (Status.ITERATION_LIMIT if self.spent else None)
+
+
 class Following:
     """Improves a motion with rows of distances at its own nearest instants.
 
     Args:
         of: The parameterisation.
         options: Options of the plan; the smoothing is a share of T.
-        progress: Time limit and callback.
+        budget: Time limit and callback, and how many iterations there may be.
         padding: Share of the padding of distances that is left.
     """
 
     def __init__(
-        self, of: Gridded, options: Options, progress: Progress, padding: float
+        self, of: Gridded, options: Options, budget: Budget, padding: float
     ) -> None:
-        self.of, self.progress, self.padding = of, progress, padding
+        self.of, self.budget, self.padding = of, budget, padding
         self.task = Task.of(of.system.problem)
         self.lp = make_solver(options.lp_solver)
         self.options, self.radius = options, RADIUS
@@ -63,9 +92,9 @@ class Following:
         """Follow a motion, then settle it with the rows that it has in the end."""
         self.padding = padding_left(self.of, z, *self._nearest(z), self.padding)
         program, gains = self.anchored(z), [np.inf] * WINDOW
-        for _ in range(min(STEPS, self.options.max_iterations)):
+        for _ in range(STEPS):
             result = self._solve(program, z, None, 1)
-            self.progress(result.history[-1])
+            self.budget(result.history[-1])
             merit, there = _weighted(result.iterate), result.iterate.z
             after = self.anchored(there)
             gain = _merit(merit, program, z) - _merit(merit, after, there)
@@ -76,7 +105,8 @@ class Following:
             else:
                 self.radius *= SMALLER
             gains = [*gains[1:], max(gain, 0.0)]
-            if sum(gains) < LITTLE * T or self.radius < SMALLEST:
+            little = sum(gains) < LITTLE * T or self.radius < SMALLEST
+            if little or self.budget.spent:
                 break
         return self.settled(program, z, LAST)
 
@@ -84,8 +114,7 @@ class Following:
         self, program: NonlinearProgram, z: Array, iterations: int
     ) -> tuple[NonlinearProgram, SlpResult]:
         """Iterate with rows that stay where they are, and others between them."""
-        most = min(iterations, self.options.max_iterations)
-        few = replace(self.options, max_iterations=most)
+        few = replace(self.options, max_iterations=iterations)
 
         def solve(
             program: NonlinearProgram, z: Array, few: Options, former: SlpResult | None
@@ -116,7 +145,10 @@ class Following:
         radius = options.trust_region * max(self.radius, SMALLEST)
         few = replace(options, trust_region=radius, max_iterations=most)
         smoothing = (options.smoothing or 0.0) * float(program.cost @ z)
-        solver = make_slp(program, few, smoothing, self.lp, self.progress)
+        keep = self.budget.progress.keep
+        # A single iteration is shown by whoever asked for it.
+        callback = go_on if most == 1 else self.budget
+        solver = SlpSolver(program, few, smoothing, self.lp, callback, keep=keep)
         return solver.run(z, after=former)
 
 

@@ -24,7 +24,7 @@ from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import SMOOTHING_SHARE
-from tominpmp.planner.following import Following
+from tominpmp.planner.following import Budget, Following
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
@@ -38,6 +38,8 @@ logger = logging.getLogger(__name__)
 # Rounds of going on, each of which ends with a look at the motion, and iterations of
 # those that do not follow it.
 ROUNDS, ITERATIONS = 4, 25
+# Iterations that there may be in any case.
+FEWEST = 30
 # Where the padding of distances is worth this share of the promise, this much of it is
 # left for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
@@ -85,7 +87,10 @@ def certified(
     progress.begin()
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     system = system if touched else system.first_tried
-    settling = Settling(system, options, progress, tolerance)
+    # As many iterations as the search has had, some at least, and none too many.
+    had = sum(len(attempt.history) for attempt in attempts)
+    limit = min(max(had, FEWEST), options.max_iterations)
+    settling = Settling(system, options, progress, tolerance, limit)
     settle = partial(settling.run, best)
     settled = guarded(problem, options, progress, best.name, settle)
     if settled is not None and settled.duration <= best.duration:
@@ -133,6 +138,7 @@ class Settling:
         options: Options of the plan.
         progress: Time limit and callback.
         tolerance: What small changes may promise, as a share of T.
+        iterations: How many there may be.
     """
 
     def __init__(
@@ -141,9 +147,11 @@ class Settling:
         options: Options,
         progress: Progress,
         tolerance: float,
+        iterations: int,
     ) -> None:
         self.system, self.progress = system, progress
         self.tolerance, self.padding = tolerance, 1.0
+        self.budget = Budget(progress, iterations)
         smoothing = options.smoothing
         if smoothing is None:
             smoothing = min(SMOOTHING_SHARE, SMOOTHING * tolerance)
@@ -153,11 +161,9 @@ class Settling:
         """The motion, or a faster one, with the status that it deserves."""
         best, seen = attempt, self.examine(attempt)
         layout = attempt.layout or Layout.of_motion(attempt.trajectory)
-        idle = used = 0
-        limit = self.options.max_iterations
+        idle, budget = 0, self.budget
         for _ in range(ROUNDS):
-            used = len(self.progress.records)
-            if seen.certificate.ok or layout is None or idle > IDLE or used >= limit:
+            if seen.certificate.ok or layout is None or idle > IDLE or budget.spent:
                 break
             self._spend_padding(seen)
             further = self._further(best, layout, follow=not idle)
@@ -166,7 +172,7 @@ class Settling:
             if gain > 0.0:
                 best, layout = further, further.layout
                 seen = self.examine(best)
-        return self._concluded(best, seen, used >= limit)
+        return self._concluded(best, seen)
 
     def examine(self, attempt: Attempt) -> Findings:
         """What the certificate says of a motion."""
@@ -192,7 +198,7 @@ class Settling:
         that pass within a fraction of a millimetre are no matter for small steps.
         """
         of, z = layout.taken_up(self.system, best.trajectory)
-        following = Following(of, self.options, self.progress, self.padding)
+        following = Following(of, self.options, self.budget, self.padding)
         if follow:
             program, result = following.run(z)
         else:
@@ -206,12 +212,12 @@ class Settling:
         found = found.verified(self.system.problem, self.options)
         return found if found.duration < best.duration else best
 
-    def _concluded(self, best: Attempt, seen: Findings, limited: bool) -> Attempt:
+    def _concluded(self, best: Attempt, seen: Findings) -> Attempt:
         """The motion with the status that it deserves."""
         history = tuple(self.progress.records)
         if seen.certificate.ok:
             return replace(best, status=Status.CONVERGED, history=history)
-        status = Status.ITERATION_LIMIT if limited else Status.STALLED
+        status = Status.ITERATION_LIMIT if self.budget.spent else Status.STALLED
         if best.status not in (Status.CONVERGED, Status.STALLED):
             status = best.status
         promise = 100.0 * seen.certificate.stationarity
