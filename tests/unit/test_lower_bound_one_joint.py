@@ -114,6 +114,15 @@ def test_pendulum_that_has_to_swing(case: object) -> None:
     assert 0.9 * case.minimum <= found <= case.minimum  # type: ignore[attr-defined]
 
 
+def test_speed_limit_that_is_reached_at_once_makes_no_way_longer() -> None:
+    """A light rod past its goal and back, at its speed limit nearly all the time."""
+    robot = make_arm(ROD, effort=600.0, gravity=DOWNWARD, velocity=0.86)
+    problem = Problem(robot, np.array([0.73]), JointGoal([-0.22], [0.05]))
+    assert 0.95 / 0.86 <= lower_bound(problem).T < 0.95 / 0.86 + 3e-3
+    straight = Problem(robot, np.array([0.73]), JointGoal([-0.22]))
+    assert 0.95 / 0.86 <= lower_bound(straight).T < 0.95 / 0.86 + 2e-3
+
+
 def test_wall_in_the_way_of_a_swing_makes_it_no_shorter() -> None:
     case = swing_cases()[0]
     free = case.problem()

@@ -166,7 +166,8 @@ def durations(E: Array, bend: Array, h: float, slope: Slope) -> Array:
     top = 0.5 * slope.arm.velocity**2
     low, high = np.minimum(E[1:], E[:-1]), np.maximum(E[1:], E[:-1])
     # Where the speed limit is reached it may have been reached before.
-    low = np.where((E[1:] >= top) & (low > -np.inf), top, low)
+    fast = E[1:] >= top * (1.0 - 1e-9)
+    low = np.where(fast & (low > -np.inf), top, low)
     v, w = (np.sqrt(2.0 * np.maximum(x, 0.0)) for x in (low, high))
     bulge = 0.5 * h**2 * bend
     if not slope.backwards:
