@@ -8,8 +8,15 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.direct_solve import first_program
+from tominpmp.planner.progress import Progress
+from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# What "auto" comes to.
+RESOLVED = {"method": "inverse", "lp_solver": "piqp"}
 
 
 def planar():
@@ -64,3 +71,18 @@ def test_a_short_time_limit_leaves_a_verified_motion():
 
     solution = tm.plan(problem, callback=late)
     assert solution.success
+
+
+def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
+    """Time ended before its replay, and the solution was called a success."""
+    problem = planar()
+    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    search = CoarseSearch(system, options, Progress(options), torques=True)
+    rough = search.rough(guess)
+
+    def stopped(*_, **__):
+        raise Stop(requested=False)
+
+    monkeypatch.setattr(Attempt, "verified", stopped)
+    assert not search._replayed(rough).found

@@ -264,6 +264,8 @@ class CoarseSearch:
                 motion = program.trajectory(program.stretch(iterate.z, factor))
                 slower = replace(attempt, trajectory=motion, layout=None)
                 attempt = slower.verified(self.system.problem, self.options)
+        if attempt.verification is None:
+            return replace(attempt, unconfirmed=True)  # there was no time for it
         return attempt
 
     def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Attempt]:
