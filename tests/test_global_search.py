@@ -111,3 +111,11 @@ def test_a_motion_at_its_lower_bound_is_not_searched_on_from(monkeypatch):
     monkeypatch.setattr(search, "bumps", none)
     case = all_cases()["rail"]
     assert tm.plan(case.problem()).T < 1.002 * case.minimum
+
+
+def test_a_thorough_search_is_exact_on_two_links_and_keeps_to_its_time():
+    case = all_cases()["vertical rods, friction"]
+    solution = tm.plan(case.problem(), effort="thorough", max_planning_time=30.0)
+    assert solution.success
+    assert solution.T < 1.001 * case.minimum
+    assert solution.planning_time < 1.1 * 30.0 + 0.2

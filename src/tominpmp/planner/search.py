@@ -165,10 +165,12 @@ class Search:
     def promising(self) -> bool:
         """Whether there may be a motion that is a good deal faster."""
         system, best = self.system, self.progress.best
-        if system.final_configuration is None or best == np.inf:
+        if system.final_configuration is None:
             return False
         if system.alone and system.n > FEW_JOINTS:
             return False
+        if best == np.inf:
+            return system.alone  # among obstacles all guesses were tried
         return best > (1.0 + GAP) * self.progress.lower_bound(system.problem).T
 
     def _further(self, first: Guess) -> Iterator[Guess]:
