@@ -52,19 +52,21 @@ def _smooth_time(arm: OneJoint, q: Array, v: Array) -> float:
     dry = side * arm.friction
     up = (arm.effort[1] - constant + wave - dry) / arm.mass
     down = (constant + wave + dry - arm.effort[0]) / arm.mass
-    up, down = min(up, arm.acceleration), min(down, arm.acceleration)
     if min(up, down) <= 0.0:
         return 0.0
-    way, strongest = float(q[1] - q[0]), max(up, down)
-    speed = float(max(abs(v)))
+    way, speed = float(q[1] - q[0]), float(max(abs(v)))
 
     def least(T: float) -> float:
         """Least time of motions that take no longer than T."""
-        fastest = min(arm.velocity, speed + strongest * T)
-        # Torque follows speed and place as fast as that.
-        drift = arm.damping * strongest + wave * fastest
+        push = min(up if side > 0.0 else down, arm.acceleration)
+        fastest = min(arm.velocity, speed + push * T)
+        # Viscous friction helps to brake, and torque follows speed and place.
+        helped = arm.damping * fastest / arm.mass
+        both = (up, down + helped) if side > 0.0 else (up + helped, down)
+        both = min(both[0], arm.acceleration), min(both[1], arm.acceleration)
+        drift = arm.damping * max(both) + wave * fastest
         jerk = min(arm.jerk, (arm.effort_rate + drift) / arm.mass)
-        return jerk_limited_time(way, v, arm.velocity, (up, down), jerk)
+        return jerk_limited_time(way, v, arm.velocity, both, jerk)
 
     low, high = 0.0, least(0.0)
     if least(high) >= high:
