@@ -241,6 +241,33 @@ class RobotKinematics:
             a_v,
         )
 
+    def spatial_state(
+        self, q: Array, v: Array, a: Array, frame: str
+    ) -> tuple[Array, Array, Array]:
+        """Those of :meth:`spatial_motion` without derivatives, which is quicker.
+
+        Returns:
+            Orientation frame_to_world, shape (3, 3), spatial velocity and spatial
+            acceleration, shape (6,) each.
+        """
+        robot, data = self.robot, self._data
+        pin.forwardKinematics(
+            robot.model,
+            data,
+            robot.expand(q),
+            robot.expand_tangent(v),
+            robot.expand_tangent(a),
+        )
+        index, local = robot.frame_id(frame), pin.ReferenceFrame.LOCAL
+        placement = pin.updateFramePlacement(robot.model, data, index)
+        speed = pin.getFrameVelocity(robot.model, data, index, local)
+        spatial = pin.getFrameAcceleration(robot.model, data, index, local)
+        return (
+            np.array(placement.rotation),
+            np.array(speed.vector),
+            np.array(spatial.vector),
+        )
+
     def reach(self, frame: str | None = None) -> float:
         """Upper bound on the distance of a frame from the base, at any q [m].
 

@@ -58,6 +58,18 @@ class HeldLoad(FrameConstraint):
         """Weight of the load on earth [N]."""
         return self.mass * STANDARD_GRAVITY
 
+    def _body(self) -> Array:
+        """Spatial inertia at the frame, shape (6, 6)."""
+        tensor = np.zeros((3, 3)) if self.inertia is None else self.inertia
+        return np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
+
+    def wrench_alone(self, q: Array, v: Array, a: Array) -> Array:
+        """That of :meth:`wrench` without derivatives, shape (6,)."""
+        kinematics, body = self.kinematics, self._body()
+        rotation, speed, felt = kinematics.spatial_state(q, v, a, self.frame)
+        felt[:3] -= rotation.T @ kinematics.robot.model.gravity.linear
+        return np.asarray(body @ felt + _force_cross(speed) @ (body @ speed))
+
     def wrench(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, tuple[Array, Array, Array]]:
@@ -72,8 +84,7 @@ class HeldLoad(FrameConstraint):
             Force above moment, shape (6,) [N, N m], and its derivatives by q, v and a,
             shape (6, n) each.
         """
-        tensor = np.zeros((3, 3)) if self.inertia is None else self.inertia
-        body = np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
+        body = self._body()
         motion = self.kinematics.spatial_motion(q, v, a, self.frame)
         gravity = self.kinematics.robot.model.gravity.linear
         fall = np.asarray(motion.rotation.T @ gravity)
@@ -151,13 +162,12 @@ class StableContact(HeldLoad):
         if pull != 0.0:
             pull = positive(pull, "adhesion", "N")
         object.__setattr__(self, "adhesion", float(pull))
-        if self.support is None:
-            return
-        if is_single(self.support):
+        if is_single(self.support) and self.support is not None:
             radius = positive(self.support, "support", "m")
             object.__setattr__(self, "support", radius)
-            return
-        object.__setattr__(self, "support", frozen_array(_polygon(self.support)))
+        elif self.support is not None:
+            object.__setattr__(self, "support", frozen_array(_polygon(self.support)))
+        object.__setattr__(self, "_edges", _edges_of(self.corners))
 
     @property
     def corners(self) -> Array:
@@ -174,19 +184,10 @@ class StableContact(HeldLoad):
         """One for slipping, and one for each edge."""
         return 1 + len(self.corners)
 
-    def _edges(self) -> tuple[Array, Array]:
-        """Moments about the edges, (k, 6) from wrenches, and lengths to divide by."""
-        corners = self.corners
-        along = np.roll(corners, -1, axis=0) - corners
-        inward = np.column_stack([-along[:, 1], along[:, 0]])
-        inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
-        offset = np.sum(inward * corners, axis=1)
-        # The centre of pressure is (-m_y, m_x) / f_z; inside it is in.p >= offset.
-        rows = np.zeros((len(corners), 6))
-        rows[:, 2] = offset
-        rows[:, 3], rows[:, 4] = -inward[:, 1], inward[:, 0]
-        middle = corners.mean(axis=0) if len(corners) else np.zeros(2)
-        return rows, inward @ middle - offset
+    @property
+    def _moments(self) -> tuple[Array, Array]:
+        found: tuple[Array, Array] = self.__dict__["_edges"]
+        return found
 
     def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """What is missing to hold the load, in shares of its weight."""
@@ -194,26 +195,35 @@ class StableContact(HeldLoad):
         weight, mu = self.weight, self.friction
         force, most = w[:2], mu * (w[2] + self.adhesion)
         size = float(np.sqrt(2.0 * (force @ force + most**2)))
-        slips = (size - 2.0 * most) / weight
         along = np.zeros(6)
         along[:2] = 2.0 * force / max(size, 1e-300)
         along[2] = (2.0 * most / max(size, 1e-300) - 2.0) * mu
-        rows, room = self._edges()
+        rows, room = self._moments
         length = weight * np.maximum(room, 1e-6)
-        tips = (rows @ w - self.adhesion * room) / length
         by_wrench = np.vstack([along / weight, rows / length[:, None]])
         by_q, by_v, by_a = (by_wrench @ part for part in by)
-        return np.append(slips, tips), by_q, by_v, by_a
+        return self._rows_of(w), by_q, by_v, by_a
+
+    def values(self, q: Array, v: Array, a: Array) -> Array:
+        """The same without derivatives."""
+        return self._rows_of(self.wrench_alone(q, v, a))
+
+    def _rows_of(self, w: Array) -> Array:
+        most = self.friction * (w[2] + self.adhesion)
+        size = float(np.sqrt(2.0 * (w[:2] @ w[:2] + most**2)))
+        return np.append(size - 2.0 * most, self._tipping(w)) / self.weight
+
+    def _tipping(self, w: Array) -> Array:
+        """How far each edge is from holding the moment about it [N], shape (k,)."""
+        rows, room = self._moments
+        return np.asarray((rows @ w - self.adhesion * room) / np.maximum(room, 1e-6))
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """What is missing to hold the load, in shares of its weight, at least zero."""
-        w, _ = self.wrench(q, v, a)
-        grip = self.friction * (w[2] + self.adhesion)
-        slips = (float(np.hypot(w[0], w[1])) - grip) / self.weight
-        rows, room = self._edges()
-        length = self.weight * np.maximum(room, 1e-6)
-        tips = (rows @ w - self.adhesion * room) / length
-        return float(max(0.0, slips, np.max(tips, initial=0.0)))
+        w = self.wrench_alone(q, v, a)
+        slips = float(np.hypot(w[0], w[1])) - self.friction * (w[2] + self.adhesion)
+        tips = float(np.max(self._tipping(w), initial=0.0))
+        return float(max(0.0, slips, tips) / self.weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,15 +286,42 @@ class FirmGrasp(HeldLoad):
     def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """Force across the axis, and moment about it over the radius [N]."""
         w, by = self.wrench(q, v, a)
-        rows = np.zeros((4, 6))
-        rows[:3, :3] = np.eye(3) - np.outer(self.axis, self.axis)
-        rows[3, 3:] = self.axis / self.pad_radius
+        rows = self._across()
         by_q, by_v, by_a = (rows @ part for part in by)
         return rows @ w, by_q, by_v, by_a
 
+    def _across(self) -> Array:
+        """What friction has to hold of a wrench, shape (4, 6)."""
+        rows = np.zeros((4, 6))
+        rows[:3, :3] = np.eye(3) - np.outer(self.axis, self.axis)
+        rows[3, 3:] = self.axis / self.pad_radius
+        return rows
+
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """Force that friction has to hold [N]."""
-        return float(np.linalg.norm(self.vector(q, v, a)[0]))
+        return float(np.linalg.norm(self._across() @ self.wrench_alone(q, v, a)))
+
+
+def _edges_of(corners: Array) -> tuple[Array, Array]:
+    """Moments about the edges of a support that tip a load.
+
+    Args:
+        corners: Counter-clockwise, shape (k, 2) [m].
+
+    Returns:
+        Matrix from wrenches to the moments, shape (k, 6), and the distances of the
+        edges from the middle of the support, shape (k,) [m].
+    """
+    along = np.roll(corners, -1, axis=0) - corners
+    inward = np.column_stack([-along[:, 1], along[:, 0]])
+    inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
+    offset = np.sum(inward * corners, axis=1)
+    # The centre of pressure is (-m_y, m_x) / f_z; inside it is in.p >= offset.
+    rows = np.zeros((len(corners), 6))
+    rows[:, 2] = offset
+    rows[:, 3], rows[:, 4] = -inward[:, 1], inward[:, 0]
+    middle = corners.mean(axis=0) if len(corners) else np.zeros(2)
+    return rows, inward @ middle - offset
 
 
 def _polygon(given: object) -> Array:
