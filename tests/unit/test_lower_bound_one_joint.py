@@ -78,6 +78,23 @@ def test_torque_rates_and_jerks_bend_the_motions_of_rails() -> None:
     assert 0.9 * both < viscous
 
 
+def test_friction_helps_to_brake_a_mass_that_hardly_holds_itself() -> None:
+    """With 27.8 N for 27.4 N of weight: lifted and falling, beside planned motions."""
+    robot = make_arm(
+        slide(27.4 / 9.81, (0.0, 1.0, 0.0)),
+        effort=27.834,
+        gravity=DOWNWARD,
+        damping=0.824,
+        position_lower=-1e3,
+        position_upper=1e3,
+    )
+    limits = MotionLimits(effort_rate=274.0, jerk=210.0)
+    for way, planned in ((1.0, 4.41801), (-1.0, 3.14443)):
+        goal = JointGoal(np.array([way]))
+        found = lower_bound(Problem(robot, np.zeros(1), goal, motion_limits=limits)).T
+        assert 0.95 * planned < found < planned
+
+
 def test_torque_over_speed_gives_the_time_by_quadrature() -> None:
     droop = EffortCurve.droop(FORCE, 1.4)
     limits = MotionLimits(effort_curves={"joint1": droop})
