@@ -24,8 +24,9 @@ from tominpmp.stopping import check, due, seconds_left
 # Bounds beyond this are none, for solvers that have no infinity.
 HUGE = 1e30
 # Iterations of PIQP at most. It needs 18 to 30; where it has not ended by then, it
-# seldom does before its own limit of 250, and the simplex method is faster.
-PIQP_ITERATIONS = 60
+# seldom does before its own limit of 250, and the simplex method is faster; not for
+# programs of many columns, of which it needs thousands of pivots and seconds.
+PIQP_ITERATIONS, PIQP_MOST_ITERATIONS, MANY_COLUMNS = 60, 250, 1000
 # What solvers behind qpsolvers call their limit on time [s].
 TIME_LIMITS = {
     "clarabel": "time_limit",
@@ -259,8 +260,11 @@ class PiqpSolver(LpSolver):
 
     def _limit(self) -> None:
         """Bound the iterations by the time that is left: PIQP has no limit on time."""
-        settings, left = self._solver.settings, seconds_left()
-        settings.max_iter = PIQP_ITERATIONS
+        settings, left, program = self._solver.settings, seconds_left(), self._program
+        assert program is not None  # noqa: S101
+        many = program.cost.size > MANY_COLUMNS
+        most = PIQP_MOST_ITERATIONS if many else PIQP_ITERATIONS
+        settings.max_iter = most
         if np.isinf(left):
             return
         if self._pace == 0.0:
@@ -271,7 +275,7 @@ class PiqpSolver(LpSolver):
             self._pace = time.perf_counter() - begin
             check()
             left = seconds_left()
-        allowed = int(min(left / max(self._pace, 1e-9), PIQP_ITERATIONS))
+        allowed = int(min(left / max(self._pace, 1e-9), most))
         settings.max_iter = max(allowed, 1)
 
 
