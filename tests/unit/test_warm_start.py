@@ -23,7 +23,7 @@ def free(planar3r):
 @pytest.fixture(scope="module")
 def stepped(free):
     """The same with constant accelerations on the intervals."""
-    return tm.plan(free.problem, tm.Options(control="constant"))
+    return tm.plan(free.problem, tm.Options(control="constant", refine=None))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_the_motion_is_taken_over_to_the_last_bit(stepped):
 
 @pytest.mark.parametrize("control", ["linear", "spline"])
 def test_splines_are_taken_over(free, control):
-    options = tm.Options(control=control, intervals=24)
+    options = tm.Options(control=control, intervals=24, refine=None)
     solution = tm.plan(free.problem, options)
     system = ProblemFunctions.of(free.problem)
     guess = warm_start(system, solution.trajectory)
