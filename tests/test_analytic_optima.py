@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,9 +55,13 @@ GRIDS = {
 
 
 @cache
-def planned(family: str, name: str, method: str, intervals: int) -> tm.Solution:
+def planned(
+    family: str, name: str, method: str, intervals: int, refine: Any = "auto"
+) -> tm.Solution:
     """The library's solution."""
-    options = tm.Options(method=method, intervals=intervals, grid=GRIDS[family])
+    options = tm.Options(
+        method=method, intervals=intervals, grid=GRIDS[family], refine=refine
+    )
     return tm.plan(CASES[family][name].problem(), options)
 
 
@@ -305,7 +310,7 @@ def test_halving_the_intervals(
 ) -> None:
     case = CASES[family][name]
     coarse, fine = (
-        excess(case, planned(family, name, "inverse", intervals).T)
+        excess(case, planned(family, name, "inverse", intervals, None).T)
         for intervals in (INTERVALS // 2, INTERVALS)
     )
     assert lower < fine / coarse < upper

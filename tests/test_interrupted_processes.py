@@ -54,8 +54,9 @@ PLAN = """
         problem = tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=tm.Scene([ball]))
         limit = float(sys.argv[1]) or None
         if limit is not None:  # to start processes takes its time
-            tm.plan(problem, processes=2, starts=2)
+            tm.plan(problem, processes=2, starts=2, intervals=20)
         solution = tm.plan(problem, processes=2, starts=40, callback=tell,
+                           intervals=20,  # whose starts are not judged first
                            max_planning_time=limit, tolerance=1e-9)
         print(json.dumps([solution.status.name, bool(solution), solution.T]))
 """
@@ -74,7 +75,7 @@ COMMAND = """
 """
 ASKED = (
     "plan planar3r --start 0.5 1.7 -1.7 --goal-position tip 4 1 0 --processes 2 "
-    "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 -o motion.csv"
+    "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 --intervals 20 -o motion.csv"
 ).split()
 
 

@@ -126,7 +126,8 @@ def test_one_replay_and_few_programs(ur5, calls, period):
 
 
 def test_without_a_clock_the_motion_itself_is_replayed(ur5, calls):
-    solution = tm.plan(ur5_problem(ur5, motion_limits=LIMITS), intervals=20)
+    problem = ur5_problem(ur5, motion_limits=LIMITS)
+    solution = tm.plan(problem, intervals=20, refine=None)
     assert solution.verification.ok
     assert (calls.search, calls.clock) == (1, 0)
 
@@ -210,8 +211,8 @@ def test_a_replay_put_off_that_fails_begins_the_search_again(
     solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert solution.success and solution.verification.ok
     assert calls.search >= 1
-    # Two tries on the clock and the motion without, then with replays of the search.
-    assert seen[:3] == [0, 0, 0] and all(seen[3:])
+    # Two tries on the clock and motions without, then with replays of the search.
+    assert seen[:3] == [0, 0, 0] and seen == sorted(seen) and seen[-1] > 0
     assert solution.planning_time >= solution.verification.seconds
 
 

@@ -189,7 +189,9 @@ def test_no_time_at_all_is_told():
     problem = tm.Problem(tm.load_robot("planar3r"), START, REACH, scene=OBSTACLE)
     solution = tm.plan(problem, tm.Options(max_planning_time=1e-6))
     assert solution.status is tm.Status.TIME_LIMIT
-    assert not solution.success and solution.iterations <= 1
+    assert solution.iterations <= 1
+    # What planning began with is a motion, slowed down, or there is none.
+    assert not solution.success or solution.verification.ok
 
 
 def test_interruption_returns_a_solution(planar3r):
