@@ -164,21 +164,8 @@ class RobotKinematics:
             a: Accelerations, shape (n,).
             frame: Name of the frame.
         """
-        robot, data = self.robot, self._data
-        pin.forwardKinematics(
-            robot.model,
-            data,
-            robot.expand(q),
-            robot.expand_tangent(v),
-            robot.expand_tangent(a),
-        )
-        found = pin.getFrameClassicalAcceleration(
-            robot.model,
-            data,
-            robot.frame_id(frame),
-            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-        )
-        return np.asarray(found.linear).copy()
+        rotation, velocity, acceleration = self.spatial_state(q, v, a, frame)
+        return np.asarray(rotation @ _of_origin(velocity, acceleration))
 
     def accelerated_motion(
         self, q: Array, v: Array, a: Array, frame: str
@@ -197,8 +184,8 @@ class RobotKinematics:
         """
         m = self.spatial_motion(q, v, a, frame)
         linear, turning = m.velocity[:3], m.velocity[3:]
-        # Of the origin itself: R (a + w x v), and R turns with q by R dR = v_v[3:].
-        own = m.acceleration[:3] + np.cross(turning, linear)
+        own = _of_origin(m.velocity, m.acceleration)
+        # Of R own, where R turns with q by R dR = v_v[3:].
         w, x = pin.skew(turning), pin.skew(linear)
         by_q = m.a_q[:3] + w @ m.v_q[:3] - x @ m.v_q[3:] - pin.skew(own) @ m.v_v[3:]
         by_v = m.a_v[:3] + w @ m.v_v[:3] - x @ m.v_v[3:]
@@ -228,18 +215,7 @@ class RobotKinematics:
         v_q, a_q, a_v, v_v = (
             robot.reduce_tangent(np.reshape(part, (6, -1))) for part in parts
         )
-        placement = pin.updateFramePlacement(robot.model, data, index)
-        speed = pin.getFrameVelocity(robot.model, data, index, local)
-        spatial = pin.getFrameAcceleration(robot.model, data, index, local)
-        return SpatialMotion(
-            np.array(placement.rotation),
-            np.array(speed.vector),
-            np.array(spatial.vector),
-            v_q,
-            v_v,
-            a_q,
-            a_v,
-        )
+        return SpatialMotion(*self._spatial(index), v_q, v_v, a_q, a_v)
 
     def spatial_state(
         self, q: Array, v: Array, a: Array, frame: str
@@ -258,10 +234,14 @@ class RobotKinematics:
             robot.expand_tangent(v),
             robot.expand_tangent(a),
         )
-        index, local = robot.frame_id(frame), pin.ReferenceFrame.LOCAL
-        placement = pin.updateFramePlacement(robot.model, data, index)
-        speed = pin.getFrameVelocity(robot.model, data, index, local)
-        spatial = pin.getFrameAcceleration(robot.model, data, index, local)
+        return self._spatial(robot.frame_id(frame))
+
+    def _spatial(self, index: int) -> tuple[Array, Array, Array]:
+        """Orientation, velocity and acceleration of a frame that were computed."""
+        model, data, local = self.robot.model, self._data, pin.ReferenceFrame.LOCAL
+        placement = pin.updateFramePlacement(model, data, index)
+        speed = pin.getFrameVelocity(model, data, index, local)
+        spatial = pin.getFrameAcceleration(model, data, index, local)
         return (
             np.array(placement.rotation),
             np.array(speed.vector),
@@ -295,6 +275,11 @@ class RobotKinematics:
             for item in model.frames
         ]
         return max(far) if frame is None else far[self.robot.frame_id(frame)]
+
+
+def _of_origin(velocity: Array, acceleration: Array) -> Array:
+    """Acceleration of the origin itself, of spatial ones: a + w x v, shape (3,)."""
+    return np.asarray(acceleration[:3] + np.cross(velocity[3:], velocity[:3]))
 
 
 def prismatic_joints(robot: Robot) -> BoolArray:

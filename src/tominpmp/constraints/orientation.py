@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
-from tominpmp.constraints.upright import LEAST_SCALE, KeepUpright
+from tominpmp.constraints.path import frame_name
+from tominpmp.constraints.upright import FrameAngle, KeepUpright
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.scene import rotation_matrix
 
@@ -38,7 +38,7 @@ class AxisFixed(KeepUpright):
 
 
 @dataclass(frozen=True, eq=False)
-class KeepOrientation(FrameConstraint):
+class KeepOrientation(FrameAngle):
     """A frame keeps an orientation, at all times.
 
     Attributes:
@@ -56,8 +56,6 @@ class KeepOrientation(FrameConstraint):
     tolerance: float = 0.01
 
     quantity = "turn"
-    order = 0
-    unit = "rad"
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -68,18 +66,7 @@ class KeepOrientation(FrameConstraint):
             words = str(error).replace("obstacle '': ", "")
             raise ProblemError(words, "rotation") from error
         object.__setattr__(self, "rotation", frozen_array(rotation))
-        angle = positive(self.tolerance, "tolerance", self.unit, most=np.pi)
-        object.__setattr__(self, "tolerance", angle)
-
-    @property
-    def largest(self) -> float:
-        """The tolerance."""
-        return self.tolerance
-
-    @property
-    def scale(self) -> float:
-        """The tolerance, or a small angle if it is less."""
-        return max(self.tolerance, LEAST_SCALE)
+        self._check_tolerance()
 
     def _turn(self, q: Array) -> Array:
         place = self.kinematics.placement(q, self.frame)

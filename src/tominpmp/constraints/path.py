@@ -200,6 +200,22 @@ class FrameConstraint(PathConstraint):
         robot.frame_id(self.frame)
 
 
+class FrameLimit(FrameConstraint):
+    """A quantity of a frame below its field ``limit``."""
+
+    limit: float
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        frame_name(self.frame)
+        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
+
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return self.limit
+
+
 def rounded(length: Array, limit: float) -> Array:
     """Lengths beyond a limit, rounded off about zero where they have a kink.
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.constraints.path import FrameLimit
 
 
 @dataclass(frozen=True, eq=False)
-class ToolAcceleration(FrameConstraint):
+class ToolAcceleration(FrameLimit):
     """The origin of a frame accelerates no more than a limit, at all times.
 
     Attributes:
@@ -28,16 +28,6 @@ class ToolAcceleration(FrameConstraint):
     quantity = "acceleration"
     order = 2
     unit = "m/s^2"
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        frame_name(self.frame)
-        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
-
-    @property
-    def largest(self) -> float:
-        """The limit."""
-        return self.limit
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The acceleration [m/s^2]."""

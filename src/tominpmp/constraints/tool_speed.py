@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.constraints.path import FrameLimit
 
 NONE = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
-class ToolSpeed(FrameConstraint):
+class ToolSpeed(FrameLimit):
     """The origin of a frame moves no faster than a limit, at all times.
 
     Attributes:
@@ -31,16 +31,6 @@ class ToolSpeed(FrameConstraint):
     order = 1
     curable = True
     unit = "m/s"
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        frame_name(self.frame)
-        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
-
-    @property
-    def largest(self) -> float:
-        """The limit."""
-        return self.limit
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The speed [m/s]."""

@@ -18,8 +18,36 @@ NONE = np.zeros(0)
 LEAST_SCALE = 0.05
 
 
+class FrameAngle(FrameConstraint):
+    """An angle of a frame below its field ``tolerance``."""
+
+    tolerance: float
+
+    order = 0
+    unit = "rad"
+
+    def _check_tolerance(self) -> None:
+        """Check the tolerance.
+
+        Raises:
+            ProblemError: If it is no angle above zero.
+        """
+        angle = positive(self.tolerance, "tolerance", self.unit, most=np.pi)
+        object.__setattr__(self, "tolerance", angle)
+
+    @property
+    def largest(self) -> float:
+        """The tolerance."""
+        return self.tolerance
+
+    @property
+    def scale(self) -> float:
+        """The tolerance, or a small angle if it is less."""
+        return max(self.tolerance, LEAST_SCALE)
+
+
 @dataclass(frozen=True, eq=False)
-class KeepUpright(FrameConstraint):
+class KeepUpright(FrameAngle):
     """An axis of a frame stays within a cone about a direction, at all times.
 
     The frame may turn about the axis in any way.
@@ -40,8 +68,6 @@ class KeepUpright(FrameConstraint):
     tolerance: float = 0.1
 
     quantity = "tilt"
-    order = 0
-    unit = "rad"
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -58,18 +84,7 @@ class KeepUpright(FrameConstraint):
             if abs(float(vector @ vector) - 1.0) > 4e-16:
                 vector = vector / np.linalg.norm(vector)
             object.__setattr__(self, name, frozen_array(vector))
-        angle = positive(self.tolerance, "tolerance", self.unit, most=np.pi)
-        object.__setattr__(self, "tolerance", angle)
-
-    @property
-    def largest(self) -> float:
-        """The tolerance."""
-        return self.tolerance
-
-    @property
-    def scale(self) -> float:
-        """The tolerance, or a small angle if it is less."""
-        return max(self.tolerance, LEAST_SCALE)
+        self._check_tolerance()
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The angle [rad]."""
