@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from constraint_samples import check_terms_against_differences
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
@@ -56,23 +57,7 @@ def ur5():
 
 @pytest.mark.parametrize("item", ITEMS)
 def test_derivatives_against_differences(item, ur5):
-    item = item.on(ur5)
-    rng = np.random.default_rng(4)
-    step = 1e-6
-    for _ in range(5):
-        state = [rng.uniform(-2, 2, 6) for _ in range(3)]
-        values, *parts = item.terms(*state)
-        assert values.shape == (item.count,)
-        for place, part in enumerate(parts):
-            for j in range(6):
-                ends = []
-                for sign in (1.0, -1.0):
-                    moved = [x.copy() for x in state]
-                    moved[place][j] += sign * step
-                    ends.append(item.terms(*moved)[0])
-                slope = (ends[0] - ends[1]) / (2 * step)
-                size = max(1.0, float(np.abs(slope).max()))
-                assert part[:, j] == pytest.approx(slope, abs=3e-6 * size)
+    check_terms_against_differences(item.on(ur5), 5, 3e-6)
 
 
 @pytest.mark.parametrize("item", ITEMS)
