@@ -63,6 +63,7 @@ class Deadline:
         self.heeded = False
         self._asked = asked
         self._next = 0.0
+        self._set_aside = False
 
     @property
     def due(self) -> bool:
@@ -77,6 +78,11 @@ class Deadline:
                 self.requested = self.heeded = True
                 return True
         return now > self.end
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether somebody asked to stop, be it before a time of grace began."""
+        return self.requested or self._set_aside
 
     def check(self) -> None:
         """Stop if it is time.
@@ -105,12 +111,13 @@ class Deadline:
         Args:
             until: The deadline, on the clock of ``time.perf_counter`` [s].
         """
-        before = self.end, self.requested, self._asked
+        before = self.end, self.requested, self._asked, self._set_aside
+        self._set_aside = self.interrupted
         self.end, self.requested, self._asked = until, False, None
         try:
             yield
         finally:
-            end, requested, self._asked = before
+            end, requested, self._asked, self._set_aside = before
             self.end, self.requested = end, self.requested or requested
 
     @contextmanager

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 import pytest
 from parallel_work import square, wait_and_tell
 
 import tominpmp as tm
+from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.multistart import _SourceOfMany
+from tominpmp.planner.progress import Progress
 from tominpmp.stopping import Deadline, Stop
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 def deadline_of(seconds: float, end: float) -> Deadline:
@@ -57,6 +63,34 @@ def test_a_plan_in_two_processes_ends_in_time() -> None:
     spent = time.perf_counter() - begin
     assert solution.status is tm.Status.TIME_LIMIT
     assert spent < 1.1 * limit + 0.2 + 1.5  # processes may have to wait for a core
+
+
+def ended_by_request() -> Attempt:
+    """What a process hands over that was asked to stop."""
+    goal = tm.JointGoal((0.6, 1.7, -1.7))
+    problem = tm.Problem(tm.load_robot("planar3r"), (0.5, 1.7, -1.7), goal)
+    motion = tm.plan(problem, effort="quick", refine=None).trajectory
+    asked = tm.Status.INTERRUPTED
+    return Attempt("a start", asked, True, motion, motion, violations={}, history=())
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
+    asked: bool,
+) -> None:
+    options = tm.Options(processes=2)
+    progress = Progress(options)
+    system = ProblemFunctions.of(reach())
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    source = _SourceOfMany(system, options, progress, iter(()))
+    source.results = {0: (ended_by_request(), []), 1: (ended_by_request(), [])}
+    progress.deadline.requested = asked
+    with progress.deadline.grace(float("inf")):
+        first = source.solve(0, guess)
+        others = source.left()
+    expected = tm.Status.INTERRUPTED if asked else tm.Status.TIME_LIMIT
+    assert first is not None
+    assert [attempt.status for attempt in (first, *others)] == [expected] * 2
 
 
 def test_processes_are_not_started_where_there_is_no_time_for_it(

@@ -38,6 +38,7 @@ from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.search import Remembered, Search
 from tominpmp.planner.torque_starts import SHOOTING, shots
+from tominpmp.status import Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -298,21 +299,32 @@ class _SourceOfMany(_Source):
             if following is None:
                 raise Stop(requested=False)  # it was late, and is not waited for
             self.results[self.first + following[0]] = following[1]
-        attempt, failures = self.results[number]
+        attempt, failures = self.results.pop(number)
         self.progress.failures.extend(failures)
         if attempt is not None:
             self.progress.replay(attempt.history)
             if attempt.verification is not None:
                 self.progress.replayed(attempt.verification.seconds)
-        del self.results[number]
-        return attempt
+        return self._as_here(attempt)
 
     def left(self) -> list[Attempt]:
         """Attempts that were made and not asked for, the fastest first."""
         for number, result in self.run:
             self.results[self.first + number] = result
-        made = [attempt for attempt, _ in self.results.values() if attempt is not None]
-        return sorted(made, key=lambda attempt: attempt.duration)
+        made = [self._as_here(attempt) for attempt, _ in self.results.values()]
+        found = [attempt for attempt in made if attempt is not None]
+        return sorted(found, key=lambda attempt: attempt.duration)
+
+    def _as_here(self, attempt: Attempt | None) -> Attempt | None:
+        """An attempt of a process with the reason why it ended.
+
+        A process is asked to stop at the end of the time, too: nobody interrupted the
+        planning then.
+        """
+        asked = attempt is not None and attempt.status is Status.INTERRUPTED
+        if attempt is None or not asked or self.progress.deadline.interrupted:
+            return attempt
+        return replace(attempt, status=Status.TIME_LIMIT)
 
 
 _Result = tuple[Attempt | None, list[Exception]]
