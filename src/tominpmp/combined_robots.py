@@ -67,7 +67,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     }
     model = build_model(description, locked)
     followers = Linkage.resolve(description.joints, locked).followers
-    joint_names, *ties = expansion(model, followers)
+    joint_names, *ties = expansion(model, followers, description.order)
     table = _joined_table(robots, joint_names)
     robot = Robot(
         name=description.name,

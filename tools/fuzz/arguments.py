@@ -163,7 +163,7 @@ def robot_cases(world: World) -> dict[str, Case]:
         "velocity": np.ones(3), "effort_lower": -np.ones(3), "effort_upper": np.ones(3),
     }  # fmt: skip
     return {
-        "load_robot": (tm.load_robot, {"name_or_path": "planar3r", **loading}),
+        "load_robot": (tm.load_robot, {"source": "planar3r", **loading}),
         "with_changes": (robot.with_changes, values),
         "with_payload": (
             robot.with_payload,

@@ -139,6 +139,23 @@ def joined(
         path=first.path,
         package_dirs=tuple(dict.fromkeys(folders)),
         parts=tuple(parts),
+        order=_joined_order(parts),
+        meshes=tuple(
+            {k: v for one, _ in parts.values() for k, v in one.meshes}.items()
+        ),
+    )
+
+
+def _joined_order(
+    parts: Mapping[str, tuple[UrdfDescription, pin.SE3]],
+) -> tuple[str, ...]:
+    """Order of the joints of all robots; none where none has one of its own."""
+    if not any(description.order for description, _ in parts.values()):
+        return ()
+    return tuple(
+        f"{part}/{joint}"
+        for part, (description, _) in parts.items()
+        for joint in description.order or joint_order(description.xml)
     )
 
 
@@ -180,6 +197,11 @@ def _origin(element: Element, placement: pin.SE3) -> None:
     write_numbers(origin, "xyz", placement.translation.tolist())
     # Exact to rounding also where the pitch is a right angle.
     write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
+
+
+def joint_order(xml: str) -> tuple[str, ...]:
+    """Names of the joints in the order that Pinocchio's model of a text has."""
+    return tuple(pin.buildModelFromXML(xml).names)[1:]
 
 
 def stack_parts(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element, fromstring
 
 from tominpmp.description.urdf import JointDescription
@@ -199,12 +200,17 @@ def carrying_joints(xml: str, link: str) -> set[str]:
     return _path(_joints_above(fromstring(xml)), link)
 
 
+#: Name of a group, names of joints, or the first and the last link of a chain.
+Group: TypeAlias = "str | Sequence[str]"
+
+
 def group_locks(
     groups: JointGroups,
     states: Mapping[str, Mapping[str, float]],
     joints: Sequence[JointDescription],
-    group: str,
+    group: Group,
     locked: Mapping[str, float],
+    xml: str = "<robot/>",
 ) -> dict[str, float]:
     """Find where the joints outside a group are locked.
 
@@ -212,8 +218,10 @@ def group_locks(
         groups: The groups.
         states: Group states of the SRDF file, which say where joints rest.
         joints: All joints that can move.
-        group: Name of the group.
+        group: Name of the group; of a link, for the chain from the base to it; names of
+            joints, or of the links before and at the end of a chain.
         locked: Positions of joints that the caller locks [rad or m].
+        xml: The description, which says how links hang together.
 
     Returns:
         Positions by name of those, and of all joints outside the group: where a group
@@ -222,21 +230,67 @@ def group_locks(
     Raises:
         OptionsError: If there is no such group, or it has no joint.
     """
-    name = groups.find(group) if isinstance(group, str) else None
-    if name is None:
-        known = f"; the robot has: {', '.join(groups.groups)}"
-        if not groups.groups:
-            known = ": the robot has no SRDF file with groups; give one with srdf="
-        raise OptionsError(f"group: there is no group {brief(group)}{known}", "group")
-    found = groups.groups[name]
-    if not found.joints:
-        raise OptionsError(
-            f"group: the group {name!r} has no joint that the robot has", "group"
-        )
-    warn_of_group(name, found)
+    found = _asked_for(groups, joints, group, xml)
     outside = [j for j in joints if j.name not in found.joints and not j.mimic]
     resting = {joint.name: rest_position(joint, states) for joint in outside}
     return resting | dict(locked)
+
+
+def _asked_for(
+    groups: JointGroups, joints: Sequence[JointDescription], group: Group, xml: str
+) -> JointGroup:
+    """The group of a name, or one made of the joints that are meant."""
+    name = groups.find(group) if isinstance(group, str) else None
+    if name is not None:
+        found = groups.groups[name]
+        if not found.joints:
+            raise OptionsError(
+                f"group: the group {name!r} has no joint that the robot has", "group"
+            )
+        warn_of_group(name, found)
+        return found
+    own = _without_name(joints, group, xml)
+    if own is None:
+        raise OptionsError(_no_group(groups, group), "group")
+    if not own.joints:
+        raise OptionsError(f"group: no joint moves {brief(group)}", "group")
+    return own
+
+
+def _without_name(
+    joints: Sequence[JointDescription], group: object, xml: str
+) -> JointGroup | None:
+    """Joints that are named, or of a chain of links; None if neither."""
+    order = [joint.name for joint in joints]
+    above = _joints_above(fromstring(xml))
+    links = {*above, *(link for _, link in above.values())}
+    inside: set[str] | None = None
+    names: list[Any] = []
+    if isinstance(group, str):
+        inside = _path(above, group) if group in links else None
+    elif isinstance(group, Sequence | set | frozenset):
+        names = [item for item in group if isinstance(item, str)]
+        if len(names) == len(group) and names and {*names} <= {*order}:
+            inside = set(names)
+        elif len(names) == len(group) == 2 and {*names} <= links:
+            inside = _path(above, names[0]) ^ _path(above, names[1])
+    if inside is None:
+        return None
+    return JointGroup(tuple(joint for joint in order if joint in inside))
+
+
+def _no_group(groups: JointGroups, group: object) -> str:
+    known = f"; the robot has: {', '.join(groups.groups)}"
+    if not groups.groups:
+        known = ": the robot has no SRDF file with groups; give one with srdf="
+    close: list[str] = []
+    if isinstance(group, str):
+        close = difflib.get_close_matches(group, list(groups.groups), n=2)
+    hint = f"; did you mean {' or '.join(close)}?" if close else ""
+    return (
+        f"group: there is no group {brief(group)}{hint}{known}; or give the name of "
+        "the last link of a chain, two links (base, tip), or names of joints"
+    )
 
 
 def warn_of_group(name: str, found: JointGroup) -> None:
@@ -248,7 +302,7 @@ def warn_of_group(name: str, found: JointGroup) -> None:
         told.append("moves the base, which is planned for as standing still")
     if told:
         warnings.warn(
-            f"the group {name!r} {' and '.join(told)}", TominpmpWarning, stacklevel=5
+            f"the group {name!r} {' and '.join(told)}", TominpmpWarning, stacklevel=6
         )
 
 

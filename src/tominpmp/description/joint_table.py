@@ -117,7 +117,7 @@ class JointTable:
             velocity = joint.velocity if joint.velocity > 0 else math.nan
             effort = joint.effort if 0 < joint.effort < math.inf else math.nan
             limits = (joint.lower, joint.upper, velocity, -effort, effort)
-            rows.append((*limits, joint.damping, 0.0, joint.friction))
+            rows.append((*limits, joint.damping, joint.armature, joint.friction))
         table = np.array(rows, dtype=np.float64).reshape(len(rows), 8)
         return cls(
             joint_names=tuple(joint_names),
@@ -245,6 +245,7 @@ def _led(
         joint,
         damping=joint.damping + m**2 * follower.damping,
         friction=joint.friction + abs(m) * follower.friction,
+        armature=joint.armature + m**2 * follower.armature,
     )
     if m == 0.0:
         return joint

@@ -64,7 +64,7 @@ def _with_file(geometry: Any, where: str, context: XmlContext, find: Finder) -> 
         )
     if path.stat().st_size > MAX_MESH_BYTES:
         context.fail(f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes")
-    return replace(geometry, mesh=replace(mesh, filename=str(path)))
+    return replace(geometry, mesh=replace(mesh, filename=str(path.absolute())))
 
 
 def _with_texture(material: Any, name: str, find: Finder) -> Any:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from xml.etree.ElementTree import fromstring
+from tempfile import TemporaryDirectory
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -46,21 +48,45 @@ def build_geometry(
         RobotLoadError: If a mesh cannot be read.
     """
     full = _full_model(description)
+    with ExitStack() as stack:
+        xml = description.xml
+        if description.meshes:
+            folder = stack.enter_context(TemporaryDirectory(prefix="tominpmp-"))
+            xml = _with_files(description, Path(folder))
+        geometry = _read_geometry(full, description, xml, kind)
+    if locked:
+        _, geometry = pin.buildReducedModel(full, geometry, *_locks(full, locked))
+    return geometry
+
+
+def _with_files(description: UrdfDescription, folder: Path) -> str:
+    """The text of a description with the meshes that it carries in a folder."""
+    root = fromstring(description.xml)
+    carried = dict(description.meshes)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name in carried:
+            file = folder / name.rpartition(":")[2]
+            file.write_bytes(carried[name])
+            mesh.set("filename", str(file))
+    return tostring(root, encoding="unicode")
+
+
+def _read_geometry(
+    full: pin.Model, description: UrdfDescription, xml: str, kind: pin.GeometryType
+) -> pin.GeometryModel:
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
-    meshes = fromstring(description.xml).iterfind(f"link/{tag}/geometry/mesh")
+    meshes = fromstring(xml).iterfind(f"link/{tag}/geometry/mesh")
     try:
         for file in {Path(mesh.get("filename", "")) for mesh in meshes}:
             if file.suffix.lower() in MAY_REPEAT:
                 check_expanded(file, file.read_bytes())
-        geometry = pin.buildGeomFromUrdfString(full, description.xml, kind)
+        return pin.buildGeomFromUrdfString(full, xml, kind)
     except Exception as error:  # whatever a mesh reader may raise
         raise RobotLoadError(
             f"{description.path}: the geometry cannot be read: {_message(error)}",
             description.path,
         ) from error
-    if locked:
-        _, geometry = pin.buildReducedModel(full, geometry, *_locks(full, locked))
-    return geometry
 
 
 def _full_model(description: UrdfDescription) -> pin.Model:
@@ -88,17 +114,23 @@ def _locks(full: pin.Model, locked: Mapping[str, float]) -> tuple[list[int], Arr
 
 
 def expansion(
-    model: pin.Model, followers: Mapping[str, Mimic]
+    model: pin.Model, followers: Mapping[str, Mimic], order: Sequence[str] = ()
 ) -> tuple[tuple[str, ...], Array | None, Array | None]:
     r"""Express the configuration of a model by its free joints, :math:`S q + c`.
 
+    Args:
+        model: The model.
+        followers: Joints that follow a free joint.
+        order: Names in the order that the free joints are to have; empty for that of
+            the model.
+
     Returns:
         Names of the n free joints, S of shape (nv, n) and c of shape (nv,); ``None``
-        for both if no joint follows.
+        for both if no joint follows and the order is that of the model.
     """
     names = list(model.names)[1:]
-    free = tuple(name for name in names if name not in followers)
-    if len(free) == len(names):
+    free = tuple(name for name in order or names if name in {*names} - {*followers})
+    if free == tuple(names):
         return free, None, None
     matrix, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
     for row, name in enumerate(names):

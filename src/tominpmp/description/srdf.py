@@ -15,7 +15,7 @@ from tominpmp.arrays import record_line
 from tominpmp.description.groups import JointGroups, read_groups
 from tominpmp.description.paths import checked_path
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.description.xml_reader import XmlContext, read_xml
+from tominpmp.description.xml_reader import XmlContext, parse_xml, read_xml
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
 
 # Elements that are read, and those that do not touch a motion: hands and tools, spheres
@@ -79,9 +79,13 @@ class SemanticDescription:
 
 
 def read_srdf(
-    path: Path, links: Collection[str], joints: Collection[str], xml: str | None = None
+    path: Path,
+    links: Collection[str],
+    joints: Collection[str],
+    xml: str | None = None,
+    text: bytes | None = None,
 ) -> SemanticDescription:
-    """Read an SRDF file.
+    """Read an SRDF file, or a text with its name.
 
     Entries about links and joints that the robot lacks are left out, for one SRDF file
     often serves several variants of a robot.
@@ -90,14 +94,14 @@ def read_srdf(
         RobotLoadError: If the file is no SRDF file, or speaks of none of the links
             that it names.
     """
-    root = read_xml(path)
+    root = read_xml(path) if text is None else parse_xml(text, path)
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
     unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
-        warnings.warn(f"{path}: not read: {names}", TominpmpWarning, stacklevel=5)
+        warnings.warn(f"{path}: not read: {names}", TominpmpWarning, stacklevel=6)
     return SemanticDescription(
         tuple(_disabled_pairs(root, context, links)),
         _group_states(root, context, joints),
@@ -173,7 +177,7 @@ def _rotor_inertias(root: Element, context: XmlContext) -> dict[str, float]:
 def read_semantics(
     path: str | os.PathLike[str] | None, description: UrdfDescription
 ) -> SemanticDescription | None:
-    """Read the SRDF file that belongs to a description, if there is one.
+    """Read the SRDF file, or the text of one, that belongs to a description.
 
     Raises:
         RobotLoadError: As :func:`read_srdf`.
@@ -181,5 +185,9 @@ def read_semantics(
     if path is None:
         return None
     joints = [joint.name for joint in description.joints]
+    known = description.links, joints, description.xml
+    if isinstance(path, str) and path.lstrip().startswith("<"):
+        text = path.lstrip().encode("utf-8", "replace")
+        return read_srdf(Path("<text of an SRDF file>"), *known, text)
     file = checked_path(path, "srdf", RobotLoadError).absolute()
-    return read_srdf(file, description.links, joints, description.xml)
+    return read_srdf(file, *known)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,12 @@ from tominpmp.arrays import record_line
 from tominpmp.description.links import simplified_link
 from tominpmp.description.urdf_keys import warn_of_unread
 from tominpmp.description.urdf_syntax import checked_copy
-from tominpmp.description.xml_reader import MAX_NUMBER, XmlContext, read_xml
+from tominpmp.description.xml_reader import (
+    MAX_NUMBER,
+    XmlContext,
+    parse_xml,
+    read_xml,
+)
 from tominpmp.exceptions import brief
 
 
@@ -68,6 +73,7 @@ class JointDescription:
         acceleration: Largest acceleration, or deceleration [rad/s^2 or m/s^2]; infinite
             if none is given.
         jerk: Largest jerk [rad/s^3 or m/s^3]; infinite if none is given.
+        armature: Rotor inertia seen at the joint [kg m^2 or kg].
     """
 
     name: str
@@ -81,6 +87,7 @@ class JointDescription:
     mimic: Mimic | None
     acceleration: float = math.inf
     jerk: float = math.inf
+    armature: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,10 @@ class UrdfDescription:
         package_dirs: Folders given for ``package://``.
         parts: Names of the robots that it was put together from; mostly none.
         attached: What was fixed to its links after it was read, in that order.
+        order: Names of the joints in the order that arrays have; empty for that of
+            Pinocchio's model of the description.
+        meshes: Meshes that no file holds, as STL files, with the names that the
+            description has for them.
     """
 
     name: str
@@ -108,20 +119,25 @@ class UrdfDescription:
     package_dirs: tuple[Path, ...]
     parts: tuple[str, ...] = ()
     attached: tuple[Any, ...] = ()
+    order: tuple[str, ...] = ()
+    meshes: tuple[tuple[str, bytes], ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         """What it holds, on one line."""
         return record_line(self)
 
 
-def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> UrdfDescription:
-    """Read a URDF file; folders are for ``package://``.
+def read_urdf(
+    path: Path, package_dirs: Sequence[Path] = (), text: bytes | None = None
+) -> UrdfDescription:
+    """Read a URDF file, or a text with its name; folders are for ``package://``.
 
     Raises:
         RobotLoadError: If the file is no URDF file, contradicts itself, has a joint of
             several degrees of freedom, or refers to a mesh that is not there.
     """
-    return _read(read_xml(path), XmlContext(path), package_dirs)
+    root = read_xml(path) if text is None else parse_xml(text, path)
+    return _read(root, XmlContext(path), package_dirs)
 
 
 def read_parsed(

@@ -45,7 +45,7 @@ def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) ->
         warnings.warn(
             f"{context.path}: not read: {'; '.join(told[:MOST])}",
             TominpmpWarning,
-            stacklevel=6,
+            stacklevel=7,
         )
     if soft:
         more = ", ..." if len(soft) > MOST else ""
@@ -54,7 +54,7 @@ def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) ->
             f"limits are not kept: {', '.join(soft[:MOST])}{more}; give position_lower "
             "and position_upper where a controller keeps them",
             TominpmpWarning,
-            stacklevel=6,
+            stacklevel=7,
         )
 
 

@@ -317,7 +317,7 @@ class Robot(Record):
         linkage = Linkage.resolve(joints, {**positions, **kept})
         linkage.warn_of_limits(joints)
         plain = build_model(self.description, linkage.locked)
-        joint_names, *ties = expansion(plain, linkage.followers)
+        joint_names, *ties = expansion(plain, linkage.followers, self.description.order)
         if not joint_names:
             path = self.urdf_path
             raise RobotLoadError(f"{path}: no joint is left that moves", path)

@@ -146,6 +146,11 @@ def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
             f"it was combined from several: {', '.join(robot.parts)}; expected one "
             "that was loaded"
         )
+    if not robot.urdf_path.is_file():
+        raise TypeError(
+            f"it was loaded from {robot.urdf_path}; expected one that was loaded from "
+            "a file"
+        )
     table = _source(robot, folder)
     default = find_srdf(robot.urdf_path)
     if "name" in table:
