@@ -97,8 +97,9 @@ def test_a_motion_of_segments_is_taken_up_and_split_as_it_is(rng):
     last = tm.Segment(tm.JointGoal(GOAL))
     problem = tm.Problem(tm.load_robot("planar3r"), START, segments=[middle, last])
     system = ProblemFunctions.of(problem)
+    counts, durations = np.full(2, 9), np.array([0.7, 0.6])
     for degree in (2, 3, 5):
-        shares = segmented_shares("cosine", 9, np.array([0.7, 0.6]), degree > 2)
+        shares = segmented_shares("cosine", counts, durations, degree > 2)
         layout = Layout(degree, shares, np.array([1.2, 1.5]), (9, 18))
         of = layout.transcription(system)
         z = within_ends(of, np.append(rng.normal(size=of.size - 2), layout.eta))

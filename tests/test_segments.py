@@ -225,7 +225,9 @@ def test_rows_against_differences(kind):
     problem = tm.Problem(robot, [-1.2, 0.3], segments=segments, motion_limits=limits)
     system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(4)
-    shares = segmented_shares("cosine", 6, np.array([0.3, 0.5, 0.2]), kind != "inverse")
+    shares = segmented_shares(
+        "cosine", np.full(3, 6), np.array([0.3, 0.5, 0.2]), kind != "inverse"
+    )
     ends = (6, 12, 18)
     if kind == "inverse":
         of = InverseTranscription(system, shares, 1.0, segment_ends=ends)

@@ -25,8 +25,13 @@ from tominpmp.stopping import check, due, seconds_left
 HUGE = 1e30
 # Iterations of PIQP at most. It needs 18 to 30; where it has not ended by then, it
 # seldom does before its own limit of 250, and the simplex method is faster; not for
-# programs of many columns, of which it needs thousands of pivots and seconds.
-PIQP_ITERATIONS, PIQP_MOST_ITERATIONS, MANY_COLUMNS = 60, 250, 1000
+# programs of many columns, of which it needs thousands of pivots and seconds: those get
+# a second chance with refined linear systems, which is dearer an iteration.
+PIQP_ITERATIONS, MANY_COLUMNS = 60, 1000
+# Where rounding keeps it from the last digits it stands still with the solution: rows
+# are kept to the first of these, and the objective is within the second of the best,
+# though multipliers have an error up to the third.
+NEARLY_ROWS, NEARLY_GAP, NEARLY_DUALS = 1e-6, 2e-5, 1e-3
 # What solvers behind qpsolvers call their limit on time [s].
 TIME_LIMITS = {
     "clarabel": "time_limit",
@@ -231,13 +236,13 @@ class PiqpSolver(LpSolver):
         return self._run(begin)
 
     def _run(self, begin: float) -> LpSolution:
-        self._limit()
-        status = self._solver.solve()
+        assert self._program is not None  # noqa: S101
+        spent = self._try(begin)
+        if not self._solved and self._program.cost.size > MANY_COLUMNS:
+            spent += self._try(begin, refined=True)
+        if not self._solved:
+            return self._solve_by_simplex(begin, spent)
         result = self._solver.result
-        self._pace = (time.perf_counter() - begin) / max(int(result.info.iter), 1)
-        check()
-        if status != piqp.PIQP_SOLVED or not np.all(np.isfinite(result.x)):
-            return self._solve_by_simplex(begin)
         duals = np.zeros(self._equal.size)
         duals[self._equal] = result.y
         duals[~self._equal] = result.z_u - result.z_l
@@ -245,13 +250,35 @@ class PiqpSolver(LpSolver):
             True,
             np.array(result.x),
             duals,
-            int(result.info.iter),
+            spent,
             time.perf_counter() - begin,
         )
 
-    def _solve_by_simplex(self, begin: float) -> LpSolution:
+    def _try(self, begin: float, *, refined: bool = False) -> int:
+        """Iterate; returns how often."""
+        self._solver.settings.iterative_refinement_always_enabled = refined
+        self._limit()
+        self._solver.solve()
+        count = int(self._solver.result.info.iter)
+        self._pace = (time.perf_counter() - begin) / max(count, 1)
+        check()
+        return count
+
+    @property
+    def _solved(self) -> bool:
+        """Whether there is a solution, but for the last digits."""
+        result = self._solver.result
+        info = result.info
+        if not np.all(np.isfinite(result.x)):
+            return False
+        return info.status == piqp.PIQP_SOLVED or bool(
+            info.primal_res <= NEARLY_ROWS
+            and info.duality_gap <= NEARLY_GAP
+            and info.dual_res <= NEARLY_DUALS
+        )
+
+    def _solve_by_simplex(self, begin: float, spent: int) -> LpSolution:
         """Leave the program, and what follows from it, to the simplex method."""
-        spent = int(self._solver.result.info.iter)
         self._other, program = HighsSolver(), self._program
         assert program is not None  # noqa: S101
         found = self._other.solve(program)
@@ -260,11 +287,8 @@ class PiqpSolver(LpSolver):
 
     def _limit(self) -> None:
         """Bound the iterations by the time that is left: PIQP has no limit on time."""
-        settings, left, program = self._solver.settings, seconds_left(), self._program
-        assert program is not None  # noqa: S101
-        many = program.cost.size > MANY_COLUMNS
-        most = PIQP_MOST_ITERATIONS if many else PIQP_ITERATIONS
-        settings.max_iter = most
+        settings, left = self._solver.settings, seconds_left()
+        settings.max_iter = PIQP_ITERATIONS
         if np.isinf(left):
             return
         if self._pace == 0.0:
@@ -275,7 +299,7 @@ class PiqpSolver(LpSolver):
             self._pace = time.perf_counter() - begin
             check()
             left = seconds_left()
-        allowed = int(min(left / max(self._pace, 1e-9), most))
+        allowed = int(min(left / max(self._pace, 1e-9), PIQP_ITERATIONS))
         settings.max_iter = max(allowed, 1)
 
 

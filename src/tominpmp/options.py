@@ -80,6 +80,7 @@ class Options(Record):
             paper's comparison), or "auto": "inverse" for arms with a motor at every
             joint, else "collocation".
         intervals: Number N of intervals of the time grid of the search, 10 000 at most.
+            Several segments share them, each having 10 (or N) at least.
             The motion that is found may have more, see ``refine``.
         grid: "cosine" (short intervals at both ends, see
             :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".

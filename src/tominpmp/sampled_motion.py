@@ -9,6 +9,7 @@ taken from.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,6 +37,8 @@ SMOOTH = 0.02
 OVERSHOOT = 0.1
 # Accelerations and torques that differ by this share of the largest ones are others.
 SAME = 1e-6
+# Times that differ by this share of T are one.
+SAME_INSTANT = 1e-12
 # What each way to join samples is called in reports.
 MANNERS = {
     "steps": "accelerations that jump, as recorded",
@@ -123,6 +126,21 @@ def join(
     chosen = samples.interpolation if interpolation is None else interpolation
     check_interpolation(chosen)
     rows = _rows(samples, robot, path)
+    joined = _joined(rows, robot, path, start, start_velocity, chosen)
+    if samples.segment_ends is None:
+        return joined
+    return joined._replace(trajectory=_ended(joined.trajectory, samples.segment_ends))
+
+
+def _joined(
+    rows: _Rows,
+    robot: Robot,
+    path: str | Path | None,
+    start: Array | None,
+    start_velocity: Array | None,
+    chosen: Interpolation,
+) -> Joined:
+    """Make a trajectory from rows."""
     if rows.t[0] < 0.0 or (rows.t[0] > 0.0 and start is None):
         raise ScenarioError(
             f"{_named(path)}: the time begins at {rows.t[0]:g} s, expected 0",
@@ -138,6 +156,16 @@ def join(
     if manner == "linear":
         return _straight(rows, robot, dynamics, start_velocity)
     return Joined(_polynomials(rows, manner, robot, dynamics), manner)
+
+
+def _ended(motion: Trajectory, ends: Array) -> Trajectory:
+    """A motion with the times at which its segments end, each at a node at least."""
+    places = np.searchsorted(motion.t, ends - SAME_INSTANT * motion.duration)
+    places = np.minimum(places, motion.t.size - 1)
+    places[-1] = motion.t.size - 1
+    if not np.all(np.diff(places) > 0):
+        return motion  # segments shorter than the time between rows
+    return replace(motion, segment_ends=motion.t[places])
 
 
 class _Rows(NamedTuple):

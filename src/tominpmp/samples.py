@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, real_array
+from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.sampling import Interpolation, check_interpolation
 
@@ -74,6 +74,9 @@ class Samples(Record):
             positions only, by cubics with velocities, by polynomials of degree 5 with
             accelerations; these three may be named too; "auto" looks for the motion
             that they were taken from, see :mod:`~tominpmp.sampled_motion`.
+        segment_ends: Times at which the segments of the motion end [s], increasing,
+            shape (k,); None for one segment, or where that is not known. What was taken
+            from a file may be late by the time between two rows.
     """
 
     joint_names: tuple[str, ...]
@@ -83,6 +86,7 @@ class Samples(Record):
     a: Array
     u: Array
     interpolation: Interpolation = "auto"
+    segment_ends: Array | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
@@ -95,6 +99,27 @@ class Samples(Record):
             layout = "one row a time, one column a joint"
             check_shape(self, name, (rows, n), layout)
         check_interpolation(self.interpolation)
+        if self.segment_ends is not None:
+            self._check_segments()
+
+    def _check_segments(self) -> None:
+        object.__setattr__(self, "segment_ends", numbers("segment_ends", self))
+        ends = np.asarray(self.segment_ends)
+        listed = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
+        rising = listed and bool(np.all(np.diff(ends, prepend=0.0) > 0.0))
+        if not (rising and ends[-1] <= self.t[-1]):
+            raise ProblemError(
+                f"samples: segment_ends is {brief(self.segment_ends)}, expected times "
+                "that increase, up to that of the last row",
+                "segment_ends",
+            )
+
+    @property
+    def segment_numbers(self) -> IntArray:
+        """Number of the segment of each row, from 1; the later one where one ends."""
+        if self.segment_ends is None:
+            return np.ones(self.t.size, dtype=np.int64)
+        return 1 + np.searchsorted(self.segment_ends[:-1], self.t, side="right")
 
     def __repr__(self) -> str:
         """Joints, rows and times, on one line."""

@@ -326,7 +326,8 @@ class Trajectory(Record):
                 field="dt",
             )
         times = clock(self.duration, step)
-        return Samples(self.joint_names, times, *self(self._at_nodes(times)))
+        states = self(self._at_nodes(times))
+        return Samples(self.joint_names, times, *states, segment_ends=self.segment_ends)
 
     def _at_nodes(self, times: Array) -> Array:
         """Times, those that rounding keeps from being those of nodes put right.

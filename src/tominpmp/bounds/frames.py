@@ -53,6 +53,38 @@ def frame_bounds(
     return found
 
 
+def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
+    """Bounds from limits of the speed of frames: no way is shorter than the straight.
+
+    Args:
+        problem: The problem.
+        goal: One of its goals.
+    """
+    kinematics, found = RobotKinematics(problem.robot), []
+    for frame, top in filter(None, (item.top_speed for item in problem.constraints)):
+        begin = kinematics.placement(problem.q_start, frame).translation
+        far = _distance_to_go(kinematics, goal, frame, np.asarray(begin))
+        if far > 0.0:
+            reason = f"frame {frame} has {far:.4g} m to go, at {top:.4g} m/s at most"
+            found.append(LowerBound(far / top, reason))
+    return found
+
+
+def _distance_to_go(
+    kinematics: RobotKinematics, goal: Goal, frame: str, begin: Array
+) -> float:
+    """Least distance of a frame from where a goal may have it [m]."""
+    if goal.configuration is not None:
+        end = kinematics.placement(goal.configuration, frame).translation
+        return float(np.linalg.norm(end - begin))
+    far = 0.0
+    for member in goal.members:
+        apart = member.distances(begin[None]) if member.frame_name == frame else None
+        if apart is not None:
+            far = max(far, float(apart[0]))
+    return far
+
+
 def _turning_time(problem: Problem, frame: str, angle: float, reach: Reach) -> float:
     """Time in which the joints cannot turn a frame by an angle."""
     robot, model = problem.robot, problem.robot.model

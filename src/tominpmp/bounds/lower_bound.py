@@ -26,7 +26,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.bounds.bang_bang import least_time
-from tominpmp.bounds.frames import frame_bounds
+from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.inertia import EnergyBounds, energy_bounds
 from tominpmp.bounds.joint_limits import JointReach, jerk_limited_time
 from tominpmp.bounds.result import LowerBound
@@ -117,6 +117,7 @@ def _of_goal(
         bounds = _joint_bounds(problem, q, ends, smooth_ends, quick)
     else:
         bounds = _range_bounds(problem, goal, start, smooth_ends)
+    bounds += tool_speed_bounds(problem, goal)
     nothing = LowerBound(0.0, "no bound is known for a goal of this kind")
     return max(bounds, key=lambda bound: bound.T, default=nothing)
 

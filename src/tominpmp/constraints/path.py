@@ -53,6 +53,11 @@ class PathConstraint(Record, Constraint):
         """What an excess of the quantity is measured by."""
         return self.largest
 
+    @property
+    def top_speed(self) -> tuple[str, float] | None:
+        """A frame, and how fast its origin may move [m/s]; None if that is open."""
+        return None
+
     @abstractmethod
     def validate(self, robot: Robot) -> None:
         """Check the constraint against a robot.

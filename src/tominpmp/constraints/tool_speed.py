@@ -32,6 +32,11 @@ class ToolSpeed(FrameLimit):
     curable = True
     unit = "m/s"
 
+    @property
+    def top_speed(self) -> tuple[str, float]:
+        """The frame and the limit."""
+        return self.frame, self.limit
+
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The speed [m/s]."""
         return float(np.linalg.norm(self.kinematics.velocity(q, v, self.frame)))

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from tominpmp.arrays import Array
+from tominpmp.initial_guess.constrained import keeping_paths, keeps_positions
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.initial_guess.pace import stretch
 from tominpmp.initial_guess.path import RoundedPath
@@ -36,6 +37,8 @@ DURATION_FACTOR = 2.0
 RESTS = 0.5
 # Name of the guess that stays at the start.
 RESTING = "at rest"
+# Name of those that keep constraints on the way.
+KEEPING = "within constraints"
 # Samples of a guess.
 SAMPLES = 200
 # Sampled paths that are compared before the fastest is tried. One takes a tenth of the
@@ -99,6 +102,31 @@ def straight_guess(
     return _smooth_guess(system, np.stack([problem.q_start, q_end]), name)
 
 
+def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
+    """The straight line, or the way beside it that constraints ask for.
+
+    Where the line keeps the constraints on positions, the fastest of both.
+    """
+    line = straight_guess(system, q_end)
+    paths = keeping_paths(system, q_end)
+    found = [along_guess(system, path, KEEPING) for path in paths]
+    if not found:
+        return line
+    if keeps_positions(system, q_end):
+        found.insert(0, line)
+    return min(found, key=_pace)
+
+
+def _pace(guess: Guess) -> float:
+    return guess.duration if guess.timed else np.inf
+
+
+def along_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
+    """Path along corners, shape (m, n), in minimum time where that can be told."""
+    velocity = system.problem.robot.limits.velocity
+    return _along(system, RoundedPath.through(corners, velocity), name)
+
+
 def path_guess(
     system: ProblemFunctions, corners: Array, name: str = "sampled path"
 ) -> Guess:
@@ -109,6 +137,10 @@ def path_guess(
     """
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
+    return _along(system, path, name)
+
+
+def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
     timing = time_path(system, path)
     if timing is not None:
         return _timed_guess(system, timing, name)
@@ -226,7 +258,7 @@ def _guesses(
     if not ends:
         return
     ends = ends[:STRAIGHT_LINES]
-    straight = [straight_guess(system, q) for q in ends]
+    straight = [line_guess(system, q) for q in ends]
     order = np.argsort([(g.duration, np.inf)[not g.timed] for g in straight])
     straight = [straight[i] for i in order]
     ends = [ends[i] for i in order]

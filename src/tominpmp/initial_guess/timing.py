@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.initial_guess.constrained import path_speeds
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.robot import JointLimits
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -96,6 +97,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
 
     with np.errstate(divide="ignore"):
         top = np.min(limits.velocity / np.abs(first), axis=1)
+    top = np.minimum(top, path_speeds(system, q, first))
     # From rest on a path of length 1, x is at most twice the largest s''.
     _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), limits)
     top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))

@@ -3,7 +3,8 @@
 All hold one row a time: the time [s], then for every joint its position [rad or m],
 velocity [rad/s or m/s], acceleration [rad/s^2 or m/s^2] and torque [N m or N]. The
 columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``, ``a_<joint>``
-and ``u_<joint>``, without units, so that any program takes the names as they are. YAML
+and ``u_<joint>``, without units, so that any program takes the names as they are; those
+of several segments have a last column ``segment`` with their numbers from 1. YAML
 and JSON files are messages of ROS 2, see :mod:`~tominpmp.io.ros`; MCAP files are
 bags of them, see :mod:`~tominpmp.io.bag`. Numbers are written in full: what is read
 back is what was there, to the last bit; the times of ROS messages are whole
@@ -235,6 +236,7 @@ def _node_samples(trajectory: Trajectory) -> Samples:
         trajectory.v,
         trajectory(trajectory.t).a,
         trajectory.u,
+        segment_ends=trajectory.segment_ends,
     )
 
 

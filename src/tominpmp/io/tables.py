@@ -2,8 +2,9 @@
 
 The columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``,
 ``a_<joint>`` and ``u_<joint>``, without units, so that any program takes the names as
-they are. Numbers are written in full: what is read back is what was there, to the last
-bit.
+they are. Motions of several segments have a last column ``segment``, their numbers from
+1, or an array ``segment_ends`` [s]. Numbers are written in full: what is read back is
+what was there, to the last bit.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ LONGEST_LINE = 2**20
 BATCH = 10_000
 
 
+SEGMENT = "segment"
+
+
 def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[str]:
     return ["time", *(f"{key}_{name}" for key in quantities for name in joint_names)]
 
@@ -46,23 +50,27 @@ def write_csv(samples: Samples, file: BinaryIO) -> None:
     rows = np.column_stack([samples.t, samples.q, samples.v, samples.a, samples.u])
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_columns(samples.joint_names, QUANTITIES))
-    writer.writerows([repr(value) for value in row] for row in rows.tolist())
+    header = _columns(samples.joint_names, QUANTITIES)
+    numbers: list[list[int]] = [[] for _ in rows]
+    if samples.segment_ends is not None:
+        header.append(SEGMENT)
+        numbers = samples.segment_numbers[:, None].tolist()
+    writer.writerow(header)
+    writer.writerows(
+        [*map(repr, row), *number]
+        for row, number in zip(rows.tolist(), numbers, strict=True)
+    )
     text.flush()
     text.detach()  # the file is closed by whoever opened it
 
 
 def write_npz(samples: Samples, file: BinaryIO) -> None:
     """Write samples as NPZ."""
-    np.savez(
-        file,
-        joint_names=np.array(samples.joint_names),
-        t=samples.t,
-        q=samples.q,
-        v=samples.v,
-        a=samples.a,
-        u=samples.u,
-    )
+    arrays: dict[str, Any] = {"joint_names": np.array(samples.joint_names)}
+    arrays |= {key: getattr(samples, key) for key in ("t", *QUANTITIES)}
+    if samples.segment_ends is not None:
+        arrays["segment_ends"] = samples.segment_ends
+    np.savez(file, **arrays)
 
 
 def read_csv(content: bytes, path: Path) -> Samples:
@@ -76,7 +84,8 @@ def read_csv(content: bytes, path: Path) -> Samples:
     lines = csv.reader(_short_lines(file, path), strict=True)
     try:
         header = next(lines, [])
-        joint_names, quantities = _header(header, path)
+        numbered = header[-1:] == [SEGMENT]
+        joint_names, quantities = _header(header[:-1] if numbered else header, path)
         table = _table(lines, header, path)
     except (UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path} is no CSV file: {error}", path) from error
@@ -85,7 +94,23 @@ def read_csv(content: bytes, path: Path) -> Samples:
     for i, key in enumerate(quantities):
         parts[key] = table[:, 1 + i * n : 1 + (i + 1) * n]
     q, v, a, u = (parts[key] for key in QUANTITIES)
-    return Samples(joint_names, table[:, 0], q, v, a, u)
+    ends = _segment_ends(table, path) if numbered and len(table) else None
+    return Samples(joint_names, table[:, 0], q, v, a, u, segment_ends=ends)
+
+
+def _segment_ends(table: Array, path: Path) -> Array:
+    """Times of the first rows of segments, and of the last row."""
+    step = np.diff(table[:, -1])
+    wrong = np.flatnonzero((step != 0.0) & (step != 1.0))
+    if table[0, -1] != 1.0 or wrong.size:
+        row = int(wrong[0]) + 2 if table[0, -1] == 1.0 else 1
+        raise ScenarioError(
+            f"{path}, row {row}: the segment is {table[row - 1, -1]:g}, expected "
+            "numbers from 1 that rise by 1",
+            path,
+            SEGMENT,
+        )
+    return np.append(table[1:, 0][step == 1.0], table[-1, 0])
 
 
 def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
@@ -148,8 +173,8 @@ def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, 
             return names, tuple(quantities)
     raise ScenarioError(
         f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
-        "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out), "
-        f"found: {', '.join(header)[:200] or 'none'}",
+        "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "
+        f"column {SEGMENT} may follow), found: {', '.join(header)[:200] or 'none'}",
         path,
         "time" if header[:1] != ["time"] else None,
     )
@@ -177,7 +202,7 @@ def read_npz(content: bytes, path: Path) -> Samples:
     Raises:
         ScenarioError: If it is none, with the array.
     """
-    keys = ("joint_names", "t", *QUANTITIES)
+    keys = ("joint_names", "t", *QUANTITIES, "segment_ends")
     try:
         if content.count(b"PK\x01\x02") > MAX_MEMBERS:
             raise ValueError(f"it has more than {MAX_MEMBERS} members")
@@ -201,10 +226,11 @@ def read_npz(content: bytes, path: Path) -> Samples:
     for key, values in arrays.items():
         if values.dtype.kind not in "fiu":
             raise ScenarioError(f"{path}: {key} does not hold numbers", path, key)
+    ends = arrays.pop("segment_ends", None)
     for key in QUANTITIES:
         arrays.setdefault(key, np.full(arrays["q"].shape, np.nan))
     t, q, v, a, u = (arrays[key] for key in ("t", *QUANTITIES))
-    return Samples(tuple(names.tolist()), t, q, v, a, u)
+    return Samples(tuple(names.tolist()), t, q, v, a, u, segment_ends=ends)
 
 
 def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:

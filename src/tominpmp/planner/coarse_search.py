@@ -21,6 +21,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
@@ -145,7 +146,7 @@ def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
     if not guess.timed:
         return True
     v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
-    used = np.max(np.abs(v) / system.problem.robot.limits.velocity, axis=1)
+    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
     return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 

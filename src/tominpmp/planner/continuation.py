@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -20,7 +21,6 @@ from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import solve_by_shooting
 from tominpmp.problem import Problem
-from tominpmp.robot import JointLimits
 from tominpmp.status import STOPPED, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
@@ -99,8 +99,8 @@ def solve_with_continuous_accelerations(
     do not rule the motion, its accelerations are continuous already, or nothing faster
     came of it.
     """
-    motion, limits = attempt.trajectory, system.problem.robot.limits
-    if motion.a is None or speed_share(motion, limits) > SPEED_SHARE:
+    motion = attempt.trajectory
+    if motion.a is None or speed_share(motion, system.problem) > SPEED_SHARE:
         return None
     near = replace(
         options,
@@ -122,7 +122,7 @@ def solve_with_continuous_accelerations(
     return replace(faster, status=status)
 
 
-def speed_share(motion: Trajectory, limits: JointLimits) -> float:
-    """Share of the nodes at which a speed limit holds the motion."""
-    used = np.max(np.abs(motion.v) / limits.velocity, axis=1)
+def speed_share(motion: Trajectory, problem: Problem) -> float:
+    """Share of the nodes at which a speed limit, of a tool too, holds the motion."""
+    used = speed_used(problem, motion.q, motion.v)
     return float(np.mean(used > ACTIVE))

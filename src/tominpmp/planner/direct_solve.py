@@ -34,6 +34,7 @@ from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
+    segment_intervals,
     segmented_shares,
 )
 from tominpmp.transcription.inverse import InverseTranscription
@@ -232,11 +233,11 @@ def segmented_program(
     system: ProblemFunctions, options: Options, guess: SegmentedGuess
 ) -> tuple[NonlinearProgram, Array]:
     """Program for a guess of several segments, and the guess as its iterate."""
-    N = options.intervals
-    smooth = options.control in DEGREES
+    smooth, durations = options.control in DEGREES, guess.durations
     sudden = system.sudden or not smooth
-    shares = segmented_shares(options.grid, N, guess.durations, smooth, sudden=sudden)
-    ends = tuple(N * (k + 1) for k in range(len(system.parts)))
+    counts = segment_intervals(options.intervals, durations)
+    shares = segmented_shares(options.grid, counts, durations, smooth, sudden=sudden)
+    ends = tuple(np.cumsum(counts).tolist())
     transcription: Transcription[Any]
     if smooth:
         transcription = spline = SegmentedBSpline(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 
 # Nodes inside the first interval of the cosine grid, as shares of it, and mirrored in
 # the last: found on benchmarks/random_goals.py, where without them a few motions were
@@ -12,6 +12,8 @@ from tominpmp.arrays import Array
 END_NODES = (0.05, 0.3)
 # Intervals of a time in which little happens, before a motion.
 DELAY_INTERVALS = 10
+# Intervals of a segment at least, if that many are asked for.
+LEAST_INTERVALS = 10
 
 
 def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
@@ -78,8 +80,22 @@ def _sine_shares(intervals: int, sudden: bool = True) -> Array:
     return np.diff(np.sort(np.concatenate([nodes, 1.0 - last])))
 
 
+def segment_intervals(intervals: int, durations: Array) -> IntArray:
+    """How many intervals each of several segments gets, shape (k,).
+
+    They share what one segment would have by their durations, and have a few at least.
+
+    Args:
+        intervals: What one segment would have.
+        durations: Durations of the segments, in any unit, shape (k,).
+    """
+    shared = np.rint(intervals * durations / durations.sum()).astype(np.int64)
+    least: IntArray = np.clip(shared, min(intervals, LEAST_INTERVALS), intervals)
+    return least
+
+
 def segmented_shares(
-    kind: str, intervals: int, durations: Array, smooth: bool, *, sudden: bool = True
+    kind: str, counts: IntArray, durations: Array, smooth: bool, *, sudden: bool = True
 ) -> Array:
     """A grid for a motion of several segments, each of which may take longer by itself.
 
@@ -90,17 +106,18 @@ def segmented_shares(
 
     Args:
         kind: "uniform" or "cosine".
-        intervals: Number N of intervals of each segment.
+        counts: Number of intervals of each segment, shape (k,).
         durations: Durations of the segments, in any unit, shape (k,).
         smooth: Whether accelerations are continuous.
         sudden: Whether they may begin and end suddenly, see :func:`interval_shares`.
 
     Returns:
-        Lengths of the intervals for the unit of time, shape (k N, k).
+        Lengths of the intervals for the unit of time, shape (sum of counts, k).
     """
-    count = durations.size
-    out = np.zeros((count * intervals, count))
+    count, ends = durations.size, np.cumsum(counts)
+    out = np.zeros((int(ends[-1]), count))
     for k, share in enumerate(durations / durations.sum()):
+        intervals = int(counts[k])
         outer = (k == 0, k == count - 1)
         if kind == "uniform" or count == 1:
             shares = interval_shares(kind, intervals, sudden=sudden)[:, 0]
@@ -111,7 +128,7 @@ def segmented_shares(
             shares = shares[::-1] if k == 0 else shares
         else:
             shares = _cosine_shares(intervals, *outer)
-        out[k * intervals : (k + 1) * intervals, k] = share * shares
+        out[ends[k] - intervals : ends[k], k] = share * shares
     return out
 
 

@@ -156,7 +156,7 @@ def _clause(problem: Problem, trajectory: Trajectory, item: LimitViolation) -> s
         return _of_effort(problem, trajectory, item)
     if item.kind == "clearance":
         return _of_clearance(problem, item)
-    return str(item)
+    return item.clause
 
 
 def _of_goal(problem: Problem, item: LimitViolation) -> str:

@@ -45,6 +45,7 @@ class LimitViolation:
         share: The amount relative to the limit: for positions and efforts to the range.
             For goals and clearances the amount itself.
         violated: Whether that is more than the tolerance.
+        segment: Number of the segment it is on, from 1; None where there is one only.
     """
 
     kind: str
@@ -54,9 +55,16 @@ class LimitViolation:
     unit: str
     share: float
     violated: bool
+    segment: int | None = None
 
     def __str__(self) -> str:
-        """Say it in a clause."""
+        """Say it in a clause, and on which segment."""
+        on = "" if self.segment is None else f"on segment {self.segment}, "
+        return on + self.clause
+
+    @property
+    def clause(self) -> str:
+        """What there is, without the segment."""
         amount = f"{abs(self.amount):.3g} {self.unit}"
         if self.kind == "goal":
             return f"{self.name} ends {amount} from the goal"

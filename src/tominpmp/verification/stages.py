@@ -18,6 +18,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.plant import Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
@@ -26,6 +27,10 @@ from tominpmp.verification.replay import TIME_STEP, Replay
 MOST_LOOKS = 20_000
 # Share of what is tolerated that a goal is missed by where it counts as met.
 MET = 1e-3
+# Closer looks around the nearest instant, and instants of each.
+CLOSER, PLACES = 2, 25
+# Times that differ by less are one [s].
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,10 @@ class Stage:
     def last(self) -> bool:
         """Whether no other follows."""
         return self.number == self.count - 1
+
+    def named(self, item: LimitViolation) -> LimitViolation:
+        """What was found on it, with its number where there are others."""
+        return replace(item, segment=self.number + 1) if self.count > 1 else item
 
     def of_replay(self, replay: Replay, torque: Pieces) -> Replay:
         """Its rows of a replay; none if the replay was lost before."""
@@ -108,16 +117,20 @@ def with_segments(
 ) -> Trajectory:
     """A motion with the times at which its segments end, and what it carries on each.
 
-    A recorded motion does not tell: its segments end where it meets their goals for the
-    first time, one after the other, or comes nearest.
+    A recorded motion tells that at most to the time between two of its rows. Its
+    segments end where it meets their goals for the first time, one after the other, or
+    comes nearest; where it does tell, around there.
     """
     phases = problem.phases
     if not problem.segments:
         return replace(trajectory, segment_ends=None, segment_dynamics=())
     given = trajectory.segment_ends
     if given is not None and len(given) == len(phases):
-        return trajectory
-    ends = _found(problem, trajectory, tolerances)
+        if trajectory.segment_dynamics:
+            return trajectory
+    else:
+        given = None
+    ends = _found(problem, trajectory, tolerances, given)
     found = replace(_with_nodes(trajectory, ends), segment_ends=ends)
     if trajectory.inverse_dynamics is None:
         return found
@@ -125,34 +138,92 @@ def with_segments(
     return found.with_torques(dynamics[0], dynamics)
 
 
-def _found(problem: Problem, motion: Trajectory, tolerances: Tolerances) -> Array:
-    """Times at which the segments of a motion end, as far as can be told [s]."""
+def _found(
+    problem: Problem, motion: Trajectory, tolerances: Tolerances, about: Array | None
+) -> Array:
+    """Times at which the segments of a motion end, as far as can be told [s].
+
+    Args:
+        problem: The problem.
+        motion: The motion.
+        tolerances: What counts as met.
+        about: About when they do [s], at nodes, shape (k,); None if nobody knows.
+    """
     plain = replace(motion, inverse_dynamics=None)
     step = max(TIME_STEP, motion.duration / MOST_LOOKS)
     steps = np.arange(0.0, motion.duration, step)
     times = np.unique(np.concatenate([steps, motion.t]))
-    state = plain(times)
     ends: list[float] = []
-    first = 0
-    for phase, segment in zip(problem.phases[:-1], problem.segments[:-1], strict=True):
-        kinematics = RobotKinematics(phase.robot)
-        best, least = first, np.inf
-        for k in range(first, times.size):
-            q, v = state.q[k], state.v[k]
-            missed = 0.0
-            for miss in phase.goal.nearest(kinematics, q, v).misses(kinematics, q, v):
-                allowed = tolerances.speed if miss.moving else tolerances.goal
-                missed = max(missed, miss.amount / allowed)
+    first, last = 0, times.size - 2
+    each = zip(problem.phases[:-1], problem.segments[:-1], strict=True)
+    for number, (phase, segment) in enumerate(each):
+        begin, behind = first, last + 1
+        if about is not None:
+            # The row before the one that is said to be the first of the next segment.
+            row = int(np.searchsorted(motion.t, about[number])) - 1
+            earliest = motion.t[row] - segment.dwell
+            begin = max(first, int(np.searchsorted(times, earliest - step)))
+            behind = max(int(np.searchsorted(times, about[number])) + 1, begin + 1)
+        look = _Look(plain, phase, tolerances)
+        met = look.first(times[begin:behind])
+        end = met
+        if segment.dwell > 0.0:
+            later = np.searchsorted(times, met + segment.dwell - SAME)
+            end = float(times[min(int(later), last)])
+        first = min(int(np.searchsorted(times, end)), last)
+        if ends and end <= ends[-1] + SAME:
+            first = min(first + 1, last)
+            end = float(times[first])
+        ends.append(end)
+    return np.array([*ends, motion.duration])
+
+
+class _Look:
+    """Looks for when a motion meets a goal.
+
+    Args:
+        motion: The motion.
+        phase: The problem of the segment.
+        tolerances: What counts as met.
+    """
+
+    def __init__(
+        self, motion: Trajectory, phase: Problem, tolerances: Tolerances
+    ) -> None:
+        self.motion, self.goal, self.tolerances = motion, phase.goal, tolerances
+        self.kinematics = RobotKinematics(phase.robot)
+
+    def missed(self, q: Array, v: Array) -> float:
+        """What a state misses the goal by, in units of what is tolerated."""
+        goal = self.goal.nearest(self.kinematics, q, v)
+        missed = 0.0
+        for miss in goal.misses(self.kinematics, q, v):
+            allowed = self.tolerances.speed if miss.moving else self.tolerances.goal
+            missed = max(missed, miss.amount / allowed)
+        return missed
+
+    def first(self, times: Array) -> float:
+        """When it is met first, or missed by least, at times or between two of them."""
+        best, least = 0, np.inf
+        state = self.motion(times)
+        for k in range(times.size):
+            missed = self.missed(state.q[k], state.v[k])
             nearer = missed < least
             if nearer:
                 best, least = k, missed
             # What is tolerated is met before the goal is: it ends where it is nearest.
             if least <= MET or (least <= 1.0 and not nearer):
                 break
-        later = int(np.searchsorted(times, times[best] + segment.dwell - 1e-9))
-        first = min(max(later, first + 1), times.size - 2)
-        ends.append(float(times[first]))
-    return np.array([*ends, motion.duration])
+        if least <= MET:
+            return float(times[best])
+        low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
+        for _ in range(CLOSER):
+            near = np.linspace(low, high, PLACES)
+            state = self.motion(near)
+            each = [self.missed(*row) for row in zip(state.q, state.v, strict=True)]
+            k = int(np.argmin(each))
+            low, high = near[max(k - 1, 0)], near[min(k + 1, PLACES - 1)]
+        return float(near[k]) if each[k] < least else float(times[best])
 
 
 def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:

@@ -319,21 +319,22 @@ def judge(
             ends.append(_unreached(stage, replay))
             continue
         pieces = stage.of_torque(torque)
-        limits += limit_violations(problem, part, pieces, tolerances.limits)
+        found = limit_violations(problem, part, pieces, tolerances.limits)
         near = closest(problem, part, checker, tolerances.contact)
         if near is not None:
-            limits.append(near.violation)
+            found.append(near.violation)
             if nearest is None or near.distance < nearest.distance:
                 nearest = near
-        ends += arrival(stage, part, tolerances)
+        limits += map(stage.named, found)
+        ends += map(stage.named, arrival(stage, part, tolerances))
     return Findings(replay, tuple(ends), limits, nearest)
 
 
 def _unreached(stage: Stage, replay: Replay) -> LimitViolation:
-    name = f"segment {stage.number + 1}"
-    return LimitViolation(
-        "goal", name, replay.duration, np.inf, "m or rad", np.inf, True
+    lost = LimitViolation(
+        "goal", "the replay", replay.duration, np.inf, "m or rad", np.inf, True
     )
+    return stage.named(lost)
 
 
 def _checkers(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,12 +10,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.bodies import Body, robot_bodies
+from tominpmp.viz.segments import Load, ends_on_the_way, loads, obstacles, there
 from tominpmp.viz.skeleton import Skeleton, View, best_view, end_frame, skeleton
 from tominpmp.viz.surfaces import (
     cylinder,
@@ -28,6 +30,8 @@ from tominpmp.viz.viewer import SetCopies, import_meshcat, node_name, put_body
 
 OBSTACLE_COLOR = (0.84, 0.27, 0.22, 0.62)
 GOAL_COLOR = (0.13, 0.62, 0.36, 0.75)
+LOAD_COLOR = (0.80, 0.60, 0.35, 1.0)
+END_COLOR = (0.25, 0.30, 0.38, 1.0)
 TRAIL_COLOR = (0.95, 0.64, 0.10, 1.0)
 TRIAD_COLORS = ((0.85, 0.2, 0.2), (0.2, 0.65, 0.25), (0.2, 0.35, 0.85))
 GHOST_OPACITY = 0.16
@@ -35,6 +39,7 @@ GHOST_OPACITY = 0.16
 # Sizes of markers as shares of the size of the scene.
 TRAIL_RADIUS = 0.0022
 GOAL_RADIUS = 0.012
+END_RADIUS = 0.006
 TRIAD_LENGTH = 0.06
 
 TRAIL_POINTS = 240
@@ -75,27 +80,43 @@ def draw(
     motion = skeleton(robot, trajectory(times).q, frame)
     bodies = robot_bodies(robot)
     robot_points = _robot_points(motion, bodies)
-    points = np.concatenate([robot_points, *_obstacle_points(problem, times[[0, -1]])])
+    shown = list(obstacles(problem, trajectory))
+    around = _obstacle_points([item for _, item, _ in shown], times[[0, -1]])
+    points = np.concatenate([robot_points, *around])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     view = _camera_view(best_view(motion.points), np.ptp(robot_points, axis=0))
     _surroundings(viewer, view, points, size)
     _robot(viewer, robot.model, bodies, motion)
-    for obstacle in problem.scene:
-        node = viewer[_obstacle_path(obstacle)]
+    for name, obstacle, _ in shown:
+        node = viewer[_obstacle_path(name)]
         put_body(node, obstacle_surface(obstacle), OBSTACLE_COLOR)
         node.set_transform(obstacle_placement(obstacle))
+    carried = loads(problem, trajectory, times)
+    for load in carried:
+        _load(viewer[_load_path(load)], load)
     _goal(viewer["/meshcat/goal"], problem, size)
     _trail(viewer, robot, trajectory, frame, size)
+    _ends(viewer["/meshcat/ends of segments"], robot, trajectory, frame, size)
     if appearance.ghosts:
         viewer.window.send(
             _ghosts(problem, trajectory, frame, bodies, appearance.ghosts)
         )
-    moving = [_moving_obstacle(item, times) for item in problem.scene.moving]
+    moving = [
+        (_obstacle_path(name), _placements(item, times))
+        for name, item, _ in shown
+        if item.motion is not None
+    ]
+    moving += [(_load_path(load), load.placements) for load in carried]
     joints = [
         (_joint_path(robot.model, joint), motion.placements[:, joint])
         for joint in range(1, robot.model.njoints)
     ]
-    _animate(viewer, times, [*joints, *moving])
+    seen = {
+        _obstacle_path(name): there(spans, times)
+        for name, _, spans in shown
+        if not np.array_equal(spans, [[0.0, trajectory.duration]])
+    }
+    _animate(viewer, times, [*joints, *moving], seen)
 
 
 def frame_times(duration: float, fps: float) -> Array:
@@ -104,15 +125,28 @@ def frame_times(duration: float, fps: float) -> Array:
     return np.linspace(0.0, duration, count)
 
 
-def _obstacle_path(obstacle: Obstacle) -> str:
-    return f"/meshcat/obstacles/{node_name(obstacle.name)}"
+def _obstacle_path(name: str) -> str:
+    return f"/meshcat/obstacles/{node_name(name)}"
 
 
-def _moving_obstacle(obstacle: Obstacle, times: Array) -> tuple[str, Array]:
-    """Path of an obstacle that moves, and its placements at times, (m, 4, 4)."""
+def _load_path(load: Load) -> str:
+    return f"/meshcat/loads/{node_name(load.name)}"
+
+
+def _load(node: Any, load: Load) -> None:
+    """A load, where it is first."""
+    for shape in load.shapes:
+        part = node[node_name(shape.name)]
+        put_body(part, obstacle_surface(shape), LOAD_COLOR)
+        part.set_transform(obstacle_placement(shape))
+    node.set_transform(load.placements[0])
+
+
+def _placements(obstacle: Obstacle, times: Array) -> Array:
+    """Placements of an obstacle at times, shape (m, 4, 4)."""
     placements = np.tile(np.eye(4), (times.size, 1, 1))
     placements[:, :3, :3], placements[:, :3, 3] = obstacle.poses(times)
-    return _obstacle_path(obstacle), placements
+    return placements
 
 
 def _joint_path(model: pin.Model, joint: int) -> str:
@@ -129,10 +163,30 @@ def _robot(viewer: Any, model: pin.Model, bodies: list[Body], motion: Skeleton) 
         viewer[_joint_path(model, joint)].set_transform(place)
 
 
-def _animate(viewer: Any, times: Array, moving: list[tuple[str, Array]]) -> None:
-    """Animate what is at paths by its placements, shape (m, 4, 4), at times (m,)."""
+def _animate(
+    viewer: Any,
+    times: Array,
+    moving: list[tuple[str, Array]],
+    seen: Mapping[str, BoolArray],
+) -> None:
+    """Animate what is at paths.
+
+    Args:
+        viewer: The viewer.
+        times: Times of the key frames [s], shape (m,).
+        moving: Paths of what moves, and its placements, shape (m, 4, 4).
+        seen: Whether what comes and goes is there, shape (m,), by path.
+    """
     meshcat = import_meshcat().animation
     clips = {}
+    tracks: dict[str, Any]
+    for path, flags in seen.items():
+        # Once for each change: in between it is as it was before.
+        keys = np.flatnonzero(np.append(True, np.diff(flags.astype(int)) != 0))
+        values = times[keys].tolist(), flags[keys].tolist()
+        tracks = {"visible": meshcat.AnimationTrack("visible", "bool", *values)}
+        clip = meshcat.AnimationClip(tracks, fps=1.0, name="motion")
+        clips[viewer[path].path] = clip
     for path, placements in moving:
         quaternions = Rotation.from_matrix(placements[:, :3, :3]).as_quat()
         # q and -q are one rotation; neighbours must be on one side to be interpolated.
@@ -147,6 +201,9 @@ def _animate(viewer: Any, times: Array, moving: list[tuple[str, Array]]) -> None
         }
         # With one frame a second the times of the keys are in seconds.
         clip = meshcat.AnimationClip(tracks, fps=1.0, name="motion")
+        known = clips.get(viewer[path].path)
+        if known is not None:
+            clip.tracks |= known.tracks
         clips[viewer[path].path] = clip
     viewer.set_animation(meshcat.Animation(clips))
 
@@ -186,6 +243,21 @@ def _trail(
         put_body(node, tube(points, TRAIL_RADIUS * size), TRAIL_COLOR)
 
 
+def _ends(
+    node: Any, robot: Robot, trajectory: Trajectory, frame: str, size: float
+) -> None:
+    """A bead on the path where each segment ends that another follows."""
+    times = ends_on_the_way(trajectory)
+    if not times.size:
+        return
+    points = skeleton(robot, trajectory(times).q, frame).end
+    for number, point in enumerate(points, start=1):
+        bead, place = node[str(number)], np.eye(4)
+        put_body(bead, sphere(END_RADIUS * size), END_COLOR)
+        place[:3, 3] = point
+        bead.set_transform(place)
+
+
 def _ghosts(
     problem: Problem, trajectory: Trajectory, frame: str, bodies: list[Body], count: int
 ) -> SetCopies:
@@ -216,12 +288,12 @@ def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
     return np.concatenate(clouds)
 
 
-def _obstacle_points(problem: Problem, times: Array) -> list[Array]:
-    """Points of the obstacles where they are at times."""
+def _obstacle_points(shown: Sequence[Obstacle], times: Array) -> list[Array]:
+    """Points of obstacles where they are at times."""
     found = []
-    for obstacle in problem.scene:
+    for obstacle in shown:
         surface = obstacle_surface(obstacle)
-        for placement in _moving_obstacle(obstacle, times)[1]:
+        for placement in _placements(obstacle, times):
             found.append(moved(surface, placement).vertices)
             if obstacle.motion is None:
                 break

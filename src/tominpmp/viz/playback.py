@@ -108,6 +108,8 @@ def _check_positive(**values: float) -> None:
 def _caption(problem: Problem) -> str:
     joints, obstacles = problem.robot.n, len(problem.scene)
     parts = ["1 joint" if joints == 1 else f"{joints} joints"]
+    if problem.segments:
+        parts.append(f"{len(problem.segments)} segments")
     if obstacles:
         parts.append("1 obstacle" if obstacles == 1 else f"{obstacles} obstacles")
     return ", ".join(parts)

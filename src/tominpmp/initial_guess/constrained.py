@@ -1,0 +1,218 @@
+"""Paths of guesses that keep what is asked for along the motion.
+
+A straight line in joint space keeps neither a tool upright nor its way short. Here its
+configurations are shifted, by as little as possible, until the constraints on positions
+hold, or until a tool whose speed is limited goes straight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints import States
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.problem import Problem
+from tominpmp.stopping import check
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Configurations of a path that are shifted, and steps for each of them.
+PLACES, STEPS = 24, 12
+# How straight tools go, what is tried first coming first: not every arm reaches all of
+# a straight line.
+STRAIGHT = (1.0, 0.7, 0.4)
+# Shifted until values are below this share of their scale, or points this near [m].
+CLOSE = 1e-4
+# How far inside of their limits values are brought, as a share of the scale.
+INSIDE = 0.02
+# Largest step of a joint [rad], and between neighbours: beyond this the path jumps.
+STEP, JUMP = 0.3, 1.2
+# Bisections for the speed of a constraint that is no multiple of the speed.
+BISECTIONS = 30
+
+# What is to be brought to zero at a configuration of a share of the path, (k,), and its
+# Jacobian, (k, n).
+Residual = Callable[[float, Array], tuple[Array, Array]]
+
+
+def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
+    """Speeds along a path at which constraints on velocities are reached.
+
+    Args:
+        system: The problem.
+        q: Configurations, shape (m, n).
+        first: Their derivatives by the path parameter, shape (m, n).
+
+    Returns:
+        Derivatives of the path parameter by time, shape (m,); infinite without any.
+    """
+    top = np.full(len(q), np.inf)
+    for constraint in system.problem.ready_constraints:
+        if constraint.order == 1 and constraint.curable:
+            found = [_speed(constraint, *row) for row in zip(q, first, strict=True)]
+            top = np.minimum(top, found)
+    return top
+
+
+def speed_used(problem: Problem, q: Array, v: Array) -> Array:
+    """Share of what speeds may be that a motion uses, at m states, shape (m,).
+
+    Of its joints, and of the tools whose speed is limited; the larger one.
+    """
+    used = np.max(np.abs(v) / problem.robot.limits.velocity, axis=1)
+    none = np.zeros((0, q.shape[1]))
+    states = States(np.zeros(len(q)), q, v, none)
+    for item in problem.ready_constraints:
+        if item.order == 1 and item.curable:
+            used = np.maximum(used, item.measures(states) / item.largest)
+    return np.asarray(used)
+
+
+def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:
+    """Speed along a path at which a constraint is reached at one configuration."""
+    none = np.zeros(0)
+    most = constraint.largest
+    alone = constraint.measure(q, first, none)
+    if not alone > 0.0:
+        return np.inf
+    high = most / alone
+    if abs(constraint.measure(q, high * first, none) - most) <= 1e-6 * abs(most):
+        return high  # as a speed it is a multiple of that along the path
+    low = 0.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        over = constraint.measure(q, middle * first, none) > most
+        low, high = (low, middle) if over else (middle, high)
+    return low
+
+
+def keeping_paths(system: ProblemFunctions, q_end: Array) -> list[Array]:
+    """Paths from the start to a configuration that keep constraints on the way.
+
+    Args:
+        system: The problem.
+        q_end: Final configuration, shape (n,).
+
+    Returns:
+        Corners of each, shape (m, n): one within the constraints on positions, where a
+        straight line is not, and one on which tools whose speed is limited go straight;
+        none where there is no such constraint, or no such path was found.
+    """
+    problem = system.problem
+    every = problem.ready_constraints
+    held = [item for item in every if item.order == 0]
+    frames = [item.top_speed[0] for item in every if item.top_speed is not None]
+    line = np.linspace(problem.q_start, q_end, PLACES + 1)
+    found: list[Array | None] = []
+    if held and not _kept(held, line):
+        found.append(_shifted(system, line, _beyond(held)))
+    for straight in STRAIGHT if frames else ():
+        along = _straight(system, line, frames, straight)
+        path = _shifted(system, line, _both(along, _beyond(held)))
+        found.append(path)
+        if path is not None:
+            break
+    return [path for path in found if path is not None]
+
+
+def _both(one: Residual, other: Residual) -> Residual:
+    """What is to be brought to zero by two residuals."""
+
+    def residual(share: float, q: Array) -> tuple[Array, Array]:
+        values, slopes = zip(one(share, q), other(share, q), strict=True)
+        return np.concatenate(values), np.vstack(slopes)
+
+    return residual
+
+
+def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
+    """Whether a straight line to a configuration keeps constraints on positions."""
+    held = [item for item in system.problem.ready_constraints if item.order == 0]
+    return _kept(held, np.linspace(system.problem.q_start, q_end, PLACES + 1))
+
+
+def _kept(held: Sequence[PathConstraint], path: Array) -> bool:
+    none = np.zeros(0)
+    return all(
+        item.measure(q, none, none) <= item.largest + CLOSE * item.scale
+        for item in held
+        for q in path
+    )
+
+
+def _beyond(held: Sequence[PathConstraint]) -> Residual:
+    """By how much constraints on positions are broken, those that are."""
+
+    def residual(share: float, q: Array) -> tuple[Array, Array]:
+        none = np.zeros(0)
+        values, slopes = [np.zeros(0)], [np.zeros((0, q.size))]
+        for item in held:
+            value, by_q, _, _ = item.terms(q, none, none)
+            lower, upper = (bound[0] for bound in item.bounds(1))
+            room = np.minimum(INSIDE, 0.25 * (upper - lower))
+            excess = value - np.clip(value, lower + room, upper - room)
+            out = excess != 0.0
+            values.append(excess[out])
+            slopes.append(by_q[out])
+        return np.concatenate(values), np.vstack(slopes)
+
+    return residual
+
+
+def _straight(
+    system: ProblemFunctions, line: Array, frames: Sequence[str], straight: float
+) -> Residual:
+    """How far tools are from where straight lines have them, over the reach.
+
+    Or from a mean of that, with a share, and of where the line in joint space has them.
+    """
+    kinematics, reach = system.kinematics, system.reach
+    shares = np.linspace(0.0, 1.0, len(line))[:, None]
+    wanted: dict[str, Array] = {}
+    for frame in frames:
+        bent = np.array([kinematics.placement(q, frame).translation for q in line])
+        even = bent[0] + shares * (bent[-1] - bent[0])
+        wanted[frame] = bent + straight * (even - bent)
+
+    def residual(share: float, q: Array) -> tuple[Array, Array]:
+        values, slopes = [], []
+        for frame, points in wanted.items():
+            there = points[round(share * (len(points) - 1))]
+            place = np.asarray(kinematics.placement(q, frame).translation)
+            values.append((place - there) / reach)
+            slopes.append(kinematics.jacobian(q, frame)[:3] / reach)
+        return np.concatenate(values), np.vstack(slopes)
+
+    return residual
+
+
+def _shifted(system: ProblemFunctions, line: Array, residual: Residual) -> Array | None:
+    """A line whose configurations are shifted until nothing is left of a residual.
+
+    Each begins with the shift of the one before it. None if one cannot be shifted so,
+    or has to be far from its neighbour.
+    """
+    limits = system.problem.robot.limits
+    low, high = limits.position_lower, limits.position_upper
+    out, shift = line.copy(), np.zeros(line.shape[1])
+    for k in range(1, len(line) - 1):
+        check()
+        q = np.clip(line[k] + shift, low, high)
+        for _ in range(STEPS):
+            value, slope = residual(k / (len(line) - 1), q)
+            if not value.size or float(np.abs(value).max()) <= CLOSE:
+                break
+            # Least change in units of the joints, damped where the arm is singular.
+            scaled = slope * system.step_scale
+            normal = scaled @ scaled.T + 1e-8 * np.eye(value.size)
+            step = -system.step_scale * (scaled.T @ np.linalg.solve(normal, value))
+            largest = float(np.abs(step / system.step_scale).max())
+            step *= min(1.0, STEP / max(largest, 1e-12))
+            q = np.clip(q + step, low, high)
+        else:
+            return None
+        out[k], shift = q, q - line[k]
+    steps = np.abs(np.diff(out, axis=0) - np.diff(line, axis=0)) / system.step_scale
+    return None if float(steps.max()) > JUMP else out

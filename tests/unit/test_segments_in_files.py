@@ -1,0 +1,86 @@
+"""Files carry the ends of segments, and judges of files look for them there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.sampled_motion import recorded_motion
+from tominpmp.verification.stages import with_segments
+
+STAY = 0.1
+
+
+@pytest.fixture(scope="module")
+def solution():
+    """There and back past the same point, which is the goal of the third segment."""
+    robot = make_arm(slide(2.0), effort=10.0)
+    segments = [
+        tm.Segment(tm.JointGoal([1.0]), dwell=STAY),
+        tm.Segment(tm.JointGoal([0.2])),
+        tm.Segment(tm.JointGoal([0.6])),
+        tm.Segment(tm.JointGoal([1.3]), payload=tm.Payload(3.0, "tip")),
+    ]
+    problem = tm.Problem(robot, [0.0], segments=segments)
+    found = tm.plan(problem, intervals=24, control="constant", refine=None)
+    assert found.success, found.message
+    return found
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+@pytest.mark.parametrize("dt", [None, 0.01])
+def test_the_ends_of_segments_are_in_the_file(solution, tmp_path, ending, dt):
+    path = solution.export(tmp_path / f"motion.{ending}", dt=dt)
+    samples = tm.load_motion(path)
+    late = samples.segment_ends - solution.trajectory.segment_ends
+    step = 0.0 if dt is None or ending == "npz" else dt
+    assert np.all(late >= -1e-12) and np.all(late <= step + 1e-12)
+    tolerances = tm.Tolerances()
+    problem, plan = solution.problem, solution.trajectory
+    motion = tm.verify(problem, samples).replay
+    assert motion.complete
+    read = with_segments(problem, recorded_motion(samples, problem.robot), tolerances)
+    np.testing.assert_allclose(read.segment_ends, plan.segment_ends, atol=3e-3)
+    if dt is None:
+        assert tm.verify(problem, samples).ok
+
+
+def test_a_file_of_one_segment_has_no_such_column(tmp_path):
+    robot = make_arm(slide(2.0), effort=10.0)
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
+    found = tm.plan(problem, intervals=10, control="constant", refine=None)
+    path = found.export(tmp_path / "motion.csv")
+    assert "segment" not in path.read_text().splitlines()[0]
+    assert tm.load_motion(path).segment_ends is None
+
+
+@pytest.mark.parametrize("wrong", ["2", "1.5", "3"])
+def test_wrong_numbers_of_segments(solution, tmp_path, wrong):
+    path = solution.export(tmp_path / "motion.csv")
+    lines = path.read_text().splitlines()
+    lines[1] = lines[1].rpartition(",")[0] + f",{wrong}"
+    path.write_text("\n".join(lines))
+    with pytest.raises(tm.ScenarioError, match="segment is"):
+        tm.load_motion(path)
+
+
+@pytest.mark.parametrize("ends", [[0.5, 0.2], [-1.0, 1.0], [[1.0]], "ab", [9.0]])
+def test_wrong_ends_of_segments_of_samples(ends):
+    t, x = np.array([0.0, 1.0]), np.zeros((2, 1))
+    with pytest.raises(tm.ProblemError, match="segment_ends"):
+        tm.Samples(("a",), t, x, x, x, x, segment_ends=ends)
+
+
+def test_violations_name_the_segment(solution):
+    slow = [
+        tm.Segment(segment.goal, dwell=segment.dwell, payload=segment.payload)
+        for segment in solution.problem.segments
+    ]
+    gentle = tm.MotionLimits(acceleration=0.5)
+    slow[1] = tm.Segment(slow[1].goal, motion_limits=gentle)
+    problem = tm.Problem(solution.problem.robot, [0.0], segments=slow)
+    verdict = tm.verify(problem, solution.trajectory)
+    assert {item.segment for item in verdict.violations} == {2}
+    assert "on segment 2, joint" in verdict.message
