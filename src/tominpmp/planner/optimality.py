@@ -40,6 +40,8 @@ logger = logging.getLogger(__name__)
 ROUNDS, ITERATIONS = 4, 25
 # Iterations that there may be in any case.
 FEWEST = 30
+# Iterations at most for a motion that is longer than any by this share of T at most.
+FEW, NEARLY_THERE = 10, 0.03
 # Where the padding of distances is worth this share of the promise, this much of it is
 # left for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
@@ -82,7 +84,8 @@ def certified(
         return
     if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
         return
-    if (1.0 - tolerance) * best.duration <= progress.lower_bound(problem).T:
+    bound = progress.lower_bound(problem).T
+    if (1.0 - tolerance) * best.duration <= bound:
         # No motion at all is faster by more than that.
         yield replace(best, status=Status.CONVERGED)
         return
@@ -94,6 +97,8 @@ def certified(
     # As many iterations as the search has had, some at least, and none too many.
     had = sum(len(attempt.history) for attempt in attempts)
     limit = min(max(had, FEWEST), options.max_iterations)
+    if (1.0 - NEARLY_THERE) * best.duration <= bound:
+        limit = min(limit, FEW)
     settling = Settling(system, options, progress, tolerance, limit)
     settle = partial(settling.run, best)
     settled = guarded(problem, options, progress, best.name, settle)

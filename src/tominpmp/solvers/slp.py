@@ -131,7 +131,9 @@ class SlpSolver:
                 status = status or self.callback(record)
                 if best is not None and self.options.objective == "feasible":
                     status = Status.FEASIBLE
-                if exchange is not None and exchange.due(iterate, status):
+                # What has not moved since it was looked at would show nothing new.
+                moved = status is not None or (outcome is not None and outcome.accepted)
+                if exchange is not None and moved and exchange.due(iterate, status):
                     exchange = exchange.looked
                     joined = exchange.joined(solver.nlp, iterate)
                     if joined is not None:
