@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, array_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import robot_bodies
 from tominpmp.collision.narrow import NarrowPhase
@@ -27,9 +27,10 @@ from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import build_model, configured_model, expansion
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.inputs import plain_vector, split_pose
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
-from tominpmp.scene import Scene, is_rotation
+from tominpmp.scene import Scene, is_rotation, rotation_matrix
 
 # Name, robot and where its base is: a placement base_to_world or a position [m].
 Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"
@@ -129,22 +130,19 @@ def base_placement(name: str, base: object) -> pin.SE3:
     Raises:
         ProblemError: If it is neither.
     """
-    if isinstance(base, pin.SE3):
-        rotation, position = np.array(base.rotation), np.array(base.translation)
-    else:
-        rotation = np.eye(3)
-        try:
-            position = np.array(base, dtype=np.float64)
-        except (TypeError, ValueError):
-            position = np.empty(0)
+    pose = split_pose(base)
+    given = (plain_vector(base), np.eye(3)) if pose is None else pose
+    position, rotation = (array_or_nan(part) for part in given)
+    if rotation.shape == (4,) and np.any(rotation):
+        rotation = rotation_matrix(rotation, name)
     right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
-    if not (right and is_rotation(rotation)):
+    if not (right and rotation.shape == (3, 3) and is_rotation(rotation)):
         raise ProblemError(
             f"robots: the base of {brief(name)} is {brief(base)}, expected a "
-            "pinocchio.SE3 or three finite coordinates [m]",
+            "pinocchio.SE3, another pose or three finite coordinates [m]",
             "robots",
         )
-    return pin.SE3(rotation, position)
+    return pin.SE3(np.array(rotation), np.array(position))
 
 
 def _common_gravity(robots: Mapping[str, Robot]) -> Array:

@@ -18,6 +18,7 @@ from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
+from tominpmp.inputs import plain_vector
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # A moment of inertia may exceed the sum of the other two by this share: files round.
@@ -34,8 +35,8 @@ class Payload(Record):
         com: Centre of mass in the frame, shape (3,) [m].
         inertia: Inertia about the centre of mass, in the axes of the frame, shape (3,
             3) [kg m^2]; None for a point mass.
-        geometry: Its shapes, with positions and rotations in the frame instead of the
-            world.
+        geometry: Its shapes, one or a list, with positions and rotations in the frame
+            instead of the world.
         name: Name of the link that it becomes, and so in pairs of bodies.
     """
 
@@ -55,7 +56,7 @@ class Payload(Record):
                     f"payload.{key}",
                 )
         object.__setattr__(self, "mass", self._checked_mass())
-        com = _numbers(self.com, (3,))
+        com = _numbers(plain_vector(self.com), (3,))
         if com is None:
             raise ProblemError(
                 f"payload.com is {brief(self.com)}, expected three coordinates [m]",
@@ -78,6 +79,8 @@ class Payload(Record):
 
     def _checked_geometry(self) -> tuple[Obstacle, ...]:
         expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
+        if isinstance(self.geometry, Obstacle):
+            object.__setattr__(self, "geometry", (self.geometry,))
         if not isinstance(self.geometry, Sequence):
             raise ProblemError(
                 f"payload.geometry is a {type(self.geometry).__name__}, expected "

@@ -21,6 +21,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
+from tominpmp.scene.scene import as_scene
 from tominpmp.segments import Segment, check_names, checked_pairs, checked_segments
 from tominpmp.state_checks import StateChecks
 from tominpmp.trajectory import Trajectory
@@ -35,13 +36,14 @@ class Problem(Record):
 
     Attributes:
         robot: The robot.
-        q_start: Positions at the start, shape (n,) [rad or m].
+        q_start: Positions at the start, shape (n,) [rad or m]; or by joint name.
         goal: What must hold at the end; left out where there are segments, whose last
             goal it is.
-        scene: The obstacles.
+        scene: The obstacles: a Scene, or a list of them.
         margin: Distance that the links keep from them, and several robots from each
             other [m].
-        v_start: Velocities at the start, shape (n,) [rad/s or m/s]; None for rest.
+        v_start: Velocities at the start, shape (n,) [rad/s or m/s], or by joint
+            name, those not named at rest; None for rest.
         motion_limits: Limits beyond those of the robot's description, if any. Of what
             they leave out, those of the robot hold: ``robot.motion_limits``.
         constraints: What else holds at all times: ``ToolSpeed``, ``KeepUpright``, ...
@@ -85,11 +87,8 @@ class Problem(Record):
                 "PositionGoal, PoseGoal or another goal, or segments",
                 "goal",
             )
-        scene = Scene() if self.scene is None else self.scene
-        if not isinstance(scene, Scene):
-            raise ProblemError(
-                f"scene is a {type(scene).__name__}, expected a Scene", "scene"
-            )
+        object.__setattr__(self, "goal", self.goal.resolved(self.robot))
+        scene = as_scene(self.scene, "scene")
         object.__setattr__(self, "scene", scene)
         object.__setattr__(self, "margin", self._checked_margin())
         if not isinstance(self.self_collision, bool | None):
@@ -247,6 +246,8 @@ class Problem(Record):
                 "segment's goal is that of the problem",
                 "goal",
             )
+        segments = tuple(segment.resolved(self.robot) for segment in segments)
+        object.__setattr__(self, "segments", segments)
         object.__setattr__(self, "goal", segments[-1].goal)
 
     @property

@@ -7,7 +7,7 @@ for each segment, and does not stop where one ends unless that is asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.payload import Payload
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
+from tominpmp.scene.scene import as_scene
 from tominpmp.trajectory import Trajectory
 
 # More goals than this are taken for a mistake.
@@ -36,7 +37,8 @@ class Segment(Record):
         motion_limits: Limits on it; of what they leave out, those of the problem hold.
         payload: What is carried on it, beside what the robot carries anyway: picked up
             at its start and put down at its end, if the next segment does not carry it.
-        scene: The obstacles on it; None for those of the problem.
+        scene: The obstacles on it, a Scene or a list of them; None for those of the
+            problem.
         may_touch: Pairs of names of links, payloads and obstacles that may touch, as
             the payload and the table it is lifted from.
         stop: Whether the arm is at rest at its end.
@@ -66,7 +68,6 @@ class Segment(Record):
         for name, kind in (
             ("motion_limits", MotionLimits),
             ("payload", Payload),
-            ("scene", Scene),
         ):
             value = getattr(self, name)
             if value is not None and not isinstance(value, kind):
@@ -75,6 +76,9 @@ class Segment(Record):
                     "None",
                     f"segment.{name}",
                 )
+        if self.scene is not None:
+            scene = as_scene(self.scene, "segment.scene")
+            object.__setattr__(self, "scene", scene)
         if not isinstance(self.stop, bool | np.bool_):
             raise ProblemError(
                 f"segment.stop is {brief(self.stop)}, expected True or False",
@@ -97,6 +101,11 @@ class Segment(Record):
                 "segment.dwell",
             )
         return dwell
+
+    def resolved(self, robot: Robot) -> Segment:
+        """The same with values by joint name put into the order of the robot."""
+        goal = self.goal.resolved(robot)
+        return self if goal is self.goal else replace(self, goal=goal)
 
     def goal_on_the_way(self) -> Goal:
         """The goal where others follow: passed, unless the arm stops there."""

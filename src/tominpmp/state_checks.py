@@ -13,6 +13,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import AnyGoal, Goal
+from tominpmp.inputs import by_joint, in_order
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
@@ -90,6 +91,13 @@ class StateChecks:
             ProblemError: If they are none, or not finite.
         """
         joints = self.robot.joint_names
+        named = by_joint(value)
+        if named is not None:
+            speed = name.startswith("v")
+            at = self.robot.locked_joints
+            others = dict.fromkeys(at, 0.0) if speed else dict(at)
+            missing = 0.0 if speed else None
+            value = in_order(named, joints, name, others=others, missing=missing)
         expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
         try:
             array = real_array(value)

@@ -13,6 +13,7 @@ from tominpmp.arrays import Array, real_array
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.urdf_syntax import write_numbers
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.inputs import by_joint, in_order
 
 # The link that the bases of several robots are fixed to.
 WORLD = "world"
@@ -204,6 +205,15 @@ def joint_order(xml: str) -> tuple[str, ...]:
     return tuple(pin.buildModelFromXML(xml).names)[1:]
 
 
+def _part_row(values: object, joints: Sequence[str], part: str) -> Array:
+    """Values of the joints of one robot, which may be given by their own names."""
+    named = by_joint(values)
+    if named is None:
+        return real_array(values)
+    own = [joint.removeprefix(f"{part}/") for joint in joints]
+    return in_order(named, own, part)
+
+
 def stack_parts(
     joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
 ) -> Array:
@@ -225,7 +235,7 @@ def stack_parts(
     for name in names:
         rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
         try:
-            given = real_array(values[name])
+            given = _part_row(values[name], [joints[i] for i in rows], name)
         except ValueError:
             given = np.empty((0, 0))
         if given.shape != (len(rows),):

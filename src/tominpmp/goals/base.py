@@ -10,6 +10,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array, number_or_nan, real_array
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
+from tominpmp.inputs import plain_vector
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -198,6 +199,10 @@ class Goal(ABC):
         velocity = getattr(self, "v", None)
         return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
 
+    def resolved(self, robot: Robot) -> Goal:
+        """The goal with values by joint name put into the order of the robot."""
+        return self
+
     # -- goals of goals ----------------------------------------------------------------
 
     @property
@@ -256,7 +261,7 @@ def goal_vector(
         ProblemError: If it is none.
     """
     try:
-        array = real_array(value)
+        array = real_array(plain_vector(value) if size == 3 else value)
     except ValueError as error:
         raise ProblemError(
             f"{name} is {brief(value)}, expected {expected}", name

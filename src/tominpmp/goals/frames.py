@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.arrays import Array, Record, array_or_nan, comparable, frozen_array
+from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
 from tominpmp.goals.direction import deviation
 from tominpmp.goals.place import Ball, Label, Place
+from tominpmp.inputs import POSE, split_pose
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
-from tominpmp.scene import is_rotation
+from tominpmp.scene import is_rotation, rotation_matrix
 
 COORDINATES = "three coordinates [m]"
 # What the square of a unit vector may be off by.
@@ -142,7 +143,9 @@ class PoseGoal(Record, FrameGoal):
 
     Attributes:
         frame: Name of the frame.
-        pose: Placement frame_to_world.
+        pose: Placement frame_to_world: a ``pinocchio.SE3``, a 4x4 matrix, or a pair of
+            a position and a rotation (matrix, quaternion xyzw, SciPy's ``Rotation``);
+            kept as a ``pinocchio.SE3``.
         v: Final linear velocity of its origin, shape (3,) [m/s]; None for rest.
         tolerance: Largest distance of the origin from its place [m].
         angle_tolerance: Largest angle between the orientations, about any axis [rad].
@@ -286,20 +289,32 @@ def checked_pose(pose: object) -> pin.SE3:
     Raises:
         ProblemError: If it is none.
     """
-    if not isinstance(pose, pin.SE3):
+    parts = split_pose(pose)
+    position = array_or_nan(None if parts is None else parts[0])
+    turn = array_or_nan(None if parts is None else parts[1])
+    if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
         raise ProblemError(
-            f"goal.pose is a {type(pose).__name__}, expected a pinocchio.SE3",
+            f"goal.pose is a {type(pose).__name__}, expected {POSE}",
             field="goal.pose",
         )
-    if not np.all(np.isfinite(pose.homogeneous)):
+    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError("goal.pose is not finite", field="goal.pose")
-    if not is_rotation(pose.rotation):
+    if turn.shape == (4,):
+        try:
+            turn = rotation_matrix(turn, "")
+        except SceneError as error:
+            raise ProblemError(
+                f"goal.pose has the quaternion {turn.tolist()}, expected one that is "
+                "not zero",
+                "goal.pose",
+            ) from error
+    if not is_rotation(turn):
         raise ProblemError(
             "the rotation of goal.pose is not a rotation matrix (orthonormal "
             "columns, determinant 1)",
             field="goal.pose",
         )
-    return pose.copy()
+    return pin.SE3(np.array(turn), np.array(position))
 
 
 def pose_values(goal: Any) -> tuple[Any, ...]:

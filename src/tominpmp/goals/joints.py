@@ -11,6 +11,7 @@ from tominpmp.arrays import Array, IntArray, Record, is_single
 from tominpmp.exceptions import JointNotFound, ProblemError, brief
 from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
 from tominpmp.goals.place import Place, joint_labels
+from tominpmp.inputs import by_joint, in_order, named_row
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -20,20 +21,56 @@ class JointGoal(Record, Goal):
     """Reach a configuration.
 
     Attributes:
-        q: Joint positions, shape (n,) [rad or m].
-        v: Final joint velocities, shape (n,) [rad/s or m/s]; None for rest.
+        q: Joint positions, shape (n,) [rad or m]; or by joint name.
+        v: Final joint velocities, shape (n,) [rad/s or m/s]; by joint name where the
+            positions are, those not named at rest; None for rest.
+        joints: Names of the joints that the numbers belong to; None for those of the
+            robot, in its order. A problem puts the numbers into that order.
     """
 
     q: Array
     v: Array | None = None
+    joints: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         """Copy the arrays; their lengths are checked against the robot."""
+        joints, q = named_row(self.q, "goal.q")
+        if joints is not None:
+            object.__setattr__(self, "joints", joints)
         expected = "one number for each joint [rad or m]"
-        object.__setattr__(self, "q", goal_vector(self.q, "goal.q", expected))
+        object.__setattr__(self, "q", goal_vector(q, "goal.q", expected))
+        if self.joints is not None:
+            object.__setattr__(self, "joints", _checked_names(self.joints, self.q))
         if self.v is not None:
-            expected = "one number for each joint [rad/s or m/s]"
-            object.__setattr__(self, "v", goal_vector(self.v, "goal.v", expected))
+            object.__setattr__(self, "v", self._checked_velocity())
+
+    def _checked_velocity(self) -> Array:
+        expected = "one number for each joint [rad/s or m/s]"
+        speeds = by_joint(self.v)
+        if speeds is None:
+            return goal_vector(self.v, "goal.v", expected)
+        if self.joints is None:
+            raise ProblemError(
+                "goal.v is given by joint name, expected goal.q to be so, too", "goal.v"
+            )
+        v = in_order(speeds, self.joints, "goal.v", missing=0.0)
+        return goal_vector(v, "goal.v", expected)
+
+    def resolved(self, robot: Robot) -> JointGoal:
+        """The same in the order of the robot."""
+        if self.joints is None:
+            return self
+        others = robot.locked_joints
+        rows: list[Array | None] = []
+        for name, at_rest in (("q", dict(others)), ("v", dict.fromkeys(others, 0.0))):
+            values = getattr(self, name)
+            if values is not None:
+                _check_length(f"goal.{name}", values, self.joints)
+                given = dict(zip(self.joints, values.tolist(), strict=True))
+                known, what = robot.joint_names, f"goal.{name}"
+                values = in_order(given, known, what, others=at_rest)
+            rows.append(values)
+        return JointGoal(rows[0], rows[1])  # type: ignore[arg-type]
 
     @property
     def configuration(self) -> Array:
@@ -63,7 +100,7 @@ class JointGoal(Record, Goal):
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The configuration as positions of some joints, those of one robot."""
-        return JointRegionGoal(self.q).prefixed(prefix, robot)
+        return JointRegionGoal(self.resolved(robot).q).prefixed(prefix, robot)
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity, shape (n,)."""
@@ -78,7 +115,7 @@ class JointRegionGoal(Record, Goal):
     joints. The arm ends at rest.
 
     Attributes:
-        q: Positions, shape (k,) [rad or m].
+        q: Positions, shape (k,) [rad or m]; or by joint name.
         tolerance: Largest distance from them, one for all or by joint [rad or m].
         joints: Names of the k joints; None for all, in the order of the robot.
     """
@@ -89,11 +126,14 @@ class JointRegionGoal(Record, Goal):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        joints, q = named_row(self.q, "goal.q")
+        if joints is not None:
+            object.__setattr__(self, "joints", joints)
         expected = "one number for each joint [rad or m]"
-        object.__setattr__(self, "q", goal_vector(self.q, "goal.q", expected))
+        object.__setattr__(self, "q", goal_vector(q, "goal.q", expected))
         object.__setattr__(self, "tolerance", self._checked_tolerance())
         if self.joints is not None:
-            object.__setattr__(self, "joints", self._checked_joints(self.joints))
+            object.__setattr__(self, "joints", _checked_names(self.joints, self.q))
 
     def _checked_tolerance(self) -> float | Array:
         if is_single(self.tolerance):
@@ -106,23 +146,6 @@ class JointRegionGoal(Record, Goal):
                 "goal.tolerance",
             )
         return given
-
-    def _checked_joints(self, joints: Sequence[str]) -> tuple[str, ...]:
-        listed = isinstance(joints, Sequence) and not isinstance(joints, str)
-        # Looked at one by one: a range may be longer than the memory.
-        named = listed and all(isinstance(name, str) for name in joints)
-        names = tuple(joints) if named else ()
-        if not names:
-            raise ProblemError(
-                f"goal.joints is {brief(joints)}, expected names of joints",
-                "goal.joints",
-            )
-        if len(set(names)) < len(names):
-            raise ProblemError(
-                f"goal.joints names a joint twice: {', '.join(names)}", "goal.joints"
-            )
-        _check_length("goal.q", self.q, names)
-        return names
 
     def validate(self, robot: Robot) -> None:
         """Check names, lengths and that the ranges are within reach of the joints."""
@@ -187,3 +210,22 @@ def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:
             f"each of: {', '.join(joints)}",
             field=name,
         )
+
+
+def _checked_names(joints: Sequence[str], q: Array) -> tuple[str, ...]:
+    """Check that there is a name for each of the numbers."""
+    listed = isinstance(joints, Sequence) and not isinstance(joints, str)
+    # Looked at one by one: a range may be longer than the memory.
+    named = listed and all(isinstance(name, str) for name in joints)
+    names = tuple(joints) if named else ()
+    if not names:
+        raise ProblemError(
+            f"goal.joints is {brief(joints)}, expected names of joints",
+            "goal.joints",
+        )
+    if len(set(names)) < len(names):
+        raise ProblemError(
+            f"goal.joints names a joint twice: {', '.join(names)}", "goal.joints"
+        )
+    _check_length("goal.q", q, names)
+    return names

@@ -28,6 +28,10 @@ class PassedGoal(Record, Goal):
         """Check the goal."""
         self.goal.validate(robot)
 
+    def resolved(self, robot: Robot) -> Goal:
+        """The same of the goal in the order of the robot."""
+        return PassedGoal(self.goal.resolved(robot))
+
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """What the goal asks of a configuration."""
         return self.goal.place(kinematics, q)

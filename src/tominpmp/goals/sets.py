@@ -56,6 +56,12 @@ class AnyGoal(Record, Goal):
             )
         object.__setattr__(self, "goals", found)
 
+    def resolved(self, robot: Robot) -> AnyGoal:
+        """Each goal in the order of the robot."""
+        found = tuple(goal.resolved(robot) for goal in self.goals)
+        same = all(a is b for a, b in zip(found, self.goals, strict=True))
+        return self if same else AnyGoal(found)
+
     def validate(self, robot: Robot) -> None:
         """Check each goal."""
         for goal in self.goals:
@@ -150,6 +156,12 @@ class AllGoals(Record, Goal):
     def members(self) -> tuple[Goal, ...]:
         """The goals."""
         return tuple(self.goals)
+
+    def resolved(self, robot: Robot) -> AllGoals:
+        """Each goal in the order of the robot."""
+        found = tuple(goal.resolved(robot) for goal in self.goals)
+        same = all(a is b for a, b in zip(found, self.goals, strict=True))
+        return self if same else AllGoals(found)
 
     def validate(self, robot: Robot) -> None:
         """Check each goal."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array, number_or_nan
 from tominpmp.exceptions import SceneError, brief
+from tominpmp.inputs import plain_rotation, plain_vector, split_pose
 from tominpmp.scene.motion import Motion, Placement, Twist
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
@@ -29,8 +30,10 @@ class Obstacle(Record):
     Attributes:
         name: Name, unique in its scene.
         position: Position of its centre in the world [m], shape (3,); of an obstacle
-            that moves, at the start of the robot's motion.
-        rotation: Rotation obstacle_to_world, shape (3, 3), at the start likewise.
+            that moves, at the start of the robot's motion. A whole pose (a
+            ``pinocchio.SE3``, a 4x4 matrix) gives the rotation too.
+        rotation: Rotation obstacle_to_world, shape (3, 3), at the start likewise; may
+            be given as a quaternion (x, y, z, w) or a ``Rotation`` of SciPy.
         motion: How it moves; None for an obstacle at rest. A function from time [s] to
             a placement is taken as a :class:`PoseFunction`. Where the motion gives
             positions or rotations itself, those above need not be given.
@@ -49,10 +52,29 @@ class Obstacle(Record):
                 f"an obstacle needs a name of at most {LONGEST_NAME} characters, not "
                 f"{brief(name)}"
             )
+        self._take_pose()
         object.__setattr__(self, "position", self._triple("position", "coordinates"))
         object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
         if self.motion is not None:
             self._set_motion()
+
+    def _take_pose(self) -> None:
+        """Take the position from what has x, y and z, or both from a pose."""
+        object.__setattr__(self, "position", plain_vector(self.position))
+        pose = None if _is_point(self.position) else split_pose(self.position)
+        if pose is None:
+            return
+        turned = self.rotation is not None and not np.array_equal(
+            array_or_nan(plain_rotation(self.rotation)), np.eye(3)
+        )
+        if turned:
+            raise SceneError(
+                f"obstacle {self.name!r}: position is a whole pose, and rotation is "
+                "given too, expected one or the other",
+                self.name,
+            )
+        object.__setattr__(self, "position", pose[0])
+        object.__setattr__(self, "rotation", pose[1])
 
     def _set_motion(self) -> None:
         with self._named():
@@ -136,6 +158,10 @@ class Obstacle(Record):
     def _set_lengths(self, *keys: str) -> None:
         for key in keys:
             object.__setattr__(self, key, self._length(key, getattr(self, key)))
+
+
+def _is_point(value: object) -> bool:
+    return array_or_nan(value).shape == (3,)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

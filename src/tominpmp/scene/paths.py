@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.exceptions import SceneError, brief
+from tominpmp.inputs import plain_rotation
 from tominpmp.scene.motion import (
     Motion,
     Placement,
@@ -174,7 +175,8 @@ class Waypoints(Motion):
             )
 
     def _matrices(self) -> Array:
-        given, count = numbers("rotations", self.rotations), self.times.size
+        given = numbers("rotations", plain_rotation(self.rotations))
+        count = self.times.size
         self._check_shape("rotations", given, ((count, 4), (count, 3, 3)))
         found = []
         for k, value in enumerate(given):

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, real_array
 from tominpmp.exceptions import SceneError, brief
+from tominpmp.inputs import split_pose
 from tominpmp.scene.motion import (
     Motion,
     Placement,
@@ -19,7 +20,7 @@ from tominpmp.scene.motion import (
     check_rotation,
     number,
 )
-from tominpmp.scene.rotations import is_rotation
+from tominpmp.scene.rotations import is_rotation, rotation_matrix
 
 # Step of the differences that give the velocity of a function [s].
 STEP = 1e-4
@@ -47,6 +48,15 @@ def as_motion(value: object) -> Motion:
     )
 
 
+def _homogeneous(position: object, rotation: object) -> Array:
+    """A placement of shape (4, 4) of a position and a rotation."""
+    matrix = np.eye(4)
+    turn = real_array(rotation)
+    matrix[:3, :3] = turn if turn.ndim == 2 else rotation_matrix(turn, "")
+    matrix[:3, 3] = real_array(position)
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
 class PoseFunction(Motion):
     """Be where a function says.
@@ -58,7 +68,7 @@ class PoseFunction(Motion):
 
     Attributes:
         function: Placement obstacle_to_world at a time [s]: a matrix of shape (4, 4),
-            or a ``pinocchio.SE3``.
+            a ``pinocchio.SE3``, or a pair of a position and a rotation.
         speed: Bound on the speed of the origin [m/s], which a proof of clearance rests
             on; None where it is not known: it is then estimated from samples.
         angular_speed: Bound on the angular speed [rad/s] likewise.
@@ -99,7 +109,8 @@ class PoseFunction(Motion):
     def _pose(self, time: float) -> Placement:
         try:
             value = self.function(time)
-            matrix = real_array(getattr(value, "homogeneous", value))
+            pose = split_pose(value)
+            matrix = real_array(value) if pose is None else _homogeneous(*pose)
         except Exception as error:  # whatever a user's function may raise
             raise SceneError(
                 f"motion: the function fails at {time:g} s: "

@@ -7,11 +7,11 @@ takes a stretched one without a word for the nearest rotation.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, array_or_nan, frozen_array
 from tominpmp.exceptions import SceneError, brief
+from tominpmp.inputs import RotationLike, plain_rotation
 
 
 def is_rotation(matrix: Array) -> bool:
@@ -22,12 +22,12 @@ def is_rotation(matrix: Array) -> bool:
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
-def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
+def rotation_matrix(rotation: RotationLike | None, obstacle: str) -> Array:
     """Turn a rotation as users give it into a matrix.
 
     Args:
-        rotation: None (no rotation), a 3x3 matrix or a quaternion (x, y, z, w), which
-            is normalised.
+        rotation: None (no rotation), a 3x3 matrix, a quaternion (x, y, z, w), which is
+            normalised, or a ``Rotation`` of SciPy.
         obstacle: Name of the obstacle, for the message.
 
     Returns:
@@ -38,7 +38,7 @@ def rotation_matrix(rotation: ArrayLike | None, obstacle: str) -> Array:
     """
     if rotation is None:
         return frozen_array(np.eye(3))
-    value = array_or_nan(rotation)
+    value = array_or_nan(plain_rotation(rotation))
     if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
         raise SceneError(
             f"obstacle {obstacle!r}: rotation is {brief(rotation)}, expected a 3x3 "

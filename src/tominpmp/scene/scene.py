@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Record
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
 
 
@@ -103,6 +103,27 @@ class Scene(Record):
         if not self.moving:
             return self
         return Scene(tuple(item for item in self.obstacles if item.motion is None))
+
+
+def as_scene(given: object, name: str) -> Scene:
+    """Take a scene, an obstacle, a list of obstacles, or None for no obstacle.
+
+    Raises:
+        ProblemError: If it is none of these.
+        SceneError: If a list holds anything else, or a name twice.
+    """
+    if isinstance(given, Scene):
+        return given
+    if given is None:
+        return Scene()
+    if isinstance(given, Obstacle):
+        return Scene((given,))
+    if isinstance(given, list | tuple):
+        return Scene(given)
+    raise ProblemError(
+        f"{name} is a {type(given).__name__}, expected a Scene or a list of obstacles",
+        name,
+    )
 
 
 def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:

@@ -1,0 +1,202 @@
+"""Poses, vectors and configurations in the forms that other libraries have them in."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Message
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robot_samples import chain
+from scipy.spatial.transform import Rotation
+
+import tominpmp as tm
+
+POINT = (0.1, 0.2, 0.3)
+TURN = Rotation.from_rotvec([0.3, -0.4, 0.5])
+MATRIX, QUATERNION = TURN.as_matrix(), TURN.as_quat()
+POSE = pin.SE3(MATRIX, np.array(POINT))
+QUAT = pin.Quaternion(QUATERNION)
+XYZ = dict(zip("xyz", POINT, strict=True))
+XYZW = dict(zip("xyzw", QUATERNION.tolist(), strict=True))
+
+ROTATIONS = [
+    MATRIX, MATRIX.tolist(), QUATERNION, tuple(QUATERNION), TURN, QUAT, XYZW,
+    Message(**XYZW), np.asfortranarray(MATRIX), 2.0 * QUATERNION, pin.AngleAxis(QUAT),
+]  # fmt: skip
+POSES = [
+    POSE, POSE.homogeneous, POSE.homogeneous.tolist(), (POINT, TURN),
+    [POINT, QUATERNION], (np.array(POINT), MATRIX), (POINT, QUAT), (XYZ, XYZW),
+    [*POINT, *QUATERNION],
+    {"position": POINT, "orientation": QUATERNION}, {"xyz": POINT, "rotation": TURN},
+    {"translation": XYZ, "quaternion": XYZW},
+    Message(position=Message(**XYZ), orientation=Message(**XYZW)),
+    Message(translation=POINT, rotation=TURN),
+]  # fmt: skip
+POINTS = [POINT, list(POINT), np.array(POINT), np.float32(POINT), XYZ, Message(**XYZ)]
+
+
+def near(pose: pin.SE3) -> None:
+    np.testing.assert_allclose(pose.homogeneous, POSE.homogeneous, atol=1e-7)
+
+
+@pytest.mark.parametrize("pose", POSES, ids=lambda x: type(x).__name__)
+def test_poses(pose: object) -> None:
+    near(tm.PoseGoal("tip", pose).pose)
+    near(tm.RegionGoal("tip", (-1, -1, -1), (1, 1, 1), pose=pose).pose)
+    near(tm.WithinRegion("tip", (-1, -1, -1), (1, 1, 1), pose=pose).pose)
+    box = tm.Box("box", size=(1, 1, 1), position=pose)
+    near(pin.SE3(np.array(box.rotation), np.array(box.position)))
+    moving = tm.Box("box", size=(1, 1, 1), motion=lambda t: pose)
+    near(pin.SE3(np.array(moving.rotation), np.array(moving.position)))
+    robot = tm.load_robot(chain("", ""))
+    near(tm.Workcell({"a": (robot, pose)}, gravity=(0, 0, 0)).base("a"))
+
+
+@pytest.mark.parametrize("rotation", ROTATIONS, ids=lambda x: type(x).__name__)
+def test_rotations(rotation: object) -> None:
+    found = tm.Sphere("s", radius=1, rotation=rotation).rotation
+    np.testing.assert_allclose(found, MATRIX, atol=1e-12)
+    kept = tm.KeepOrientation("tip", rotation, tolerance=0.1)
+    np.testing.assert_allclose(kept.rotation, MATRIX, atol=1e-12)
+    near(tm.PoseGoal("tip", (POINT, rotation)).pose)
+
+
+def test_rows_of_rotations() -> None:
+    turns = Rotation.from_rotvec([[0, 0, 0.1 * k] for k in range(3)])
+    for given in (turns, list(turns), turns.as_quat(), [QUAT] * 3):
+        path = tm.Waypoints(times=[0, 1, 2], rotations=given)
+        assert path.rotations.shape == (3, 3, 3)
+
+
+@pytest.mark.parametrize("point", POINTS, ids=lambda x: type(x).__name__)
+def test_points(point: object) -> None:
+    for found in (
+        tm.PositionGoal("tip", point).position,
+        tm.Sphere("s", radius=1, position=point).position,
+        tm.Payload(1.0, "tip", com=point).com,
+        tm.AxisGoal("tip", (0, 0, 1), (0, 0, 1), position=point).position,
+    ):
+        np.testing.assert_allclose(found, POINT, atol=1e-7)
+
+
+STRANGERS = [
+    5, None, "x", [], {}, np.zeros(3), np.eye(3), np.zeros((4, 4)), 2 * np.eye(4),
+    ((0, 0), QUATERNION), (POINT, (0, 0, 0, 0)), (POINT, "x"), (POINT, None),
+    {"position": POINT}, {"position": POINT, "frame": "x"}, object(), pin.SE3,
+    (POINT, 2 * np.eye(3)), {"xyz": POINT, "position": POINT}, Rotation, TURN,
+    ((0, 0, np.nan), MATRIX), Message(position=5, orientation=6), np.zeros(7),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("pose", STRANGERS, ids=lambda x: type(x).__name__)
+def test_what_is_no_pose(pose: object) -> None:
+    with pytest.raises(tm.ProblemError, match=r"goal\.pose") as error:
+        tm.PoseGoal("tip", pose)
+    assert error.value.field == "goal.pose"
+    assert len(str(error.value)) < 300
+
+
+def test_two_rotations_are_one_too_many() -> None:
+    with pytest.raises(tm.SceneError, match="whole pose, and rotation is given too"):
+        tm.Box("box", size=(1, 1, 1), position=POSE, rotation=TURN.inv())
+
+
+@pytest.fixture(scope="module")
+def robot() -> tm.Robot:
+    return tm.load_robot(
+        chain("", "", "").replace('"j', '"joint'),
+        locked_joints={"joint2": 0.5},
+        gravity=(0, 0, 0),
+    )
+
+
+class Series:
+    """As pandas has them: values with an index of names."""
+
+    def __init__(self, values: dict[str, float]) -> None:
+        self.values, self.index = values, list(values)
+
+    def to_dict(self) -> dict[str, float]:
+        return dict(self.values)
+
+
+NAMED = [
+    {"joint3": 0.2, "joint1": 0.1},
+    {"joint3": 0.2, "joint1": 0.1, "joint2": 0.5},
+    Message(name=["joint3", "joint1"], position=[0.2, 0.1]),
+    Series({"joint3": 0.2, "joint1": 0.1}),
+]
+
+
+@pytest.mark.parametrize("q", NAMED, ids=lambda x: type(x).__name__)
+def test_configurations_by_joint_name(q: object, robot: tm.Robot) -> None:
+    goals = [
+        tm.JointGoal(q),
+        tm.AnyGoal([tm.JointGoal(q), tm.JointGoal([0.3, 0.3])]),
+        tm.JointGoal([0.2, 0.1], joints=["joint3", "joint1"]),
+    ]
+    for goal in goals:
+        problem = tm.Problem(robot, q, goal, v_start={"joint3": 0.25})
+        np.testing.assert_array_equal(problem.q_start, [0.1, 0.2])
+        np.testing.assert_array_equal(problem.v_start, [0.0, 0.25])
+        first = problem.goal.alternatives[0]
+        np.testing.assert_array_equal(first.q, [0.1, 0.2])
+    ways = [tm.Segment(tm.JointGoal(q)), tm.Segment(tm.JointGoal([0, 0]))]
+    problem = tm.Problem(robot, q, segments=ways)
+    np.testing.assert_array_equal(problem.segments[0].goal.q, [0.1, 0.2])
+    region = tm.JointRegionGoal({"joint3": 0.2}, tolerance=0.1)
+    assert region.joints == ("joint3",)
+
+
+def test_velocities_by_joint_name(robot: tm.Robot) -> None:
+    goal = tm.JointGoal({"joint3": 0.2, "joint1": 0.1}, v={"joint3": 1.0})
+    problem = tm.Problem(robot, [0, 0], goal)
+    np.testing.assert_array_equal(problem.goal.v, [0.0, 1.0])
+    with pytest.raises(tm.ProblemError, match=r"expected goal\.q to be so, too"):
+        tm.JointGoal([0, 0], v={"joint1": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("q", "match"),
+    [
+        ({"joint1": 0.0}, "says nothing about joint3"),
+        ({"joint1": 0.0, "joint3": 0.0, "joint9": 1.0}, "has a value for 'joint9'"),
+        ({"joint1": 0.0, "joint3": 0.0, "joint2": 1.0}, "is 1.0, but it is locked at"),
+        ({"joint1": 0.0, "joint3": "x"}, "joint 'joint3' is 'x', expected a number"),
+        ({"joint1": 0.0, "joint3": np.nan}, "nan|NaN"),
+        ({}, "expected numbers|says nothing"),
+        ({3: 0.0}, "expected numbers|says nothing"),
+    ],
+)
+def test_wrong_values_by_joint_name(q: object, match: str, robot: tm.Robot) -> None:
+    with pytest.raises(tm.ProblemError, match=match):
+        tm.Problem(robot, q, tm.JointGoal([0, 0]))
+    with pytest.raises(tm.ProblemError, match=match):
+        tm.Problem(robot, [0, 0], tm.JointGoal(q))
+
+
+def test_values_of_several_robots(robot: tm.Robot) -> None:
+    cell = tm.Workcell({"a": (robot, (0, 0, 0)), "b": (robot, (9, 0, 0))})
+    found = cell.stack({"a": [1, 2], "b": {"joint3": 4, "joint1": 3}})
+    np.testing.assert_array_equal(found, [1, 2, 3, 4])
+    goal = cell.goal({"a": tm.JointGoal({"joint3": 0.2, "joint1": 0.1}), "b": None})
+    problem = tm.Problem(cell.robot, np.zeros(4), goal)
+    low, _ = problem.goal.joint_ranges(cell.robot)
+    np.testing.assert_allclose(low[:2], [0.1, 0.2])
+
+
+def test_lists_as_scenes() -> None:
+    robot, start = tm.load_robot("planar3r"), [0.5, 1.7, -1.7]
+    ball = tm.Sphere("ball", radius=0.1, position=(9, 0, 0))
+    goal = tm.JointGoal([1.0, 1.0, 0.0])
+    for scene in ([ball], (ball,), ball, tm.Scene([ball])):
+        problem = tm.Problem(robot, start, goal, scene=scene)
+        assert problem.scene == tm.Scene([ball])
+        assert tm.Segment(goal, scene=scene).scene == tm.Scene([ball])
+    loaded = tm.Payload(1.0, "tip", geometry=tm.Sphere("ball", radius=0.01))
+    assert len(loaded.geometry) == 1
+    with pytest.raises(tm.SceneError, match="two obstacles"):
+        tm.Problem(robot, start, goal, scene=[ball, ball])
+    with pytest.raises(tm.ProblemError, match="scene is a dict, expected a Scene or"):
+        tm.Problem(robot, start, goal, scene={})
