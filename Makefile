@@ -44,6 +44,7 @@ lint: setup
 .PHONY: types
 types: setup
 	$(BIN)/mypy
+	$(BIN)/python tools/type_check_documents.py
 
 .PHONY: layers
 layers: setup

@@ -16,12 +16,14 @@ import argparse
 import csv
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import tominpmp as tm
+from tominpmp.options import Method
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.plots import plot_controls, plot_convergence
 
@@ -56,7 +58,7 @@ FIRST_DURATIONS = {"adjoint": 1.5, "penalty": 1.5, "collocation": 1.0, "inverse"
 def options(method: str, intervals: int) -> tm.Options:
     """Options of a method: no smoothing, a uniform grid, one start, as in the paper."""
     return tm.Options(
-        method=method,
+        method=cast(Method, method),
         intervals=intervals,
         grid="uniform",
         smoothing=0.0,

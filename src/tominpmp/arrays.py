@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,9 @@ from tominpmp.exceptions import brief, shortened
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+#: Marks what may be None although it is not where all is well: whoever has a solution
+#: that is a success need not ask. Type checkers know the other type beside it.
+MaybeNone: TypeAlias = Any
 
 # A range may stand for any number of numbers without holding them.
 MOST_NUMBERS = 10_000_000

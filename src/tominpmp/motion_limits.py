@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,14 @@ class EffortCurve(Record):
 
     speed: Array
     effort: Array
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            speed: ArrayLike,
+            effort: ArrayLike,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the curve."""

@@ -9,16 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
 from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
-from tominpmp.inputs import plain_vector
+from tominpmp.inputs import VectorLike, plain_vector
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # A moment of inertia may exceed the sum of the other two by this share: files round.
@@ -46,6 +48,18 @@ class Payload(Record):
     inertia: Array | None = None
     geometry: Sequence[Obstacle] = ()
     name: str = "payload"
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            mass: float,
+            frame: str,
+            com: VectorLike = ...,
+            inertia: ArrayLike | None = ...,
+            geometry: Sequence[Obstacle] | Obstacle = ...,
+            name: str = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

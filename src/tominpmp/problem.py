@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +18,11 @@ from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.goals import Goal, passed
+from tominpmp.inputs import JointsLike
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
 from tominpmp.segments import Segment, check_names, checked_pairs, checked_segments
 from tominpmp.state_checks import StateChecks
@@ -71,6 +73,23 @@ class Problem(Record):
     constraints: tuple[PathConstraint, ...] = ()
     segments: Sequence[Segment] = ()
     may_touch: Sequence[tuple[str, str]] = ()
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            robot: Robot,
+            q_start: JointsLike,
+            goal: Goal = ...,
+            scene: Scene | Sequence[Obstacle] | Obstacle | None = ...,
+            margin: float = ...,
+            v_start: JointsLike | None = ...,
+            motion_limits: MotionLimits | None = ...,
+            self_collision: bool | None = ...,
+            constraints: Sequence[PathConstraint] = ...,
+            segments: Sequence[Segment] = ...,
+            may_touch: Sequence[tuple[str, str]] = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check everything that can be told without planning."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from tominpmp.goals import Goal, passed
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.payload import Payload
 from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
 from tominpmp.trajectory import Trajectory
 
@@ -56,6 +57,20 @@ class Segment(Record):
     may_touch: Sequence[tuple[str, str]] = ()
     stop: bool = False
     dwell: float = 0.0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            goal: Goal,
+            constraints: Sequence[PathConstraint] = ...,
+            motion_limits: MotionLimits | None = ...,
+            payload: Payload | None = ...,
+            scene: Scene | Sequence[Obstacle] | Obstacle | None = ...,
+            may_touch: Sequence[tuple[str, str]] = ...,
+            stop: bool = ...,
+            dwell: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the values that need no robot."""

@@ -16,6 +16,7 @@ from tominpmp.accelerations import (
     acceleration_remark,
     peak_acceleration,
 )
+from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -69,13 +70,13 @@ class Solution:
     status: Status
     message: str
     feasible: bool
-    trajectory: Trajectory | None
-    initial: Trajectory | None = None
+    trajectory: Trajectory | MaybeNone
+    initial: Trajectory | MaybeNone = None
     history: tuple[IterationRecord, ...] = ()
     planning_time: float = 0.0
     violations: dict[str, float] = field(default_factory=dict)
-    verification: Verification | None = None
-    lower_bound: LowerBound | None = None
+    verification: Verification | MaybeNone = None
+    lower_bound: LowerBound | MaybeNone = None
 
     @property
     def success(self) -> bool:
@@ -111,7 +112,7 @@ class Solution:
         The best motion of a failed planning, if any, has one of its own:
         ``solution.trajectory.duration``.
         """
-        return self.trajectory.duration if self.success else math.inf  # type: ignore[union-attr]
+        return self.trajectory.duration if self.success else math.inf
 
     @property
     def gap(self) -> float | None:
@@ -164,7 +165,7 @@ class Solution:
         return len(self.history)
 
     @cached_property
-    def certificate(self) -> Certificate | None:
+    def certificate(self) -> Certificate | MaybeNone:
         """How near the motion is to the first-order conditions of an optimal one.
 
         It is made when it is first asked for; None if there is no motion.

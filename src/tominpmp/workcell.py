@@ -7,10 +7,10 @@ as one robot with several arms, and do not touch each other on the way.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +27,7 @@ from tominpmp.goals import (
     Goal,
     JointGoal,
 )
+from tominpmp.inputs import VectorLike
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Trajectory
@@ -67,6 +68,14 @@ class Workcell(Record):
     robots: Mapping[str, tuple[Robot, pin.SE3]]
     gravity: Array | None = None
     robot: Robot = field(init=False, repr=False)
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            robots: Mapping[str, tuple[Robot, Any]] | Sequence[tuple[str, Robot, Any]],
+            gravity: VectorLike | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the robots and combine them."""

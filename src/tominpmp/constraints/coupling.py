@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array, number_or_nan
 from tominpmp.constraints.path import PathConstraint
@@ -43,6 +45,16 @@ class JointCoupling(PathConstraint):
     unit = "rad or m"
     largest = 0.0
     scale = SCALE
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            joints: tuple[str, ...],
+            weights: ArrayLike,
+            upper: float,
+            lower: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -12,14 +12,17 @@ Featherstone 2008, equation 5.9). Whatever holds it can give some wrenches only.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array, is_single
 from tominpmp.constraints.path import FrameConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import goal_vector
+from tominpmp.inputs import VectorLike
 from tominpmp.payload import checked_inertia
 
 STANDARD_GRAVITY = 9.81
@@ -154,6 +157,19 @@ class StableContact(HeldLoad):
     scale = 1.0
     falls = "slips or tips"
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            center: VectorLike,
+            friction: float,
+            support: ArrayLike | float | None = ...,
+            mass: float = ...,
+            inertia: ArrayLike | None = ...,
+            adhesion: float = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
         self._check_load()
@@ -263,6 +279,20 @@ class FirmGrasp(HeldLoad):
     quantity = "load of the grasp"
     unit = "N"
     falls = "slips out of the fingers"
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            force: float,
+            friction: float,
+            mass: float,
+            center: VectorLike = ...,
+            axis: VectorLike = ...,
+            pad_radius: float = ...,
+            inertia: ArrayLike | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ from tominpmp.arrays import Array, frozen_array
 from tominpmp.constraints.path import frame_name
 from tominpmp.constraints.upright import FrameAngle, KeepUpright
 from tominpmp.exceptions import ProblemError, SceneError
+from tominpmp.inputs import RotationLike, VectorLike
 from tominpmp.scene import rotation_matrix
 
 NONE = np.zeros(0)
@@ -36,6 +38,16 @@ class AxisFixed(KeepUpright):
 
     quantity = "deviation of the axis"
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            axis: VectorLike = ...,
+            direction: VectorLike = ...,
+            tolerance: float = ...,
+        ) -> None: ...
+
 
 @dataclass(frozen=True, eq=False)
 class KeepOrientation(FrameAngle):
@@ -56,6 +68,15 @@ class KeepOrientation(FrameAngle):
     tolerance: float = 0.01
 
     quantity = "turn"
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            rotation: RotationLike | None = ...,
+            tolerance: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.constraints.path import FrameConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import goal_vector
+from tominpmp.inputs import VectorLike
 
 NONE = np.zeros(0)
 # Narrower tubes are measured by this, so that rows stay of order one [m].
@@ -84,6 +87,16 @@ class ToolLine(Tube):
     end: Array
     radius: float = 1e-3
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            start: VectorLike,
+            end: VectorLike,
+            radius: float = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
         frame_name(self.frame)
@@ -114,6 +127,15 @@ class ToolPolyline(Tube):
     frame: str
     points: Array
     radius: float = 1e-3
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            points: ArrayLike,
+            radius: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -165,6 +187,18 @@ class ToolArc(Tube):
     axis: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
     angle: float = 2.0 * np.pi
     radius: float = 1e-3
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            center: VectorLike,
+            start: VectorLike,
+            axis: VectorLike = ...,
+            angle: float = ...,
+            radius: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

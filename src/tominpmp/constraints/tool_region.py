@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +13,7 @@ from tominpmp.constraints.path import FrameConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.frames import checked_pose, pose_values
+from tominpmp.inputs import PoseLike, VectorLike
 
 NONE = np.zeros(0)
 CORNER = "three coordinates [m]"
@@ -45,6 +46,16 @@ class WithinRegion(FrameConstraint):
     unit = "m"
     largest = 0.0
     scale = SCALE
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            lower: VectorLike,
+            upper: VectorLike,
+            pose: PoseLike | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -118,6 +129,15 @@ class KeepAway(FrameConstraint):
     order = 0
     unit = "m"
     largest = 0.0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            point: VectorLike,
+            distance: float,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from tominpmp.constraints.path import FrameConstraint, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.direction import cross, deviation
+from tominpmp.inputs import VectorLike
 
 NONE = np.zeros(0)
 # Narrower cones are measured by this angle, so that rows stay of order one [rad].
@@ -68,6 +70,16 @@ class KeepUpright(FrameAngle):
     tolerance: float = 0.1
 
     quantity = "tilt"
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            axis: VectorLike = ...,
+            direction: VectorLike = ...,
+            tolerance: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

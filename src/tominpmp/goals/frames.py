@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +14,7 @@ from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
 from tominpmp.goals.direction import deviation
 from tominpmp.goals.place import Ball, Label, Place
-from tominpmp.inputs import POSE, split_pose
+from tominpmp.inputs import POSE, PoseLike, VectorLike, split_pose
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation, rotation_matrix
@@ -112,6 +112,16 @@ class PositionGoal(Record, FrameGoal):
     v: Array | None = None
     tolerance: float = 0.0
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            position: VectorLike,
+            v: VectorLike | None = ...,
+            tolerance: float = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
         self._check_frame()
@@ -156,6 +166,17 @@ class PoseGoal(Record, FrameGoal):
     v: Array | None = None
     tolerance: float = 0.0
     angle_tolerance: float = 0.0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            pose: PoseLike,
+            v: VectorLike | None = ...,
+            tolerance: float = ...,
+            angle_tolerance: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -225,6 +246,19 @@ class AxisGoal(Record, FrameGoal):
     v: Array | None = None
     tolerance: float = 0.0
     angle_tolerance: float = 0.0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            axis: VectorLike,
+            direction: VectorLike,
+            position: VectorLike | None = ...,
+            v: VectorLike | None = ...,
+            tolerance: float = ...,
+            angle_tolerance: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

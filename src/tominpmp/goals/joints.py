@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray, Record, is_single
 from tominpmp.exceptions import JointNotFound, ProblemError, brief
 from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
 from tominpmp.goals.place import Place, joint_labels
-from tominpmp.inputs import by_joint, in_order, named_row
+from tominpmp.inputs import JointsLike, by_joint, in_order, named_row
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -31,6 +33,15 @@ class JointGoal(Record, Goal):
     q: Array
     v: Array | None = None
     joints: Sequence[str] | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            q: JointsLike,
+            v: JointsLike | None = ...,
+            joints: Sequence[str] | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Copy the arrays; their lengths are checked against the robot."""
@@ -123,6 +134,15 @@ class JointRegionGoal(Record, Goal):
     q: Array
     tolerance: float | Array = 0.0
     joints: Sequence[str] | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            q: JointsLike,
+            tolerance: ArrayLike = ...,
+            joints: Sequence[str] | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, frozen_array, is_single
 from tominpmp.exceptions import ProblemError, brief
@@ -18,6 +19,7 @@ from tominpmp.goals.frames import (
     rotation_vector,
 )
 from tominpmp.goals.place import Place
+from tominpmp.inputs import PoseLike, VectorLike
 from tominpmp.kinematics import RobotKinematics
 
 EDGES = "three coordinates [m]"
@@ -48,6 +50,18 @@ class RegionGoal(Record, FrameGoal):
     pose: pin.SE3 | None = None
     angle_tolerance: float | Array = np.pi
     v: Array | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frame: str,
+            lower: VectorLike,
+            upper: VectorLike,
+            pose: PoseLike | None = ...,
+            angle_tolerance: ArrayLike = ...,
+            v: VectorLike | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, BoolArray, array_or_nan
 from tominpmp.exceptions import SceneError, brief
+from tominpmp.inputs import PoseLike, RotationLike, VectorLike
+from tominpmp.scene.motion import Motion
 from tominpmp.scene.obstacles import Obstacle
 
 # More cells than these would take minutes.
@@ -33,6 +38,20 @@ class HeightField(Obstacle):
     heights: Array
     size: Array
     base: float | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            heights: ArrayLike,
+            size: ArrayLike,
+            base: float | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check grid and extent."""
@@ -111,6 +130,19 @@ class OcTree(Obstacle):
 
     points: Array
     resolution: float
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            points: ArrayLike,
+            resolution: float,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check points and resolution."""

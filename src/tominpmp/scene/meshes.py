@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray, array_or_nan, frozen_array, real_array
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import SceneError, brief
+from tominpmp.inputs import PoseLike, RotationLike, VectorLike
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
+from tominpmp.scene.motion import Motion
 from tominpmp.scene.obstacles import Obstacle
 
 # Coordinates beyond this are a mistake [m].
@@ -44,6 +48,22 @@ class Mesh(Obstacle):
     triangles: IntArray = None  # type: ignore[assignment]
     scale: Array = 1.0  # type: ignore[assignment]
     convex: Literal["auto", "hull", "none"] = "auto"
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            path: str | Path | None = ...,
+            vertices: ArrayLike = ...,
+            triangles: ArrayLike = ...,
+            scale: ArrayLike = ...,
+            convex: Literal["auto", "hull", "none"] = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Read the file, check what was read."""

@@ -6,15 +6,23 @@ order x, y, z, w. Cylinders and capsules stand along their z axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array, number_or_nan
 from tominpmp.exceptions import SceneError, brief
-from tominpmp.inputs import plain_rotation, plain_vector, split_pose
+from tominpmp.inputs import (
+    PoseLike,
+    RotationLike,
+    VectorLike,
+    plain_rotation,
+    plain_vector,
+    split_pose,
+)
 from tominpmp.scene.motion import Motion, Placement, Twist
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
@@ -43,6 +51,17 @@ class Obstacle(Record):
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
     motion: Motion | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check name, position, rotation and motion."""
@@ -174,6 +193,18 @@ class Sphere(Obstacle):
 
     radius: float
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            radius: float,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         """Check the radius."""
         super().__post_init__()
@@ -189,6 +220,18 @@ class Box(Obstacle):
     """
 
     size: Array
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            size: VectorLike,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the edges."""
@@ -211,6 +254,19 @@ class Cylinder(Obstacle):
     radius: float
     length: float
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            radius: float,
+            length: float,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         """Check the sizes."""
         super().__post_init__()
@@ -228,6 +284,19 @@ class Capsule(Obstacle):
 
     radius: float
     length: float
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            *,
+            position: VectorLike | PoseLike = ...,
+            rotation: RotationLike | None = ...,
+            motion: Motion | Callable[[float], Any] | None = ...,
+            radius: float,
+            length: float,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the sizes."""

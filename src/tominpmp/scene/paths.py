@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.exceptions import SceneError, brief
-from tominpmp.inputs import plain_rotation
+from tominpmp.inputs import RotationLike, VectorLike, plain_rotation
 from tominpmp.scene.motion import (
     Motion,
     Placement,
@@ -51,6 +53,17 @@ class ConstantVelocity(Motion):
     pivot: Array | None = None
     begin: float = 0.0
     end: float = np.inf
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            velocity: VectorLike = ...,
+            angular: VectorLike = ...,
+            pivot: VectorLike | None = ...,
+            begin: float = ...,
+            end: float = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -134,6 +147,15 @@ class Waypoints(Motion):
     times: Array
     positions: Array | None = None
     rotations: Array | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            times: ArrayLike,
+            positions: ArrayLike | None = ...,
+            rotations: RotationLike | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check times, positions and rotations."""
