@@ -8,6 +8,8 @@ no form for the other two.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
@@ -42,6 +44,28 @@ def states(
         v0 + s * (2.0 * c2 + 3.0 * s * c3),
         2.0 * c2 + 6.0 * s * c3,
     )
+
+
+def polynomials(t: Array, q: Array, v: Array, a: Array | None) -> Any:
+    """Positions between the nodes as SciPy's ``PPoly``, NaN outside of the motion.
+
+    Args:
+        t: Times of the nodes [s], increasing, shape (N + 1,).
+        q: Positions there [rad or m], shape (N + 1, n).
+        v: Velocities there, shape (N + 1, n).
+        a: Accelerations, as for :func:`states`.
+    """
+    from scipy.interpolate import PPoly
+
+    h = np.diff(t)[:, None]
+    if a is not None and a.shape[0] == t.size:
+        rest = _rest(np.arange(h.size), h, (q, v, a))
+        more = [0.5 * a[:-1], *(c / h**k for k, c in enumerate(rest, start=3))]
+    elif a is not None:
+        more = [0.5 * a]
+    else:
+        more = [*_cubic(q[:-1], v[:-1], q[1:], v[1:], h)]
+    return PPoly(np.stack([*more[::-1], v[:-1], q[:-1]]), t, extrapolate=False)
 
 
 def velocities(t: Array, q: Array, v: Array, a: Array | None) -> Array:

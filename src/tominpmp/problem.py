@@ -16,11 +16,13 @@ import numpy as np
 from tominpmp.arrays import Array, Record, frozen_array, number_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
+from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.goals import Goal, passed
 from tominpmp.inputs import JointsLike
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
+from tominpmp.notebook import card, skeletons, table
 from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
@@ -155,6 +157,17 @@ class Problem(Record):
         more += ", motion limits" if self.motion_limits is not None else ""
         more += f", {len(self.segments)} segments" if self.segments else ""
         return f"<Problem of {robot}: {brief(self.goal)}{more}>"
+
+    def _repr_html_(self) -> str:
+        """Stick figures at the start and the goal, and what is asked, for notebooks."""
+        robot, goal = self.robot, self.goal.configuration
+        ends = {"goal": self.q_start if goal is None else goal, "start": self.q_start}
+        arms = {k: sticks(robot.model, robot.expand(q)) for k, q in ends.items()}
+        rows = [("robot", robot.name), ("goal", brief(self.goal))]
+        rows += [("scene", brief(self.scene)), ("margin", f"{self.margin:g} m")]
+        rows += [("constraint", brief(item)) for item in self.constraints]
+        picture = skeletons("start, and goal in grey", arms)
+        return card("Problem", picture, table((), rows))
 
     @cached_property
     def checker(self) -> CollisionChecker:

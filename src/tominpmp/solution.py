@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import textwrap
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +20,7 @@ from tominpmp.accelerations import (
 )
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
+from tominpmp.notebook import card, curves, table
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
@@ -26,6 +29,7 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from tominpmp.bounds.lower_bound import LowerBound
@@ -97,6 +101,30 @@ class Solution:
             f"<Solution {self.status.name} for {robot}: {time}, method "
             f"{options.method}{verified}, planned in {self.planning_time:.3g} s>"
         )
+
+    def _repr_html_(self) -> str:
+        """Speeds and torques as shares of their limits, and the outcome; notebooks."""
+        rows: list[tuple[str, object]] = [("status", self.status.value)]
+        rows += [("message", line) for line in textwrap.wrap(self.message, 60)]
+        rows += [
+            ("T", f"{self.T:.6g} s"),
+            ("planned in", f"{self.planning_time:.3g} s"),
+        ]
+        if self.gap is not None:
+            rows.append(("above the lower bound", f"{self.gap:.2%} at most"))
+        parts = [table((), rows)]
+        if self.trajectory is not None:
+            times = np.linspace(0.0, self.trajectory.duration, 200)
+            state, limits = self.trajectory(times), self.problem.robot.limits
+            effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
+            for name, values, largest in (
+                ("speed over its limit", state.v, limits.velocity),
+                ("torque over its limit", state.u, effort),
+            ):
+                share = values / np.where(largest > 0.0, largest, np.inf)
+                parts.insert(-1, curves(name, times, share, (-1.0, 1.0)))
+        title = "Solution" if self.success else "No motion"
+        return card(f"{title} for {self.problem.robot.name}", *parts)
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled: all but the callback, which has done its work."""
@@ -229,11 +257,19 @@ class Solution:
 
         return play(self.problem, self._motion(), path=path, **options)
 
-    def plot(self, path: str | Path | None = None) -> Figure:
+    def plot(
+        self,
+        path: str | Path | None = None,
+        *,
+        ax: Axes | Sequence[Axes] | None = None,
+    ) -> Figure:
         """Plot positions, velocities and torques over time with their limits.
 
         Args:
             path: File to write (PNG, PDF or SVG by its ending), if any.
+            ax: Axes of matplotlib to draw on, instead of a new figure: one, for the
+                torques as shares of their limits, or three, for positions, velocities
+                and torques of all joints.
 
         Returns:
             The figure.
@@ -242,8 +278,11 @@ class Solution:
             ProblemError: If there is no motion.
             MissingDependency: If matplotlib is not installed.
         """
+        from tominpmp.viz.axes_plot import plot_on_axes
         from tominpmp.viz.plots import plot_trajectory
 
+        if ax is not None:
+            return plot_on_axes(self.problem, self._motion(), ax, path=path)
         return plot_trajectory(self.problem, self._motion(), path=path)
 
     def plot_certificate(self, path: str | Path | None = None) -> Figure:

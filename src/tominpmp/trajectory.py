@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,11 +26,15 @@ from tominpmp.arrays import (
     number_or_nan,
     real_array,
 )
-from tominpmp.curves import states, velocities
+from tominpmp.curves import polynomials, states, velocities
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.notebook import motion_card
 from tominpmp.samples import Samples, check_shape, names, numbers
 from tominpmp.sampling import clock
 from tominpmp.turns import Turns
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
 
@@ -184,19 +188,32 @@ class Trajectory(Record):
             f"T = {self.duration:.6g} s>"
         )
 
-    def __call__(self, time: ArrayLike, *, hold: bool = False) -> State:
+    @overload
+    def __call__(
+        self, time: ArrayLike, nu: None = None, *, hold: bool = False
+    ) -> State: ...
+
+    @overload
+    def __call__(self, time: ArrayLike, nu: int, *, hold: bool = False) -> Array: ...
+
+    def __call__(
+        self, time: ArrayLike, nu: int | None = None, *, hold: bool = False
+    ) -> State | Array:
         """Evaluate the motion.
 
         Args:
             time: A time [s] or an array of times, shape (m,), from 0 to T.
+            nu: Order of a derivative of the position, as SciPy's ``PPoly`` has it: 0
+                for the position alone, 1 for the velocity, 3 for the jerk; None for the
+                whole state.
             hold: Whether there may be times before the start or after the end: the arm
                 stands there, at the position of that end, with the torque that holds it
                 still; this torque is NaN for a motion that knows no dynamics.
 
         Returns:
-            Position, velocity, acceleration and torque: shape (n,) for a single time,
-            (m, n) for an array of times. Where the torque or the acceleration jumps,
-            they are those just after the jump, as at the nodes.
+            Position, velocity, acceleration and torque, or the derivative: shape (n,)
+            for a single time, (m, n) for an array of times. Where the torque or the
+            acceleration jumps, they are those just after the jump, as at the nodes.
 
         Raises:
             ProblemError: If a time is not a number, they are not in one row, or one is
@@ -220,12 +237,43 @@ class Trajectory(Record):
                 f"from 0 to {self.duration:g} s; hold=True holds its ends",
                 "time",
             )
-        state = self._evaluate(np.clip(row, 0.0, self.t[-1]))
+        inside = np.clip(row, 0.0, self.t[-1])
+        if nu is not None:
+            found = np.array(self.derivative(nu)(inside))
+            found[outside] *= nu == 0  # at rest where it is held
+            return found[0] if times.ndim == 0 else found
+        state = self._evaluate(inside)
         if np.any(outside):
             state = self._held(state, outside, row)
         if times.ndim == 0:
             return State(*(part[0] for part in state))
         return state
+
+    def derivative(self, nu: int = 1) -> PPoly:
+        """Derivative of the position by time, as a ``scipy.interpolate.PPoly``.
+
+        Args:
+            nu: Its order: 0 for the position itself, 1 for the velocity, ...
+
+        Returns:
+            A function of times, which is NaN outside of the motion; its own
+            ``derivative``, ``antiderivative``, ``solve`` and ``roots`` are SciPy's.
+
+        Raises:
+            ProblemError: If the order is no whole number from 0.
+        """
+        if isinstance(nu, bool) or not isinstance(nu, int | np.integer) or nu < 0:
+            raise ProblemError(f"nu is {brief(nu)}, expected a whole number >= 0", "nu")
+        whole = polynomials(self.t, self.q, self.v, self.a)
+        # More than zero is asked for at once.
+        return whole.derivative(int(nu)) if nu else whole
+
+    def _repr_html_(self) -> str:
+        """Curves and a table, for notebooks."""
+        times = np.linspace(0.0, self.duration, 200)
+        q, v, _, u = self(times)
+        title = f"Trajectory, T = {self.duration:.6g} s"
+        return motion_card(title, self.joint_names, times, q, v, u)
 
     def _outside(self, times: Array) -> BoolArray:
         """Which times are before the start or after the end, by more than rounding."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
@@ -111,6 +112,26 @@ def _locks(full: pin.Model, locked: Mapping[str, float]) -> tuple[list[int], Arr
     for index, position in zip(indices, locked.values(), strict=True):
         q[full.joints[index].idx_q] = position
     return indices, q
+
+
+def sticks(model: pin.Model, q: Array) -> Array:
+    """Ends of straight lines from joint to joint and to the bodies they end with.
+
+    Returns:
+        Shape (k, 2, 3) [m], in the world; at least one line.
+    """
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    lines: list[Any] = [
+        (data.oMi[model.parents[j]].translation, data.oMi[j].translation)
+        for j in range(1, model.njoints)
+    ]
+    lines += [
+        (data.oMi[frame.parentJoint].translation, data.oMf[index].translation)
+        for index, frame in enumerate(model.frames)
+        if frame.type == pin.FrameType.BODY and frame.parentJoint
+    ]
+    return np.array(lines or [np.zeros((2, 3))])
 
 
 def expansion(

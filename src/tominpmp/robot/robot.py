@@ -24,6 +24,7 @@ from tominpmp.description.model import (
     check_inertia,
     configured_model,
     expansion,
+    sticks,
 )
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
@@ -35,6 +36,7 @@ from tominpmp.exceptions import (
     expect,
 )
 from tominpmp.motion_limits import MotionLimits
+from tominpmp.notebook import card, skeletons, table
 from tominpmp.payload import Payload, attach
 
 
@@ -120,6 +122,16 @@ class Robot(Record):
         """Name and joints, on one line."""
         joints = brief(", ".join(self.joint_names))[1:-1]
         return f"<Robot {brief(self.name)} with {self.n} joints: {joints}>"
+
+    def _repr_html_(self) -> str:
+        """A stick figure and the limits, for notebooks."""
+        low, high = self.limits.position_lower, self.limits.position_upper
+        arm = sticks(self.model, self.expand(np.clip(np.zeros(self.n), low, high)))
+        columns = (low, high, self.limits.velocity, self.limits.effort_upper)
+        rows = zip(self.joint_names, *(x.tolist() for x in columns), strict=True)
+        head = ("joint", "lower", "upper", "velocity", "effort")
+        picture = skeletons("at zero", {"robot": arm})
+        return card(f"Robot {self.name}", picture, table(head, list(rows)))
 
     @property
     def n(self) -> int:

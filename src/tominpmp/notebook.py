@@ -1,0 +1,132 @@
+"""How objects show themselves in notebooks: small pictures (SVG) and tables (HTML).
+
+Nothing but text is made here, so that no plotting library is needed; names are escaped,
+as they come from files of strangers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import brief
+
+# Okabe and Ito's colours, which the colour-blind tell apart.
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4b8a")
+GREY, LIMIT = "#9aa5b1", "#b3312a"
+WIDTH, HEIGHT, EDGE = 240.0, 110.0, 6.0
+TEXT = "font:11px sans-serif;fill:#4a5867"
+# Rows of a table; robots may have hundreds of joints.
+MOST_ROWS = 40
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table; numbers are shortened, what is too long is left out."""
+    cells = "".join(f"<th>{escape(name)}</th>" for name in head)
+    lines = [f"<tr>{cells}</tr>"] if head else []
+    for row in rows[:MOST_ROWS]:
+        cells = "".join(f"<td>{escape(_text(value))}</td>" for value in row)
+        lines.append(f"<tr>{cells}</tr>")
+    if len(rows) > MOST_ROWS:
+        lines.append(f"<tr><td>and {len(rows) - MOST_ROWS} more</td></tr>")
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float | np.floating):
+        return f"{value:.4g}"
+    return value if isinstance(value, str) and len(value) <= 80 else brief(value)[:80]
+
+
+def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) -> str:
+    """A panel with one curve a column.
+
+    Args:
+        title: What is drawn, with its unit.
+        t: Times, shape (m,).
+        values: Shape (m, n); what is not finite is left out.
+        limits: Where to draw lines across.
+    """
+    finite = np.where(np.isfinite(values), values, 0.0)
+    bounds = [*limits, float(finite.min(initial=0.0)), float(finite.max(initial=0.0))]
+    low, high = min(bounds), max(bounds)
+    span = (high - low) or 1.0
+    x = EDGE + (WIDTH - 2 * EDGE) * (t - t[0]) / ((t[-1] - t[0]) or 1.0)
+    y = HEIGHT - EDGE - (HEIGHT - 4 * EDGE) * (finite - low) / span
+    marks = [HEIGHT - EDGE - (HEIGHT - 4 * EDGE) * (at - low) / span for at in limits]
+    parts = [
+        f'<line x1="{EDGE}" x2="{WIDTH - EDGE}" y1="{at:.1f}" y2="{at:.1f}" '
+        f'stroke="{LIMIT}" stroke-dasharray="4 3"/>'
+        for at in marks
+    ]
+    parts += [
+        _line(np.stack([x, y[:, i]], axis=1), COLORS[i % len(COLORS)], name=f"{i + 1}")
+        for i in range(values.shape[1])
+    ]
+    return _svg(title, parts)
+
+
+def skeletons(title: str, arms: Mapping[str, Array], up: int = 2) -> str:
+    """A panel with stick figures.
+
+    Args:
+        title: What is drawn.
+        arms: Ends of the sticks, shape (k, 2, 3) [m], by what they are; the last one is
+            in colour.
+        up: The axis of the world that points upwards.
+    """
+    points = np.concatenate([arm.reshape(-1, 3) for arm in arms.values()])
+    flat = np.ptp(points[:, up]) < 1e-6
+    axes = (0, 1) if flat else (int(np.argmax(np.ptp(points[:, :2], axis=0))), up)
+    seen = points[:, list(axes)]
+    low, extent = seen.min(axis=0), max(float(np.ptp(seen, axis=0).max()), 1e-6)
+    scale = (HEIGHT - 4 * EDGE) / extent
+    parts = []
+    for number, arm in enumerate(arms.values(), 1):
+        ends = (arm[:, :, list(axes)] - low) * scale
+        ends = np.stack([2 * EDGE + ends[..., 0], HEIGHT - EDGE - ends[..., 1]], axis=2)
+        color = COLORS[0] if number == len(arms) else GREY
+        parts += [_line(stick, color, width=3.0) for stick in ends]
+    return _svg(title, parts)
+
+
+def card(title: str, *parts: str) -> str:
+    """Pictures and tables below a title."""
+    style = "padding:2px 12px 2px 0"
+    inside = "".join(f'<div style="{style}">{part}</div>' for part in parts)
+    return (
+        f'<div><b>{escape(title)}</b><div style="display:flex;flex-wrap:wrap">'
+        f"{inside}</div></div>"
+    )
+
+
+def motion_card(
+    title: str, names: Sequence[str], t: Array, q: Array, v: Array, u: Array
+) -> str:
+    """Curves of a motion, shape (m, n) each, and a line for each joint."""
+    panels = [curves(name, t, x) for name, x in (("q", q), ("v", v), ("u", u))]
+    fastest, strongest = (np.abs(x).max(axis=0).tolist() for x in (v, u))
+    columns = names, q[0].tolist(), q[-1].tolist(), fastest, strongest
+    head = ("joint", "start", "end", "max |v|", "max |u|")
+    return card(title, *panels, table(head, list(zip(*columns, strict=True))))
+
+
+def _line(points: Array, color: str, width: float = 1.4, name: str = "") -> str:
+    where = " ".join(f"{x:.1f},{y:.1f}" for x, y in points.tolist())
+    label = f"<title>{escape(name)}</title>" if name else ""
+    return (
+        f'<polyline points="{where}" fill="none" stroke="{color}" '
+        f'stroke-width="{width}" stroke-linecap="round">{label}</polyline>'
+    )
+
+
+def _svg(title: str, parts: Sequence[str]) -> str:
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH:g}" '
+        f'height="{HEIGHT:g}" role="img" aria-label="{escape(title)}">'
+        f'<text x="{EDGE}" y="12" style="{TEXT}">{escape(title)}</text>'
+        f"{''.join(parts)}</svg>"
+    )
