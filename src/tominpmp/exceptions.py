@@ -9,6 +9,7 @@ parse the message.
 from __future__ import annotations
 
 import copyreg
+import difflib
 import reprlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -67,6 +68,18 @@ class RobotLoadError(TominpmpError):
         self.path = None if path is None else Path(path)
 
 
+def closest(name: object, known: Sequence[str]) -> str:
+    """A question after names that are nearly the one given; empty if there are none."""
+    if not isinstance(name, str) or len(name) > BRIEF:
+        return ""
+    lower = {item.lower(): item for item in known}
+    found = difflib.get_close_matches(name.lower(), lower, n=2, cutoff=0.6)
+    # Many names of frames begin with that of the robot.
+    found += [item for item in lower if item.endswith(name.lower()) and name]
+    names = list(dict.fromkeys(lower[item] for item in found))[:2]
+    return f" (did you mean {' or '.join(names)}?)" if names else ""
+
+
 class FrameNotFound(TominpmpError):
     """A frame (link or joint frame) is not part of the robot.
 
@@ -77,7 +90,8 @@ class FrameNotFound(TominpmpError):
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
         super().__init__(
-            f"there is no frame {brief(name)}; the robot has: {', '.join(available)}"
+            f"there is no frame {brief(name)}{closest(name, available)}; the robot "
+            f"has: {', '.join(available)}"
         )
         self.name = name
         self.available = tuple(available)
@@ -93,7 +107,8 @@ class JointNotFound(TominpmpError):
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
         super().__init__(
-            f"there is no joint {brief(name)}; the robot has: {', '.join(available)}"
+            f"there is no joint {brief(name)}{closest(name, available)}; the robot "
+            f"has: {', '.join(available)}"
         )
         self.name = name
         self.available = tuple(available)
@@ -163,8 +178,8 @@ class SolverNotFound(TominpmpError):
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
         super().__init__(
-            f"the solver {brief(name)} is not available; there are: "
-            f"{', '.join(available)}"
+            f"the solver {brief(name)} is not available{closest(name, available)}; "
+            f"there are: {', '.join(available)}"
         )
         self.name = name
         self.available = tuple(available)

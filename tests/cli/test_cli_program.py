@@ -28,7 +28,7 @@ from tominpmp.robot import Robot
 def test_robots(run: Run) -> None:
     result = run("robots")
     assert result.exit_code == 0
-    assert result.stdout.split() == list(robot_names())
+    assert sorted(result.stdout.split()) == sorted(robot_names())
     assert "planar3r" in result.stdout.split()
 
 

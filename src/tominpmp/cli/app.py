@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from tominpmp.cli.completion import robots as complete_robot
+from tominpmp.cli.front import COMMANDS, EXAMPLES, new_app
 from tominpmp.cli.option_fields import command
 from tominpmp.cli.options import (
     LimitOptions,
@@ -21,23 +22,6 @@ from tominpmp.cli.options import (
     ToleranceOptions,
     VerifyOptions,
 )
-from tominpmp.cli.usage import Commands
-
-# A line that begins with \b keeps a paragraph from being wrapped.
-EXAMPLES = """\b
-Examples:
-  tominpmp info panda
-  tominpmp plan planar3r --start 0.5 1.7 -1.7 --goal 2 -1 0.5
-  tominpmp plan planar3r --start start --goal-position tip 4 1 0 \\
-      --obstacle sphere:O:r=0.8:at=4,0,0 --html motion.html
-  tominpmp plan panda --lock panda_finger_joint1=0.04 --start default \\
-      --goal panda_joint1=90,panda_joint4=-60 --degrees -o motion.npz --dt 0.001
-  tominpmp plan scenario.toml -o motion.yaml --dt 0.01
-  tominpmp plan scenario.toml -o goal.yaml --control-period 0.004 \\
-      --ros-message FollowJointTrajectory
-  tominpmp verify scenario.toml motion.yaml
-  tominpmp plan panda --scene scene.yaml --request request.yaml
-"""
 
 EXIT_CODES = """\b
 Exit codes:
@@ -55,55 +39,24 @@ Exit codes:
   2    bad input
 """
 
-app = typer.Typer(
-    cls=Commands,
-    subcommand_metavar="COMMAND [ARGS]...",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={
-        "help_option_names": ["-h", "--help"],
-        "max_content_width": 100,
-    },
-)
+app = new_app()
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"tominpmp {metadata.version('tominpmp')}")
-        raise typer.Exit
-
-
-@app.callback(invoke_without_command=True, epilog=EXAMPLES)
-def tominpmp(
-    context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version",
-            help="Show the version and exit.",
-            callback=_print_version,
-            is_eager=True,
-        ),
-    ] = False,
-) -> None:
-    """Plan time-optimal motions of robot arms from their URDF."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
-
-
-def _argument(metavar: str, text: str) -> Any:
-    return typer.Argument(metavar=metavar, help=text, show_default=False)
+def _argument(metavar: str, text: str, complete: Any = None) -> Any:
+    return typer.Argument(
+        metavar=metavar, help=text, show_default=False, autocompletion=complete
+    )
 
 
 ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
-RobotName = Annotated[str, _argument("ROBOT", f"{ROBOT}.")]
+RobotName = Annotated[str, _argument("ROBOT", f"{ROBOT}.", complete_robot)]
 PlannedRobot = Annotated[
     str,
     _argument(
         "ROBOT",
         f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, scene "
         "and options.",
+        complete_robot,
     ),
 ]
 JudgedProblem = Annotated[
@@ -112,6 +65,7 @@ JudgedProblem = Annotated[
         "SCENARIO",
         "Scenario file (.toml); or a robot, with --scene and --request, or with "
         "--start and a goal.",
+        complete_robot,
     ),
 ]
 RecordedMotion = Annotated[
@@ -126,7 +80,7 @@ RecordedMotion = Annotated[
 
 @command(
     app,
-    short_help="Plan the fastest motion to a goal and write it to a file.",
+    short_help=COMMANDS["plan"],
     epilog=f"{EXAMPLES}\n{EXIT_CODES}",
 )
 def plan(
@@ -151,7 +105,7 @@ def plan(
 
 @command(
     app,
-    short_help="Judge a motion from a file, whoever planned it.",
+    short_help=COMMANDS["verify"],
     epilog=VERIFY_CODES,
 )
 def verify(
@@ -175,7 +129,7 @@ def verify(
     )
 
 
-@command(app, short_help="Show a motion from a file in the browser.")
+@command(app, short_help=COMMANDS["play"])
 def play(motion: RecordedMotion, args: PlayOptions) -> None:
     """Show a motion in the browser, or write a page that plays it without network."""
     from tominpmp.cli.play import run_play
@@ -183,7 +137,7 @@ def play(motion: RecordedMotion, args: PlayOptions) -> None:
     typer.echo(f"page  {run_play(motion, args)}")
 
 
-@command(app, short_help="Show the joints, limits and frames of a robot.")
+@command(app, short_help=COMMANDS["info"])
 def info(robot: RobotName, changes: RobotOptions, report: ReportOptions) -> None:
     """Show the joints of a robot with their limits, its frames and group states."""
     from tominpmp.cli.info import run_info
@@ -191,12 +145,15 @@ def info(robot: RobotName, changes: RobotOptions, report: ReportOptions) -> None
     run_info(robot, changes, report.json)
 
 
-@command(app, short_help="List the robots known by name.")
+@command(app, short_help=COMMANDS["robots"])
 def robots() -> None:
-    """List the robots known by name: bundled ones, and those of example-robot-data."""
-    from tominpmp.description.files import robot_names
+    """List the robots known by name: bundled ones, and those of example-robot-data.
 
-    typer.echo("\n".join(robot_names()))
+    Arms come first, then what walks, flies or has many limbs.
+    """
+    from tominpmp.description.files import manipulators_first, robot_names
+
+    typer.echo("\n".join(manipulators_first(robot_names())))
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from typing import (
 
 import typer
 
+from tominpmp.cli.completion import COMPLETIONS, words
 from tominpmp.cli.terminal import guarded
 from tominpmp.cli.usage import PER_JOINT, Command
 
@@ -81,6 +82,7 @@ class FieldsOf:
                 other, note = self.further[item.name]
                 flags.insert(0, other)
                 text += f" {note}"
+            choices = _choices(hint)
             optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
             option = typer.Option(
                 *flags,
@@ -89,6 +91,7 @@ class FieldsOf:
                 parser=_or_none(kind) if optional else None,
                 rich_help_panel=self.panel,
                 show_default=False,
+                autocompletion=words(*choices) if choices else None,
             )
             found[name] = _parameter(name, Annotated[kind | None, option])
         return found
@@ -116,6 +119,14 @@ def _typed(hint: Any) -> tuple[Any, str]:
         return str, PER_JOINT
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in METAVARS else None
     return kind, METAVARS.get(kind, "")
+
+
+def _choices(hint: Any) -> tuple[str, ...]:
+    """The words that a field may be, where they are listed."""
+    for kind in (hint, *get_args(hint)):
+        if get_origin(kind) is Literal:
+            return tuple(str(word) for word in get_args(kind))
+    return ()
 
 
 def _or_none(kind: type[Any]) -> Callable[[str], Any]:
@@ -175,6 +186,7 @@ def _record_parameters(kind: Any) -> Parameters:
             help=text,
             rich_help_panel=item.metadata.get("panel", panel),
             show_default=False,
+            autocompletion=COMPLETIONS.get(item.name),
         )
         default = inspect.Parameter.empty if item.default is MISSING else item.default
         hint = hints[item.name]

@@ -29,6 +29,7 @@ from tominpmp.cli.text_values import (
 )
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -42,6 +43,8 @@ from tominpmp.scene import Scene
 
 # What the command line may say beside a file that holds the whole problem.
 KEPT = ("margin", "self_collision", "motion_limits", "constraint")
+# Few joints turn further, one way [rad].
+LARGE_ANGLE = 2.0 * np.pi + 1e-3
 GOALS = ("goal", "goal_position", "goal_pose")
 
 
@@ -182,15 +185,26 @@ def _typed_problem(
         v_start = velocities(
             args.start_velocity, "--start-velocity", robot, degrees=args.degrees
         )
-    return Problem(
-        robot,
-        q_start,
-        _goal(args, robot, q_start),
-        scene,
-        v_start=v_start,
-        motion_limits=_limits(problem_args, robot),
-        **beside,
-    )
+    goal, limits = _goal(args, robot, q_start), _limits(problem_args, robot)
+    try:
+        return Problem(
+            robot, q_start, goal, scene, v_start=v_start, motion_limits=limits, **beside
+        )
+    except ProblemError as error:
+        hint = _degrees_hint(args, robot, q_start, goal)
+        if not hint or "position limits" not in str(error):
+            raise
+        raise ProblemError(f"{error}; {hint}", error.field) from error
+
+
+def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:
+    """What to say of angles that nobody gives in radians."""
+    ends = [q] if goal.configuration is None else [q, goal.configuration]
+    turning = ~prismatic_joints(robot)
+    most = max(float(np.max(np.abs(end[turning]), initial=0.0)) for end in ends)
+    if args.degrees or most <= LARGE_ANGLE:
+        return ""
+    return f"{most:g} looks like degrees: add --degrees, or give radians"
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:

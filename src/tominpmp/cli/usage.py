@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -13,6 +14,8 @@ from tominpmp.cli.terminal import flush_output, guarded
 
 # What the options are listed under in the help, in this order.
 PANELS = ("Motion", "Scene", "Robot", "Planning", "Output", "General")
+# Where a context keeps the words of a command, as they were typed.
+TYPED = "tominpmp.typed"
 PER_JOINT = "VALUES"
 # Options whose values are called so take one word, or several.
 SEVERAL = ("POSITIONS", PER_JOINT, "X Y Z")
@@ -29,6 +32,8 @@ class Command(TyperCommand):
             if getattr(param, "metavar", None) in SEVERAL
             for flag in param.opts
         }
+        # For completion: with an option that lacks its value nothing is parsed.
+        ctx.meta[TYPED] = tuple(args)
         return list(super().parse_args(ctx, join_lists(args, several)))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
@@ -88,6 +93,10 @@ class Commands(TyperGroup):
 
     def main(self, *args: Any, standalone_mode: bool = True, **kwargs: Any) -> Any:
         """Run and, if standalone, exit with the code of the command."""
+        if "_TOMINPMP_COMPLETE" in os.environ:
+            # A shell asks what might be typed, and that ends the program.
+            kwargs["standalone_mode"] = standalone_mode
+            return super().main(*args, **kwargs)
         try:
             with guarded():
                 kwargs["standalone_mode"] = False

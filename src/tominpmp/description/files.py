@@ -72,6 +72,14 @@ _EXAMPLE_ALIASES: dict[str, tuple[str, str, str | None]] = {
 }
 
 
+# Which of the names are those of arms: in full, and by how they begin.
+ARMS = ("baxter", "talos_arm", "talos_left_arm", "z1")
+ARM_FAMILIES = (
+    *("asr_twodof", "double_pendulum", "kinova", "panda", "planar", "so10", "twodofs"),
+    *("ur3", "ur5", "ur10", "xarm"),
+)
+
+
 @dataclass(frozen=True)
 class RobotFiles:
     """The files that describe a robot.
@@ -127,6 +135,17 @@ def find_srdf(urdf: Path) -> Path | None:
 def robot_names() -> tuple[str, ...]:
     """Names that :func:`~tominpmp.robot.load_robot` knows on this machine."""
     return tuple(sorted(_known_robots()))
+
+
+def manipulators_first(names: Iterable[str]) -> tuple[str, ...]:
+    """Names of robots, those of arms before those of others, as they stand else."""
+    return tuple(sorted(names, key=lambda name: not is_manipulator(name)))
+
+
+def is_manipulator(name: str) -> bool:
+    """Whether a robot that is known by name is one arm on a fixed base, or two."""
+    words = name.lower().replace("-", "_")
+    return words in ARMS or words.startswith(ARM_FAMILIES)
 
 
 def _unknown_name(name: str, known: Iterable[str]) -> str:

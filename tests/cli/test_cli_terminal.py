@@ -1,0 +1,158 @@
+"""Completion, hints, names that are nearly right, and help that comes at once."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from cli_samples import Run
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from tominpmp.cli import completion
+from tominpmp.cli.app import app
+from tominpmp.cli.front import COMMANDS, front
+from tominpmp.description.files import manipulators_first, robot_names
+
+
+def test_the_help_that_comes_at_once_is_that_of_the_commands() -> None:
+    """Whoever adds a command names it in ``cli/front.py``, too."""
+    runner = CliRunner()
+    for words in ([], ["--help"], ["-h"], ["--version"]):
+        quick, whole = (runner.invoke(one, words) for one in (front(), app))
+        assert quick.stdout == whole.stdout
+        assert quick.exit_code == whole.exit_code == 0
+    assert list(COMMANDS)[:2] == ["plan", "verify"]
+
+
+# What takes more than a moment to import.
+HEAVY = {"numpy", "scipy", "pinocchio", "coal", "yourdfpy", "trimesh", "matplotlib"}
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import tominpmp",
+        "import sys; sys.argv = ['tominpmp', '--help']; "
+        "from tominpmp.cli import main\ntry: main()\nexcept SystemExit: pass",
+        "import sys; sys.argv = ['tominpmp', '--version']; "
+        "from tominpmp.cli import main\ntry: main()\nexcept SystemExit: pass",
+    ],
+    ids=["import", "--help", "--version"],
+)
+def test_nothing_heavy_is_imported(program: str) -> None:
+    shown = f"{program}\nimport sys; print(sorted({HEAVY!r} & {{*sys.modules}}))"
+    done = subprocess.run(
+        [sys.executable, "-c", shown], capture_output=True, text=True, check=True
+    )
+    assert ast.literal_eval(done.stdout.splitlines()[-1]) == []
+
+
+def test_modules_that_the_package_imports_are_few() -> None:
+    program = (
+        "import sys; bare = set(sys.modules); import tominpmp; "
+        "print(sorted({m.partition('.')[0] for m in set(sys.modules) - bare}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", program],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    found = set(ast.literal_eval(done.stdout)) - sys.stdlib_module_names
+    assert found == {"tominpmp"}
+
+
+def context(**params: object) -> SimpleNamespace:
+    return SimpleNamespace(params=params)
+
+
+def test_names_that_a_shell_completes(tmp_path: Path) -> None:
+    assert "planar3r" in completion.robots("plan")
+    planar = context(robot="planar3r")
+    assert completion.joints(planar, "joint") == ["joint1=", "joint2=", "joint3="]
+    assert "tip" in completion.frames(planar, "t")
+    assert "start" in completion.positions(planar, "s")
+    srdf = tmp_path / "x.srdf"
+    srdf.write_text('<robot name="r"><group name="arm"/><group name="hand"/></robot>')
+    given = context(robot="planar3r", srdf=srdf)
+    assert completion.groups(given, "a") == ["arm"]
+    for robot in ("nobody", "", None, 5, str(tmp_path), "x\0"):
+        nothing = context(robot=robot)
+        assert completion.joints(nothing, "") == []
+        assert completion.groups(nothing, "") == []
+
+
+def test_files_that_a_shell_completes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("zz.urdf", "zz.toml", "zz.txt", ".zz.urdf"):
+        Path(name).touch()
+    Path("zzfolder").mkdir()
+    Path("zzfolder/a.urdf").touch()
+    assert completion.robots("zz") == ["zz.toml", "zz.urdf", "zzfolder/"]
+    assert completion.robots("zzfolder/") == ["zzfolder/a.urdf"]
+    assert completion.robots("nofolder/") == []
+    assert completion.robots(f"{tmp_path}/zz.u") == [f"{tmp_path}/zz.urdf"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("tominpmp ve", "verify"),
+        ("tominpmp plan planar3r --lock ", "joint2="),
+        ("tominpmp plan planar3r --goal-position ", "tip"),
+        ("tominpmp plan planar3r --planning-effort ", "thorough"),
+        ("tominpmp info planar", "planar3r"),
+    ],
+)
+def test_completion_in_a_shell(typed: str, expected: str) -> None:
+    words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split(" ")) - 1)}
+    done = subprocess.run(
+        [sys.executable, "-c", "from tominpmp.cli import main; main()"],
+        env={**os.environ, "_TOMINPMP_COMPLETE": "complete_bash", **words},
+        capture_output=True,
+        text=True,
+    )
+    assert expected in done.stdout.split()
+
+
+@pytest.mark.parametrize("start", [["30", "90", "-90"], ["0.5", "1.7", "-1.7"]])
+def test_degrees_without_the_option(start: list[str], run: Run) -> None:
+    result = run("plan", "planar3r", "--start", *start, "--goal", "90", "0", "0")
+    assert result.exit_code == 2
+    hint = "90 looks like degrees: add --degrees"
+    assert hint in " ".join(result.stderr.split())
+
+
+def test_radians_that_are_out_of_range_are_no_degrees(run: Run) -> None:
+    start, goal = ["--start", "5", "1", "0"], ["--goal", "1", "1", "0"]
+    result = run("plan", "planar3r", *start, *goal)
+    assert result.exit_code == 2
+    assert "position limits" in result.stderr
+    assert "degrees" not in result.stderr
+
+
+def test_names_that_are_nearly_right() -> None:
+    robot = tm.load_robot("planar3r")
+    with pytest.raises(tm.FrameNotFound, match=r"\(did you mean tip\?\); the robot"):
+        robot.frame_id("tipp")
+    with pytest.raises(tm.JointNotFound, match=r"\(did you mean joint1"):
+        tm.load_robot("planar3r", locked_joints={"jiont1": 0.0})
+    with pytest.raises(tm.FrameNotFound, match="'zzzzz'; the robot has"):
+        robot.frame_id("zzzzz")
+    with pytest.raises(tm.FrameNotFound, match="no frame 5; the robot has"):
+        robot.frame_id(5)
+    with pytest.raises(tm.SolverNotFound, match="did you mean highs"):
+        raise tm.SolverNotFound("highspy", ["highs", "piqp"])
+
+
+def test_arms_are_listed_first(run: Run) -> None:
+    names = ["anymal", "panda", "talos", "ur5_gripper", "zebra", "xarm7"]
+    expected = ("panda", "ur5_gripper", "xarm7", "anymal", "talos", "zebra")
+    assert manipulators_first(names) == expected
+    assert run("robots").stdout.split()[0] == manipulators_first(robot_names())[0]
