@@ -129,7 +129,7 @@ def by_joint(value: object) -> dict[str, object] | None:
     ``position`` (ROS) have them.
     """
     if isinstance(value, Mapping):
-        return dict(value)
+        return dict(value) or None
     if isinstance(value, np.ndarray | list | tuple | str | bytes | type):
         return None
     names, positions = _attribute(value, "name"), _attribute(value, "position")
@@ -154,7 +154,7 @@ def named_row(value: object, name: str) -> tuple[tuple[str, ...] | None, object]
     found = by_joint(value)
     if found is None:
         return None, value
-    if not found or not all(isinstance(joint, str) and joint for joint in found):
+    if not all(isinstance(joint, str) and joint for joint in found):
         raise ProblemError(
             f"{name} is {brief(value)}, expected numbers, or numbers by joint name",
             name,

@@ -215,7 +215,7 @@ def test_bad_frame_names(frame: object) -> None:
 @pytest.mark.parametrize(
     ("pose", "message"),
     [
-        (np.eye(4), "is a ndarray, expected a pinocchio.SE3"),
+        (np.eye(3), "is a ndarray, expected a pinocchio.SE3"),
         (None, "is a NoneType, expected a pinocchio.SE3"),
         (pin.SE3(2.0 * np.eye(3), np.zeros(3)), "not a rotation matrix"),
         (pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)), "not a rotation matrix"),

@@ -321,7 +321,7 @@ BAD: dict[str, tuple[Callable[[], Goal], str]] = {
     "at infinity": (lambda: RegionGoal(TIP, [np.inf] * 3, [np.inf] * 3), "along x"),
     "anywhere": (lambda: RegionGoal(TIP, [-np.inf] * 3, [np.inf] * 3), "nothing is"),
     "no pose": (
-        lambda: RegionGoal(TIP, Q[:3], Q[:3], pose=np.eye(4)),
+        lambda: RegionGoal(TIP, Q[:3], Q[:3], pose=np.eye(3)),
         "expected a pinocchio.SE3",
     ),
     "angles": (

@@ -67,7 +67,7 @@ def test_start_may_move(planar3r: Robot) -> None:
         ({"robot": "planar3r"}, "robot", r"robot is a str, expected a Robot"),
         ({"goal": (1, 2, 3)}, "goal", "goal is a tuple, expected a JointGoal, Pos"),
         ({"goal": None}, "goal", "goal is a NoneType"),
-        ({"scene": [Sphere("o", radius=1)]}, "scene", "scene is a list, expected a Sc"),
+        ({"scene": {"o": 1}}, "scene", "scene is a dict, expected a Sc"),
         ({"margin": -0.1}, "margin", r"margin is -0.1, expected a length >= 0 \[m\]"),
         ({"margin": np.nan}, "margin", "margin is nan"),
         ({"margin": np.inf}, "margin", "margin is inf"),
