@@ -69,6 +69,23 @@ bench: setup ## Run the benchmarks with their default options
 package-check: setup ## Build wheel and sdist, install and try them in an empty environment
 	@$(BIN)/python tools/check_package.py
 
+DOCS_STAMP := $(VENV)/docs-installed
+
+# Beside the dependencies of the package, at the same versions where both want one.
+$(DOCS_STAMP): $(STAMP) docs/requirements.lock
+	@sh tools/install-lock $(BIN)/python docs/requirements.lock
+	@touch $@
+
+.PHONY: docs
+docs: $(DOCS_STAMP) ## Build the documentation: docs/build/html; runs its notebooks, checks its links
+	@$(BIN)/python tools/doc_blocks.py --slow
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/build/html
+	@echo 'docs/build/html/index.html'
+
+.PHONY: docs-links
+docs-links: $(DOCS_STAMP) ## Check the links to the world; needs a network
+	@$(BIN)/python -m sphinx -q -b linkcheck docs docs/build/links
+
 .PHONY: lock
 lock: ## Resolve the dependencies anew (LOCK_ARGS=--upgrade for newer releases)
 	@PYTHON='$(PYTHON)' sh tools/make-venv .venv-lock
@@ -77,10 +94,14 @@ lock: ## Resolve the dependencies anew (LOCK_ARGS=--upgrade for newer releases)
 	    --extra plots --group dev \
 	    --universal --python-version 3.10 --generate-hashes --no-emit-index-url \
 	    --quiet $(LOCK_ARGS) --output-file requirements.lock
+	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
+	    --group docs --constraint requirements.lock \
+	    --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	    --quiet $(LOCK_ARGS) --output-file docs/requirements.lock
 
 .PHONY: clean
 clean: ## Remove what was built and written: out/, dist/, caches
-	rm -rf build dist out .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf build dist docs/build out .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find benchmarks examples src tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .PHONY: distclean

@@ -1,0 +1,59 @@
+"""Configuration of the documentation: `make docs` builds it, without a network."""
+
+from __future__ import annotations
+
+import sys
+from importlib import metadata
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "extensions")]
+
+project = "tominpmp"
+author = "the tominpmp developers"
+project_copyright = author
+release = version = metadata.version("tominpmp")
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+    # Of docs/extensions.
+    "from_the_code",
+    "mathml",
+    "playback_pages",
+]
+exclude_patterns = ["build", "extensions"]
+html_theme = "furo"
+html_title = "tominpmp"
+html_static_path = ["static"]
+html_css_files = ["own.css"]
+html_theme_options = {
+    "sidebar_hide_name": False,
+    "light_css_variables": {"color-brand-primary": "#12375f"},
+}
+
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_default_options = {"members": True, "show-inheritance": False}
+# Attributes are told of once, in the docstring of their class.
+napoleon_use_ivar = True
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+
+# Notebooks are run when the pages are built; what they print is in the page.
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(HERE / "build" / "notebooks")
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+
+# Links within the pages are checked by every build (warnings are errors); those to the
+# world by `make docs-links`, which needs a network.
+linkcheck_timeout = 20
+linkcheck_retries = 2
+linkcheck_anchors = False

@@ -1,0 +1,279 @@
+"""Reference pages out of the code: what a page asks for is put in when it is read.
+
+A line ``<!-- from the code: NAME -->`` in a page is replaced by what the function of
+that name in ``CONTENTS`` writes. So there is no list that anybody copies by hand.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields
+from typing import Any
+
+import numpy as np
+
+import tominpmp as tm
+from tominpmp import exceptions
+from tominpmp.cli.app import app as commands
+from tominpmp.constraints import PathConstraint
+from tominpmp.datasheets import datasheets
+from tominpmp.goals import Goal
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.payload import Payload
+from tominpmp.robot import load_robot
+from tominpmp.scenario import robot_table, scenario
+from tominpmp.scenario.records import classes, motions
+from tominpmp.scene import Obstacle
+from tominpmp.segments import Segment
+
+PLACE = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
+ENTRY = re.compile(r"^    (\w+)(?: \(.*\))?: (.*(?:\n(?:     .*|$))*)", re.MULTILINE)
+ROLE = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`")
+
+# Modules in the order in which one meets them; what is not here comes at the end.
+ORDER = (
+    "robot",
+    "scene",
+    "goals",
+    "problem",
+    "segments",
+    "constraints",
+    "motion_limits",
+    "payload",
+    "options",
+    "planner",
+    "solution",
+    "trajectory",
+    "verification",
+    "certificate",
+    "bounds",
+)
+
+
+def entries(text: str | None, heading: str) -> dict[str, str]:
+    """What a docstring says of its arguments or attributes, in one line each."""
+    body = inspect.cleandoc(text or "").partition(f"\n{heading}:\n")[2]
+    body = re.split(r"^\S", body, maxsplit=1, flags=re.MULTILINE)[0]
+    return {name: plain(words) for name, words in ENTRY.findall(body)}
+
+
+def plain(words: str) -> str:
+    """Turn what docstrings mark in their way into Markdown, on one line."""
+    text = ROLE.sub(r"`\1`", " ".join(words.split()))
+    return re.sub(r"``(.*?)``", r"`\1`", text).replace("|", r"\|")
+
+
+def summary(kind: Any) -> str:
+    """Return the first paragraph of a docstring."""
+    return plain(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0])
+
+
+def default(item: Any) -> str:
+    """Return the default of a field as code, or a word where there is none."""
+    if item.default is MISSING and item.default_factory is MISSING:
+        return "required"
+    value = item.default if item.default is not MISSING else item.default_factory()
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return "empty" if isinstance(value, tm.Scene) else f"`{value!r}`"
+
+
+def field_rows(kind: type[Any], texts: Mapping[str, str] | None = None) -> list[str]:
+    """Table of the fields of a class: name, default, meaning."""
+    if texts is None:
+        texts = {}
+        for base in reversed(kind.__mro__):
+            texts = texts | entries(base.__doc__, "Attributes")
+    rows = ["| key | default | meaning |", "|---|---|---|"]
+    for item in fields(kind):
+        if item.init:
+            meaning = texts.get(item.name, "")
+            rows.append(f"| `{item.name}` | {default(item)} | {meaning} |")
+    return rows
+
+
+def kinds(found: Mapping[str, type[Any]], level: int = 3) -> list[str]:
+    """A section for each class of a family, by what a file calls it."""
+    lines: list[str] = []
+    for name, kind in sorted(found.items()):
+        lines += [f"{'#' * level} `{name}` — `{kind.__name__}`", "", summary(kind), ""]
+        lines += [*field_rows(kind), ""]
+    return lines
+
+
+def options() -> list[str]:
+    """All options of a plan."""
+    return field_rows(tm.Options)
+
+
+def goals() -> list[str]:
+    """All goals."""
+    return kinds(classes(Goal), 2)
+
+
+def obstacles() -> list[str]:
+    """All shapes of obstacles, and how they may move."""
+    return [*kinds(classes(Obstacle), 2), "## Motions", "", *kinds(motions())]
+
+
+def constraints() -> list[str]:
+    """All constraints along a motion."""
+    return kinds(classes(PathConstraint, ""), 2)
+
+
+def scenario_keys() -> list[str]:
+    """Every key of a scenario file."""
+    arguments = entries(load_robot.__doc__, "Args")
+    own = {
+        "name": arguments["name_or_path"],
+        "path": "Path of a URDF file, relative to that of the scenario.",
+        "joint_limits": "Path of a `joint_limits.yaml` of MoveIt.",
+        "motion_limits": "As the table `[motion_limits]`, but of the robot itself.",
+        "payloads": "List of tables, keys as in the table of payloads below.",
+    }
+    lines = ["## Tables and keys at the top", "", "| key |", "|---|"]
+    lines += [f"| `{name}` |" for name in scenario.SECTIONS]
+    lines += ["", "## `[robot]`", "", "| key | meaning |", "|---|---|"]
+    lines += [
+        f"| `{key}` | {own.get(key) or arguments.get(key, '')} |"
+        for key in robot_table.KEYS
+    ]
+    for heading, kind in (
+        ("`[motion_limits]`", MotionLimits),
+        ("`[[segments]]`", Segment),
+        ("Payloads", Payload),
+        ("`[options]`", tm.Options),
+    ):
+        lines += ["", f"## {heading}", "", *field_rows(kind)]
+    for heading, found in (
+        ("`[goal]`: types", classes(Goal)),
+        ("`[[scene.obstacles]]`: types", classes(Obstacle)),
+        ("`motion` of an obstacle: types", motions()),
+        ("`[[constraints]]`: types", classes(PathConstraint, "")),
+    ):
+        lines += ["", f"## {heading}", "", *kinds(found)]
+    return lines
+
+
+def scenario_example() -> list[str]:
+    """The annotated file in the docstring of the module."""
+    text = (scenario.__doc__ or "").partition("::\n")[2]
+    body = textwrap.dedent(text.split("\n\nA motion of several")[0]).strip("\n")
+    return ["```toml", *body.splitlines(), "```"]
+
+
+def errors() -> list[str]:
+    """Every exception with its attributes and its cure."""
+    lines: list[str] = []
+    for name, kind in vars(exceptions).items():
+        if not (inspect.isclass(kind) and kind.__module__ == exceptions.__name__):
+            continue
+        text = inspect.cleandoc(kind.__doc__ or "").split("\nAttributes:\n")[0]
+        bases = ", ".join(f"`{base.__name__}`" for base in kind.__bases__)
+        lines += [f"## `{name}`", "", f"A {bases}.", ""]
+        lines += [plain(part) + "\n" for part in text.split("\n\n")]
+        kept = entries(kind.__doc__, "Attributes")
+        lines += [f"- `{key}`: {words}" for key, words in kept.items()]
+        lines.append("")
+    return lines
+
+
+def statuses() -> list[str]:
+    """How planning may end."""
+    rows = ["| status | what the message says |", "|---|---|"]
+    return rows + [f"| `Status.{item.name}` | {item.value} |" for item in tm.Status]
+
+
+def command_line() -> list[str]:
+    """The help of every command, as a terminal shows it."""
+    import click
+    import typer
+
+    group: Any = typer.main.get_command(commands)
+    lines: list[str] = []
+    settings: dict[str, Any] = {
+        "max_content_width": 90,
+        "help_option_names": ["-h", "--help"],
+    }
+    context = click.Context(group, info_name="tominpmp", **settings)
+    pages = [("tominpmp", group, context)]
+    for name in group.list_commands(context):
+        child = group.get_command(context, name)
+        own = click.Context(child, info_name=name, parent=context, **settings)
+        pages.append((f"tominpmp {name}", child, own))
+    for title, item, own in pages:
+        lines += [f"## `{title}`", "", "```text", item.get_help(own), "```", ""]
+    return lines
+
+
+def data_sheets() -> list[str]:
+    """Robots whose makers' limits come with the package."""
+    rows = ["| arm | found by |", "|---|---|"]
+    for sheet in datasheets():
+        names = ", ".join(f"`{name}`" for name in sheet.names)
+        rows.append(f"| {sheet.title} | {names} |")
+    return rows
+
+
+def public_names() -> list[str]:
+    """A section for each part of the library, with all its public names."""
+    homes: dict[str, tuple[str, ...]] = tm._HOMES
+    known = [part for part in ORDER if part in homes]
+    rest = sorted(part for part in homes if part not in ORDER and part != "exceptions")
+    lines: list[str] = []
+    for part in known + rest:
+        lines += [f"## `tominpmp.{part}`", "", *_documented(homes[part]), ""]
+    return lines
+
+
+def _documented(names: Iterable[str]) -> list[str]:
+    lines = ["```{eval-rst}"]
+    for name in names:
+        value = getattr(tm, name)
+        kind = "autoclass" if inspect.isclass(value) else "autofunction"
+        if not (inspect.isclass(value) or callable(value)):
+            kind = "autodata"
+        lines += [f".. {kind}:: tominpmp.{name}", ""]
+    return [*lines, "```"]
+
+
+CONTENTS: dict[str, Callable[[], list[str]]] = {
+    function.__name__: function
+    for function in (
+        options,
+        goals,
+        obstacles,
+        constraints,
+        scenario_keys,
+        scenario_example,
+        errors,
+        statuses,
+        command_line,
+        data_sheets,
+        public_names,
+    )
+}
+
+
+def filled(text: str) -> str:
+    """Put in what a page asks for."""
+    return PLACE.sub(lambda found: "\n".join(CONTENTS[found[1]]()), text)
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Fill pages when they are read."""
+
+    def read(_: Any, __: str, source: list[str]) -> None:
+        source[0] = filled(source[0])
+
+    def bars(*arguments: Any) -> None:
+        # Those of absolute values are no substitutions.
+        lines: list[str] = arguments[-1]
+        lines[:] = [line.replace("|", r"\|") for line in lines]
+
+    app.connect("source-read", read)
+    app.connect("autodoc-process-docstring", bars)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,137 @@
+"""What the documentation shows runs, and what it names is there."""
+
+from __future__ import annotations
+
+import re
+import sys
+import warnings
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tominpmp as tm
+from tominpmp.description.files import robot_names
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tools"))
+import doc_blocks  # noqa: E402
+
+PAGES = doc_blocks.pages()
+WITH_CODE = [page for page in PAGES[1:] if list(doc_blocks.blocks(page))]
+
+
+def label(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.skipif("panda" not in robot_names(), reason="needs example-robot-data")
+@pytest.mark.parametrize("page", WITH_CODE, ids=label)
+def test_blocks_run(page: Path, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        # TOPP-RA has strings that the compiler complains of.
+        warnings.filterwarnings("ignore", "invalid escape sequence")
+        names = doc_blocks.run_page(page, tmp_path)
+    assert len(names) > 2
+
+
+def test_what_fails_in_a_page_is_told_by_its_line(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A page\n\n```python\na = 1\nb = missing\n```\n", "utf-8")
+    with pytest.raises(NameError, match="missing") as caught:
+        doc_blocks.run_page(page, tmp_path / "folder")
+    lines = [(entry.path, entry.lineno + 1) for entry in caught.traceback]
+    assert (page, 5) in [(Path(str(path)), line) for path, line in lines]
+
+
+def test_rules_of_blocks(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "<!-- before\nfound = [0]\n-->\n\n```python\nfound.append(1)\n```\n"
+        "<!-- slow -->\n```python\nfound.append(2)\n```\n"
+        "<!-- needs no_such_module -->\n```python\nfound.append(3)\n```\n"
+        "<!-- left out: it has no end -->\n```python\nfound.append(4)\n```\n"
+        "```{code-cell} python\n:tags: [a]\n\nfound.append(5)\n```\n",
+        "utf-8",
+    )
+    assert doc_blocks.run_page(page, tmp_path / "a")["found"] == [0, 1, 5]
+    slow = doc_blocks.run_page(page, tmp_path / "b", slow=True)
+    assert slow["found"] == [0, 1, 2, 5]
+
+
+OBJECTS: dict[str, Any] = {
+    "tm": tm,
+    "solution": tm.Solution,
+    "problem": tm.Problem,
+    "robot": tm.Robot,
+    "certificate": tm.Certificate,
+    "verification": tm.Verification,
+}
+ATTRIBUTE = re.compile(rf"\b({'|'.join(OBJECTS)})\.(\w+)\b")
+FILE_ENDINGS = ("csv", "html", "md", "npz", "png", "py", "toml", "yaml")
+CALL = re.compile(r"\btm\.plan\(([^()]*)\)")
+COMMAND = re.compile(r"^ {4}tominpmp (\w+)((?:.*\\\n)*.*)$", re.MULTILINE)
+
+
+def has(owner: Any, name: str) -> bool:
+    if owner is tm:
+        return name in {*tm.__all__, "__version__"}
+    return hasattr(owner, name) or name in {item.name for item in fields(owner)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=label)
+def test_names_are_public(page: Path) -> None:
+    text = page.read_text("utf-8")
+    found = {match.groups() for match in ATTRIBUTE.finditer(text)}
+    # A file's name is no attribute.
+    found = {(o, n) for o, n in found if n not in FILE_ENDINGS}
+    assert {(o, n) for o, n in found if not has(OBJECTS[o], n)} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=label)
+def test_options_of_plans_are_there(page: Path) -> None:
+    known = {*tm.Options.names(), "start"}
+    for arguments in CALL.findall(page.read_text("utf-8")):
+        assert set(re.findall(r"(\w+)=", arguments)) <= known, arguments
+
+
+@pytest.mark.parametrize("page", PAGES, ids=label)
+def test_flags_of_commands_are_there(page: Path) -> None:
+    import typer
+
+    from tominpmp.cli.app import app
+
+    group: Any = typer.main.get_command(app)
+    for name, arguments in COMMAND.findall(page.read_text("utf-8")):
+        assert name in group.commands, name
+        known = {
+            flag
+            for option in group.commands[name].params
+            for flag in (*option.opts, *option.secondary_opts)
+        } | {"--help", "-h"}
+        given = set(re.findall(r"(?<=\s)--?[a-z][\w-]*", arguments))
+        assert given <= known, (name, given - known)
+
+
+def test_wrong_names_are_found() -> None:
+    """The patterns above see what they are to see."""
+    assert not has(tm, "plam")
+    assert not has(tm.Solution, "gapp")
+    assert ATTRIBUTE.findall("a `solution.gapp` of tm.plam()") == [
+        ("solution", "gapp"),
+        ("tm", "plam"),
+    ]
+    assert COMMAND.findall("    tominpmp plan a \\\n        --no-such 1\n") == [
+        ("plan", " a \\\n        --no-such 1")
+    ]
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    docs = ROOT / "docs"
+    listed = {docs / "index.md"}
+    for page in PAGES[1:]:
+        for body in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.S):
+            lines = [line for line in body.split() if not line.startswith(":")]
+            listed |= {(page.parent / f"{line}.md").resolve() for line in lines}
+    assert {page for page in PAGES[1:] if page not in listed} == set()

@@ -1,0 +1,140 @@
+"""Run the Python of a page of documentation, block after block, in one namespace.
+
+    python tools/doc_blocks.py [--slow] [PAGE ...]
+
+A page is Markdown. Its blocks are fences of Python, and cells of notebooks. Comments of
+HTML, which no reader sees, say what else there is to know:
+
+    <!-- before          lines of Python up to the closing arrow are run, too
+    <!-- slow -->        the next block runs with --slow only, as in `make docs`
+    <!-- needs NAME -->  the next block is left out where there is no such module
+    <!-- left out: WHY -->   the next block is not run
+
+Without pages, all of README.md and docs are run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+FENCE = re.compile(
+    r"^(?P<mark>```+)(?:python|\{code-cell\}[^\n]*)\n(?P<code>.*?)^(?P=mark)[ ]*$"
+    r"|^<!-- before\n(?P<hidden>.*?)^-->"
+    r"|^<!-- (?P<rule>slow|needs \w+|left out: [^\n]*) -->$",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of a page.
+
+    Attributes:
+        page: The page.
+        line: Line of the page on which its first one stands, from 1.
+        code: The code.
+        rule: When to run it; empty for always.
+    """
+
+    page: Path
+    line: int
+    code: str
+    rule: str = ""
+
+    def left_out(self, slow: bool) -> bool:
+        """Whether it is not run."""
+        kind, _, rest = self.rule.partition(" ")
+        if kind == "needs":
+            return find_spec(rest) is None
+        return kind == "left" or (kind == "slow" and not slow)
+
+    def run(self, names: dict[str, Any]) -> None:
+        """Run it; what fails is told of by page and line."""
+        # Options of a cell, as MyST has them, stand before its code.
+        code = re.sub(r"^:[\w-]+:.*$", "", self.code, flags=re.MULTILINE)
+        tree = ast.parse("\n" * (self.line - 1) + code, filename=str(self.page))
+        exec(compile(tree, str(self.page), "exec"), names)
+
+
+def pages() -> list[Path]:
+    """README and all pages, in order."""
+    docs = ROOT / "docs"
+    found = [path for path in docs.rglob("*.md") if docs / "build" not in path.parents]
+    return [ROOT / "README.md", *sorted(found)]
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """The blocks of a page."""
+    text, rule = page.read_text("utf-8"), ""
+    for found in FENCE.finditer(text):
+        if found["rule"]:
+            rule = found["rule"]
+            continue
+        part = "hidden" if found["hidden"] is not None else "code"
+        line = text.count("\n", 0, found.start(part)) + 1
+        yield Block(page, line, found[part], rule if part == "code" else "")
+        rule = rule if part == "hidden" else ""
+
+
+def run_page(page: Path, folder: Path, *, slow: bool = False) -> dict[str, Any]:
+    """Run a page in a folder, in which the files of docs/static lie.
+
+    Args:
+        page: The page.
+        folder: An empty folder, which becomes the current one for the while.
+        slow: Whether to run blocks that take long, too.
+
+    Returns:
+        The names that its code has made.
+    """
+    names: dict[str, Any] = {"__name__": "__main__"}
+    shutil.copytree(ROOT / "docs" / "static", folder, dirs_exist_ok=True)
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        for block in blocks(page):
+            if not block.left_out(slow):
+                block.run(names)
+    finally:
+        os.chdir(before)
+    return names
+
+
+def main() -> int:
+    """Run pages and say how long each took."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE")
+    parser.add_argument("--slow", action="store_true", help="blocks marked slow, too")
+    arguments = parser.parse_args()
+    warnings.simplefilter("error")
+    # Of an event loop that the viewer's server brings, and of strings of TOPP-RA.
+    warnings.filterwarnings("ignore", "zmq.eventloop.ioloop is deprecated")
+    warnings.filterwarnings("ignore", "invalid escape sequence")
+    for page in arguments.pages or pages():
+        count = len(list(blocks(page)))
+        if not count:
+            continue
+        begin = time.process_time()
+        with tempfile.TemporaryDirectory() as folder:
+            run_page(page.resolve(), Path(folder), slow=arguments.slow)
+        seconds = time.process_time() - begin
+        sys.stdout.write(f"{seconds:6.1f} s  {count:2d} blocks  {page}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

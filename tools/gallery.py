@@ -1,0 +1,165 @@
+"""The motions of the gallery: planned, and written as playback pages.
+
+    python -m tools.gallery FOLDER [NAME ...]
+
+Plans are kept beside the pages and are made again when a source of the library or an
+example has changed since.
+"""
+
+from __future__ import annotations
+
+import argparse
+import pickle
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import tominpmp as tm
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples"
+
+
+@dataclass(frozen=True)
+class Item:
+    """A motion of the gallery.
+
+    Attributes:
+        name: Name of its example, and of its page.
+        title: Heading.
+        text: What is to be seen.
+        options: Options of the plan.
+        twin: Whether the same task is shown by a sampled path and TOPP-RA, too.
+    """
+
+    name: str
+    title: str
+    text: str
+    options: dict[str, Any] = field(default_factory=dict)
+    twin: bool = False
+
+    def problem(self) -> tm.Problem:
+        """The problem of its scenario, or of its example."""
+        scenario = EXAMPLES / "scenarios" / f"{self.name}.toml"
+        if scenario.is_file():
+            return tm.load_scenario(scenario).problem
+        if str(EXAMPLES) not in sys.path:
+            sys.path.append(str(EXAMPLES))
+        example: Any = import_module(self.name)
+        return SPECIAL[self.name](example)
+
+
+SPECIAL: dict[str, Any] = {
+    "two_ur5": lambda example: example.problem(example.workcell()),
+    "payload": lambda example: example.problem(
+        tm.load_robot(
+            "panda", locked_joints={"panda_finger_joint1": 0.04}
+        ).with_payload(example.box())
+    ),
+    "conveyor": lambda example: example.problem(),
+}
+
+ITEMS = (
+    Item(
+        "panda_shelf",
+        "Into a shelf",
+        "A Panda takes a can from the lower board. The goal is a pose of the hand; "
+        "which configuration reaches it soonest, and past which board, is found. "
+        "`examples/panda_shelf.py`",
+        twin=True,
+    ),
+    Item(
+        "ur5_post",
+        "Around a post",
+        "The straight line goes 7 cm deep through the post. The plan begins with that "
+        "line all the same, and the linear programs push it out. "
+        "`examples/ur5_post.py`",
+        twin=True,
+    ),
+    Item(
+        "two_ur5",
+        "Two arms exchange crates",
+        "One problem with 12 joints and one duration. `examples/two_ur5.py`",
+        {"intervals": 24},
+    ),
+    Item(
+        "pick_and_place",
+        "Pick and place",
+        "Seven segments, one motion: it stops only where the hand grips. "
+        "`examples/pick_and_place.py`",
+        {"intervals": 12, "control": "constant"},
+    ),
+    Item(
+        "payload",
+        "A box of 2.5 kg over a board",
+        "Mass, inertia and shape of the box are part of the plan. "
+        "`examples/payload.py`",
+        {"intervals": 20},
+        twin=True,
+    ),
+    Item(
+        "conveyor",
+        "Across a conveyor",
+        "A crate comes along at 1 m/s; the arm crosses in time. `examples/conveyor.py`",
+        {"intervals": 20},
+    ),
+    Item(
+        "swinging_gate",
+        "Through a gate that swings open",
+        "The arm arrives when there is room, and not sooner. "
+        "`examples/swinging_gate.py`",
+    ),
+    Item(
+        "planar3r_obstacle",
+        "The paper's arm",
+        "Three links, gravity in the plane, a ball in the way. `make demo`",
+        {"intervals": 75},
+    ),
+)
+
+
+def planned(item: Item, folder: Path) -> tm.Solution:
+    """Plan a motion, or take it from the folder if nothing has changed since."""
+    path = folder / f"{item.name}.pickle"
+    sources = [*(ROOT / "src").rglob("*.py"), *EXAMPLES.rglob("*.*"), Path(__file__)]
+    newest = max(source.stat().st_mtime for source in sources)
+    if path.is_file() and path.stat().st_mtime > newest:
+        return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
+    solution = tm.plan(item.problem(), **item.options).raise_if_failed()
+    path.write_bytes(pickle.dumps(solution))
+    return solution
+
+
+def make_pages(folder: Path, names: Sequence[str] = ()) -> None:
+    """Write the pages into a folder.
+
+    Args:
+        folder: The folder; plans are kept in it, too.
+        names: Which; none for all.
+    """
+    pages = folder / "extra" / "playback"
+    pages.mkdir(parents=True, exist_ok=True)
+    for item in ITEMS:
+        if names and item.name not in names:
+            continue
+        solution = planned(item, folder)
+        page = pages / f"{item.name}.html"
+        solution.play(page, title=f"{item.title}: T = {solution.T:.3f} s")
+        sys.stdout.write(f"{page}\n")
+
+
+def main() -> int:
+    """Write pages."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("names", nargs="*", choices=[item.name for item in ITEMS])
+    arguments = parser.parse_args()
+    make_pages(arguments.folder, arguments.names)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
