@@ -25,30 +25,6 @@ class FrameMotion(NamedTuple):
     by_v: Array
 
 
-class SpatialMotion(NamedTuple):
-    """Spatial velocity and acceleration of a frame in its own axes, with derivatives.
-
-    Linear parts are above angular ones.
-
-    Attributes:
-        rotation: Orientation frame_to_world, shape (3, 3).
-        velocity: Shape (6,) [m/s, rad/s].
-        acceleration: Shape (6,) [m/s^2, rad/s^2]; of a spatial vector, not of a point.
-        v_q: Derivative of the velocity by q, shape (6, n).
-        v_v: The same by v, and of the acceleration by a.
-        a_q: Derivative of the acceleration by q.
-        a_v: The same by v.
-    """
-
-    rotation: Array
-    velocity: Array
-    acceleration: Array
-    v_q: Array
-    v_v: Array
-    a_q: Array
-    a_v: Array
-
-
 class RobotKinematics:
     """Frame placements and Jacobians of a robot.
 
@@ -135,119 +111,6 @@ class RobotKinematics:
             robot.reduce_tangent(rotation @ by_v[:3]),
         )
 
-    def velocity(self, q: Array, v: Array, frame: str) -> Array:
-        """Linear velocity of a frame's origin in the world [m/s], shape (3,).
-
-        Args:
-            q: Positions, shape (n,).
-            v: Velocities, shape (n,).
-            frame: Name of the frame.
-        """
-        robot, data = self.robot, self._data
-        pin.forwardKinematics(
-            robot.model, data, robot.expand(q), robot.expand_tangent(v)
-        )
-        found = pin.getFrameVelocity(
-            robot.model,
-            data,
-            robot.frame_id(frame),
-            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-        )
-        return np.asarray(found.linear).copy()
-
-    def acceleration(self, q: Array, v: Array, a: Array, frame: str) -> Array:
-        """Linear acceleration of a frame's origin in the world [m/s^2], shape (3,).
-
-        Args:
-            q: Positions, shape (n,).
-            v: Velocities, shape (n,).
-            a: Accelerations, shape (n,).
-            frame: Name of the frame.
-        """
-        rotation, velocity, acceleration = self.spatial_state(q, v, a, frame)
-        return np.asarray(rotation @ _of_origin(velocity, acceleration))
-
-    def accelerated_motion(
-        self, q: Array, v: Array, a: Array, frame: str
-    ) -> tuple[Array, Array, Array, Array]:
-        """Linear acceleration of a frame's origin in the world, with derivatives.
-
-        Args:
-            q: Positions, shape (n,).
-            v: Velocities, shape (n,).
-            a: Accelerations, shape (n,).
-            frame: Name of the frame.
-
-        Returns:
-            The acceleration [m/s^2], shape (3,), and its derivatives by q, v and a,
-            shape (3, n) each.
-        """
-        m = self.spatial_motion(q, v, a, frame)
-        linear, turning = m.velocity[:3], m.velocity[3:]
-        own = _of_origin(m.velocity, m.acceleration)
-        # Of R own, where R turns with q by R dR = v_v[3:].
-        w, x = pin.skew(turning), pin.skew(linear)
-        by_q = m.a_q[:3] + w @ m.v_q[:3] - x @ m.v_q[3:] - pin.skew(own) @ m.v_v[3:]
-        by_v = m.a_v[:3] + w @ m.v_v[:3] - x @ m.v_v[3:]
-        rotation = m.rotation
-        return rotation @ own, rotation @ by_q, rotation @ by_v, rotation @ m.v_v[:3]
-
-    def spatial_motion(self, q: Array, v: Array, a: Array, frame: str) -> SpatialMotion:
-        """Spatial velocity and acceleration of a frame in its axes, with derivatives.
-
-        Args:
-            q: Positions, shape (n,).
-            v: Velocities, shape (n,).
-            a: Accelerations, shape (n,).
-            frame: Name of the frame.
-        """
-        robot, data = self.robot, self._data
-        pin.computeForwardKinematicsDerivatives(
-            robot.model,
-            data,
-            robot.expand(q),
-            robot.expand_tangent(v),
-            robot.expand_tangent(a),
-        )
-        index, local = robot.frame_id(frame), pin.ReferenceFrame.LOCAL
-        parts = pin.getFrameAccelerationDerivatives(robot.model, data, index, local)
-        # Pinocchio drops the second dimension of arms with a single joint.
-        v_q, a_q, a_v, v_v = (
-            robot.reduce_tangent(np.reshape(part, (6, -1))) for part in parts
-        )
-        return SpatialMotion(*self._spatial(index), v_q, v_v, a_q, a_v)
-
-    def spatial_state(
-        self, q: Array, v: Array, a: Array, frame: str
-    ) -> tuple[Array, Array, Array]:
-        """Those of :meth:`spatial_motion` without derivatives, which is quicker.
-
-        Returns:
-            Orientation frame_to_world, shape (3, 3), spatial velocity and spatial
-            acceleration, shape (6,) each.
-        """
-        robot, data = self.robot, self._data
-        pin.forwardKinematics(
-            robot.model,
-            data,
-            robot.expand(q),
-            robot.expand_tangent(v),
-            robot.expand_tangent(a),
-        )
-        return self._spatial(robot.frame_id(frame))
-
-    def _spatial(self, index: int) -> tuple[Array, Array, Array]:
-        """Orientation, velocity and acceleration of a frame that were computed."""
-        model, data, local = self.robot.model, self._data, pin.ReferenceFrame.LOCAL
-        placement = pin.updateFramePlacement(model, data, index)
-        speed = pin.getFrameVelocity(model, data, index, local)
-        spatial = pin.getFrameAcceleration(model, data, index, local)
-        return (
-            np.array(placement.rotation),
-            np.array(speed.vector),
-            np.array(spatial.vector),
-        )
-
     def reach(self, frame: str | None = None) -> float:
         """Upper bound on the distance of a frame from the base, at any q [m].
 
@@ -275,11 +138,6 @@ class RobotKinematics:
             for item in model.frames
         ]
         return max(far) if frame is None else far[self.robot.frame_id(frame)]
-
-
-def _of_origin(velocity: Array, acceleration: Array) -> Array:
-    """Acceleration of the origin itself, of spatial ones: a + w x v, shape (3,)."""
-    return np.asarray(acceleration[:3] + np.cross(velocity[3:], velocity[:3]))
 
 
 def prismatic_joints(robot: Robot) -> BoolArray:

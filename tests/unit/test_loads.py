@@ -74,7 +74,7 @@ def test_the_wrench_is_what_the_load_adds_to_the_torques(item, ur5):
         more = pin.rnea(loaded, loaded.createData(), q, v, a)
         more = more - pin.rnea(ur5.model, ur5.model.createData(), q, v, a)
         jacobian = ready.kinematics.jacobian(q, "tool0", local=True)
-        w, _ = ready.wrench(q, v, a)
+        w = ready.wrenches(q[None], v[None], a[None])[0]
         assert jacobian.T @ w == pytest.approx(more, abs=1e-9)
 
 
@@ -106,7 +106,7 @@ def test_a_tall_load_tips_before_it_slips():
 def test_a_round_foot_tips_like_its_radius():
     solution = planned(tm.StableContact("tip", (0, 0, 0.2), 0.9, 0.03))
     expected = 2.0 * np.sqrt(1.0 / (G * 0.03 / 0.2))
-    assert pytest.approx(expected, rel=1e-2) == solution.T
+    assert pytest.approx(expected, rel=2e-3) == solution.T
 
 
 def test_a_suction_cup_holds_what_it_pulls_less_the_weight():
@@ -155,11 +155,12 @@ def test_tilting_the_tray_is_faster_than_keeping_it_level(tmp_path):
     glass = tm.StableContact("tray", (0, 0, 0.03), 0.2)
     level = tm.JointCoupling(("tilt",), (1.0,), upper=0.0, lower=0.0)
     times = []
+    quick = {"control": "constant", "refine": None, "effort": "quick", "starts": 1}
     for constraints in ((glass, level), (glass,)):
         problem = tm.Problem(
             robot, [0.0, 0.0], tm.JointGoal([1.0, 0.0]), constraints=constraints
         )
-        solution = tm.plan(problem)
+        solution = tm.plan(problem, intervals=20, **quick)
         assert solution.success, solution.message
         assert largest(solution, glass) < 5e-3
         times.append(solution.T)

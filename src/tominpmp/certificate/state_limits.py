@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tominpmp.arrays import BoolArray
 from tominpmp.certificate.active_limits import LimitRows, Motion
 from tominpmp.certificate.instants import Instants, beside, local_maxima
-from tominpmp.certificate.perturbations import JUST_INSIDE, picked
+from tominpmp.certificate.perturbations import JUST_INSIDE, Perturbations, picked
 
 # Where limits are rows in any case: the middles and the ends of the intervals.
 REGULAR = (0.5, 1.0)
@@ -29,31 +30,31 @@ def constraints(motion: Motion) -> list[LimitRows]:
 
 def _constraint(motion: Motion, index: int) -> LimitRows | None:
     item, changes = motion.task.problem.ready_constraints[index], motion.changes
-    n = changes.n
-    shares = np.arange(1, SAMPLES + 1) / SAMPLES
-    at = Instants.spread(changes.N, np.minimum(shares, 1.0 - JUST_INSIDE))
+    at, regular = _looked_at(changes, item.order)
     state = motion.trajectory(at.times(changes))
-    rows = list(zip(state.q, state.v, state.a, strict=True))
-    every = [item.value(*row) for row in rows]
-    values = np.array([value for value, _ in every])
-    regular = np.tile(np.isin(shares, REGULAR), changes.N)
-    nearest = beside(local_maxima(values[:, None]))[:, 0]
-    k = np.flatnonzero((values > -NEAR_CONSTRAINT) & (regular | nearest))
+    values = item.value_rows(state.q, state.v, state.a)
+    lower, upper = item.bounds(len(values))
+    excess = np.maximum(values - upper, lower - values)
+    nearest = beside(local_maxima(excess))
+    k, which = np.nonzero((excess > -NEAR_CONSTRAINT) & (regular[:, None] | nearest))
     if not k.size:
         return None
+    used, place = np.unique(k, return_inverse=True)
+    _, *by = item.term_rows(state.q[used], state.v[used], state.a[used])
     at = at.kept(k)
     sources = changes.inside(*at, state.q[k], state.v[k])
     parts, slopes = [], []
-    for order, source in enumerate(sources):
-        by = np.array([every[i][1][order] for i in k])
-        slopes.append(by if by.size else np.zeros((k.size, n)))
-        if by.size:
-            parts.append(source.after(picked(by, k.size, np.arange(k.size))))
+    for slope, source in zip(by, sources, strict=True):
+        mine = slope[place, which] if slope.size else np.zeros((k.size, changes.n))
+        slopes.append(mine)
+        if slope.size:
+            parts.append(source.after(picked(mine, k.size, np.arange(k.size))))
+    here = values[k, which]
     return LimitRows(
         kind=item.name,
         change=sum(parts[1:], parts[0]),
-        lower=np.full(k.size, -np.inf),
-        upper=np.maximum(-values[k], 0.0),
+        lower=np.minimum(lower[k, which] - here, 0.0),
+        upper=np.maximum(upper[k, which] - here, 0.0),
         interval=at.interval,
         subject=np.full(k.size, index),
         share=np.where(at.share >= 1.0 - JUST_INSIDE, 1.0, at.share),
@@ -61,3 +62,17 @@ def _constraint(motion: Motion, index: int) -> LimitRows | None:
         speed_slopes=slopes[1],
         unit=item.scale,
     )
+
+
+def _looked_at(changes: Perturbations, order: int) -> tuple[Instants, BoolArray]:
+    """Instants at which a constraint is looked at, and which are rows in any case.
+
+    Accelerations jump at the nodes: what depends on them is looked at on both sides.
+    """
+    shares = np.arange(1, SAMPLES + 1) / SAMPLES
+    regular = np.isin(shares, REGULAR)
+    if order > 1:
+        shares = np.append(JUST_INSIDE, shares)
+        regular = np.append(True, regular)
+    shares = np.minimum(shares, 1.0 - JUST_INSIDE)
+    return Instants.spread(changes.N, shares), np.tile(regular, changes.N)

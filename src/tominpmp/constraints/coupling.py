@@ -112,10 +112,20 @@ class JointCoupling(PathConstraint):
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """How far the sum is beyond its bounds, zero within."""
-        total = float(self._row() @ q)
-        return max(self.lower - total, total - self.upper, 0.0)
+        return float(self.measure_rows(q[None], v[None], a[None])[0])
 
-    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """The same at many states."""
+        total = q @ self._row()
+        return np.maximum(np.maximum(self.lower - total, total - self.upper), 0.0)
+
+    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """The sum over the scale."""
-        row = self._row() / self.scale
-        return np.array([row @ q]), row[None], NONE, NONE
+        return np.asarray((q @ self._row())[:, None] / self.scale)
+
+    def term_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """The same with its derivatives."""
+        by_q = np.broadcast_to(self._row() / self.scale, (len(q), 1, q.shape[1]))
+        return self.value_rows(q, v, a), by_q, NONE, NONE

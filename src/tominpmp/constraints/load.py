@@ -19,19 +19,20 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array, is_single
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.constraints.path import FrameRows, frame_name, positive
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.frame_motions import SpatialStates, skew
 from tominpmp.goals.base import goal_vector
 from tominpmp.inputs import VectorLike
 from tominpmp.payload import checked_inertia
 
 STANDARD_GRAVITY = 9.81
-# Corners of the polygon that stands for a round contact.
-ROUND_CORNERS = 24
 POINT = "three coordinates [m]"
+# Force across z, moment across z, and force along z, of a wrench.
+_ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
 
 
-class HeldLoad(FrameConstraint):
+class HeldLoad(FrameRows):
     """A load that moves with a frame."""
 
     frame: str
@@ -66,43 +67,48 @@ class HeldLoad(FrameConstraint):
         tensor = np.zeros((3, 3)) if self.inertia is None else self.inertia
         return np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
 
-    def wrench_alone(self, q: Array, v: Array, a: Array) -> Array:
-        """That of :meth:`wrench` without derivatives, shape (6,)."""
-        kinematics, body = self.kinematics, self._body()
-        rotation, speed, felt = kinematics.spatial_state(q, v, a, self.frame)
-        felt[:3] -= rotation.T @ kinematics.robot.model.gravity.linear
-        return np.asarray(body @ felt + _force_cross(speed) @ (body @ speed))
+    def wrenches(self, q: Array, v: Array, a: Array) -> Array:
+        """Those of :meth:`wrench_slopes` without derivatives, shape (m, 6)."""
+        return self._wrenches(self.motions.spatial(q, v, a))
 
-    def wrench(
+    def _wrenches(self, state: SpatialStates) -> Array:
+        """Y (a - g) + v x* Y v, shape (m, 6)."""
+        body = self._body()
+        felt = state.acceleration.copy()
+        felt[:, :3] -= self._fall(state)
+        return felt @ body.T + _crossed(state.velocity, state.velocity @ body.T)
+
+    def _fall(self, state: SpatialStates) -> Array:
+        """Gravity in the axes of the frame, shape (m, 3) [m/s^2]."""
+        gravity = np.asarray(self.kinematics.robot.model.gravity.linear)
+        return np.asarray(gravity @ state.rotation)
+
+    def wrench_slopes(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Wrench that the motion asks for, in the axes of the frame and at its origin.
+        """Wrenches that the motion asks for, in the axes of the frame at its origin.
 
         Args:
-            q: Positions, shape (n,).
-            v: Velocities, shape (n,).
-            a: Accelerations, shape (n,).
+            q: Positions, shape (m, n).
+            v: Velocities, shape (m, n).
+            a: Accelerations, shape (m, n).
 
         Returns:
-            Force above moment, shape (6,) [N, N m], and its derivatives by q, v and a,
-            shape (6, n) each.
+            Forces before moments, shape (m, 6) [N, N m], and their derivatives by q, v
+            and a, shape (m, 6, n) each.
         """
         body = self._body()
-        motion = self.kinematics.spatial_motion(q, v, a, self.frame)
-        gravity = self.kinematics.robot.model.gravity.linear
-        fall = np.asarray(motion.rotation.T @ gravity)
-        felt = motion.acceleration.copy()
-        felt[:3] -= fall
-        momentum = body @ motion.velocity
-        w = body @ felt + _force_cross(motion.velocity) @ momentum
+        state, by = self.motions.spatial_slopes(q, v, a)
         # v x* f is linear in both.
-        turn = _force_cross(motion.velocity) @ body + _crossed_by(momentum)
-        felt_q = motion.a_q.copy()
-        felt_q[:3] -= pin.skew(fall) @ motion.v_v[3:]  # gravity turns in the frame
-        return w, (
-            body @ felt_q + turn @ motion.v_q,
-            body @ motion.a_v + turn @ motion.v_v,
-            body @ motion.v_v,
+        turn = _force_cross(state.velocity) @ body
+        turn += _crossed_by(state.velocity @ body.T)
+        felt_q = by.a_q.copy()
+        # Gravity turns in the frame.
+        felt_q[:, :3] -= skew(self._fall(state)) @ by.v_v[:, 3:]
+        return self._wrenches(state), (
+            body @ felt_q + turn @ by.v_q,
+            body @ by.a_v + turn @ by.v_v,
+            body @ by.v_v,
         )
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
@@ -182,64 +188,70 @@ class StableContact(HeldLoad):
             radius = positive(self.support, "support", "m")
             object.__setattr__(self, "support", radius)
         elif self.support is not None:
-            object.__setattr__(self, "support", frozen_array(_polygon(self.support)))
-        object.__setattr__(self, "_edges", _edges_of(self.corners))
-
-    @property
-    def corners(self) -> Array:
-        """Corners of the support, shape (k, 2) [m]; none where it never tips."""
-        if self.support is None:
-            return np.zeros((0, 2))
-        if isinstance(self.support, float):
-            turn = 2.0 * np.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
-            return self.support * np.column_stack([np.cos(turn), np.sin(turn)])
-        return self.support
+            corners = frozen_array(_polygon(self.support))
+            object.__setattr__(self, "support", corners)
+            object.__setattr__(self, "_edges", _edges_of(corners))
 
     @property
     def count(self) -> int:
         """One for slipping, and one for each edge."""
-        return 1 + len(self.corners)
+        if self.support is None or isinstance(self.support, float):
+            return 1 if self.support is None else 2
+        return 1 + len(self.support)
 
     @property
     def _moments(self) -> tuple[Array, Array]:
         found: tuple[Array, Array] = self.__dict__["_edges"]
         return found
 
-    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    def term_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
         """What is missing to hold the load, in shares of its weight."""
-        w, by = self.wrench(q, v, a)
-        weight, mu = self.weight, self.friction
-        force, most = w[:2], mu * (w[2] + self.adhesion)
-        size = float(np.sqrt(2.0 * (force @ force + most**2)))
-        along = np.zeros(6)
-        along[:2] = 2.0 * force / max(size, 1e-300)
-        along[2] = (2.0 * most / max(size, 1e-300) - 2.0) * mu
-        rows, room = self._moments
-        length = weight * np.maximum(room, 1e-6)
-        by_wrench = np.vstack([along / weight, rows / length[:, None]])
-        by_q, by_v, by_a = (by_wrench @ part for part in by)
-        return self._rows_of(w), by_q, by_v, by_a
+        w, by = self.wrench_slopes(q, v, a)
+        every = [self._slipping(w), *self._tipping(w)]
+        by_wrench = np.concatenate([slope for _, slope in every], axis=1)
+        values = np.concatenate([value for value, _ in every], axis=1)
+        by_q, by_v, by_a = (by_wrench @ part / self.weight for part in by)
+        return values / self.weight, by_q, by_v, by_a
 
-    def values(self, q: Array, v: Array, a: Array) -> Array:
+    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """The same without derivatives."""
-        return self._rows_of(self.wrench_alone(q, v, a))
+        w = self.wrenches(q, v, a)
+        every = [self._slipping(w), *self._tipping(w)]
+        return np.concatenate([value for value, _ in every], axis=1) / self.weight
 
-    def _rows_of(self, w: Array) -> Array:
-        most = self.friction * (w[2] + self.adhesion)
-        size = float(np.sqrt(2.0 * (w[:2] @ w[:2] + most**2)))
-        return np.append(size - 2.0 * most, self._tipping(w)) / self.weight
+    def _slipping(self, w: Array) -> tuple[Array, Array]:
+        """Force across the contact beyond what friction holds, rounded off [N]."""
+        pull, mu = self.adhesion, self.friction
+        return _cone(w[:, :2], mu * (w[:, 2] + pull), _ACROSS, mu * _PRESSING)
 
-    def _tipping(self, w: Array) -> Array:
-        """How far each edge is from holding the moment about it [N], shape (k,)."""
+    def _tipping(self, w: Array) -> list[tuple[Array, Array]]:
+        """How far the contact is from holding the moments about its edges [N]."""
+        if self.support is None:
+            return []
+        if isinstance(self.support, float):
+            # The centre of pressure (-m_y, m_x) / f_z is within a circle.
+            moment = w[:, 3:5] / self.support
+            most = w[:, 2] + self.adhesion
+            return [_cone(moment, most, _ABOUT / self.support, _PRESSING)]
         rows, room = self._moments
-        return np.asarray((rows @ w - self.adhesion * room) / np.maximum(room, 1e-6))
+        scale = np.maximum(room, 1e-6)
+        value = (w @ rows.T - self.adhesion * room) / scale
+        slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
+        return [(value, slope)]
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """What is missing to hold the load, in shares of its weight, at least zero."""
-        w = self.wrench_alone(q, v, a)
-        slips = float(np.hypot(w[0], w[1])) - self.friction * (w[2] + self.adhesion)
-        tips = float(np.max(self._tipping(w), initial=0.0))
-        return float(max(0.0, slips, tips) / self.weight)
+        w = self.wrenches(q, v, a)
+        slips = np.hypot(w[:, 0], w[:, 1]) - self.friction * (w[:, 2] + self.adhesion)
+        missing = [np.maximum(slips, 0.0)]
+        if isinstance(self.support, float):
+            moment = np.hypot(w[:, 3], w[:, 4]) / self.support
+            missing.append(moment - (w[:, 2] + self.adhesion))
+        else:
+            missing += [value.max(axis=1) for value, _ in self._tipping(w)]
+        return np.asarray(np.max(missing, axis=0) / self.weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,12 +325,14 @@ class FirmGrasp(HeldLoad):
         """What both pads hold [N]."""
         return 2.0 * self.friction * self.force
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Force across the axis, and moment about it over the radius [N]."""
-        w, by = self.wrench(q, v, a)
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Forces across the axis, and moments about it over the radius [N]."""
+        w, by = self.wrench_slopes(q, v, a)
         rows = self._across()
         by_q, by_v, by_a = (rows @ part for part in by)
-        return rows @ w, by_q, by_v, by_a
+        return w @ rows.T, by_q, by_v, by_a
 
     def _across(self) -> Array:
         """What friction has to hold of a wrench, shape (4, 6)."""
@@ -327,9 +341,33 @@ class FirmGrasp(HeldLoad):
         rows[3, 3:] = self.axis / self.pad_radius
         return rows
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """Force that friction has to hold [N]."""
-        return float(np.linalg.norm(self._across() @ self.wrench_alone(q, v, a)))
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Forces that friction has to hold [N]."""
+        across = self.wrenches(q, v, a) @ self._across().T
+        return np.asarray(np.linalg.norm(across, axis=1))
+
+
+def _cone(
+    part: Array, most: Array, by_part: Array, by_most: Array
+) -> tuple[Array, Array]:
+    """How far parts of wrenches are beyond a cone, rounded off about its tip.
+
+    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L where L > 0, and is positive else.
+
+    Args:
+        part: What is to be no longer than a length, shape (m, 2) [N].
+        most: The length L, shape (m,) [N].
+        by_part: Derivative of the part by the wrench, shape (2, 6).
+        by_most: Derivative of the length by it, shape (6,).
+
+    Returns:
+        Values, shape (m, 1) [N], and their derivatives by wrenches, shape (m, 1, 6).
+    """
+    size = np.sqrt(2.0 * (np.sum(part**2, axis=1) + most**2))
+    safe = np.maximum(size, 1e-300)
+    slope = 2.0 * (part / safe[:, None]) @ by_part
+    slope += (2.0 * most / safe - 2.0)[:, None] * by_most
+    return (size - 2.0 * most)[:, None], slope[:, None, :]
 
 
 def _edges_of(corners: Array) -> tuple[Array, Array]:
@@ -373,17 +411,26 @@ def _polygon(given: object) -> Array:
     raise ProblemError(f"support is {brief(given)}, {expected}", "support")
 
 
+def _crossed(motion: Array, force: Array) -> Array:
+    """Products v x* f of spatial velocities and forces, shape (m, 6)."""
+    turned = np.cross(motion[:, 3:], force[:, :3])
+    about = np.cross(motion[:, 3:], force[:, 3:]) + np.cross(
+        motion[:, :3], force[:, :3]
+    )
+    return np.concatenate([turned, about], axis=1)
+
+
 def _force_cross(motion: Array) -> Array:
-    """Matrix of v x* for a spatial velocity, linear part first, shape (6, 6)."""
-    out = np.zeros((6, 6))
-    out[:3, :3] = out[3:, 3:] = pin.skew(motion[3:])
-    out[3:, :3] = pin.skew(motion[:3])
+    """The matrices of f -> v x* f for spatial velocities, shape (m, 6, 6)."""
+    out = np.zeros((len(motion), 6, 6))
+    out[:, :3, :3] = out[:, 3:, 3:] = skew(motion[:, 3:])
+    out[:, 3:, :3] = skew(motion[:, :3])
     return out
 
 
 def _crossed_by(force: Array) -> Array:
-    """Matrix of v -> v x* f for a spatial force, linear part first, shape (6, 6)."""
-    out = np.zeros((6, 6))
-    out[:3, 3:] = out[3:, :3] = -pin.skew(force[:3])
-    out[3:, 3:] = -pin.skew(force[3:])
+    """Matrices of v -> v x* f for spatial forces, shape (m, 6, 6)."""
+    out = np.zeros((len(force), 6, 6))
+    out[:, :3, 3:] = out[:, 3:, :3] = -skew(force[:, :3])
+    out[:, 3:, 3:] = -skew(force[:, 3:])
     return out

@@ -89,17 +89,19 @@ class KeepOrientation(FrameAngle):
         object.__setattr__(self, "rotation", frozen_array(rotation))
         self._check_tolerance()
 
-    def _turn(self, q: Array) -> Array:
-        place = self.kinematics.placement(q, self.frame)
-        return np.asarray(self.rotation.T @ place.rotation)
+    def _turns(self, q: Array) -> Array:
+        return np.asarray(self.rotation.T @ self.motions.placements(q).rotation)
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The angle [rad]."""
-        return float(np.linalg.norm(pin.log3(self._turn(q))))
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Angles [rad]."""
+        return np.array([np.linalg.norm(pin.log3(turn)) for turn in self._turns(q)])
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Rotation vector from the orientation to that of the frame [rad]."""
-        turn = self._turn(q)
-        jacobian = self.kinematics.jacobian(q, self.frame, local=True)[3:]
-        by_q = np.asarray(pin.Jlog3(turn)) @ jacobian
-        return np.asarray(pin.log3(turn)), by_q, NONE, NONE
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Rotation vectors from the orientation to that of the frame [rad]."""
+        turns = self._turns(q)
+        angles = np.array([pin.log3(turn) for turn in turns])
+        by_turn = np.array([pin.Jlog3(turn) for turn in turns])
+        jacobian = self.motions.jacobians(q, local=True)[:, 3:]
+        return angles, by_turn @ jacobian, NONE, NONE

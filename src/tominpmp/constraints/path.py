@@ -15,6 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray, Record, number_or_nan
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.frame_motions import FrameMotions
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -86,6 +87,7 @@ class PathConstraint(Record, Constraint):
         """The constraint for a robot, ready to be evaluated."""
         self.validate(robot)
         ready = copy.copy(self)
+        ready.__dict__.pop("_motions", None)  # of another robot
         object.__setattr__(ready, "_kinematics", RobotKinematics(robot))
         return ready
 
@@ -108,11 +110,82 @@ class PathConstraint(Record, Constraint):
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """Smooth values at states, shape (m, count)."""
+        return self.value_rows(*self._parts(states))
+
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Their derivatives."""
+        used, place = np.unique(at, return_inverse=True)
+        if not used.size:
+            return Partials(at)
+        found = self.term_rows(*(part[used] for part in self._parts(states)))
+        by_q, by_v, by_a = (
+            part[place, which] if part.size else None for part in found[1:]
+        )
+        return Partials(at, by_q, by_v, by_a)
+
+    def measures(self, states: States) -> Array:
+        """The quantity itself at states, shape (m,)."""
+        return self.measure_rows(*self._parts(states))
+
+    def sizes(self, t: Array, q: Array, v: Array, a: Array) -> Array:
+        """The same at states of a motion, for who knows no :class:`States`.
+
+        Args:
+            t: Times [s], shape (m,).
+            q: Positions, shape (m, n) [rad or m].
+            v: Velocities, shape (m, n).
+            a: Accelerations, shape (m, n); of any shape where ``order`` is below 2.
+        """
+        return self.measures(States(t, q, v, a))
+
+    def _parts(self, states: States) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations; empty where not asked for."""
+        none = np.zeros((len(states.q), 0))
+        v = states.v if self.order >= 1 else none
+        a = states.a if self.order >= 2 else none
+        return states.q, v, a
+
+    # -- many states at once: state by state, where nothing quicker is known -----------
+
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Those of :meth:`measure`, shapes (m, n) to (m,)."""
+        found = [self.measure(*state) for state in zip(q, v, a, strict=True)]
+        return np.array(found, dtype=np.float64)
+
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Those of :meth:`vector`: shapes (m, k), and (m, k, n) or empty."""
+        every = [self.vector(*state) for state in zip(q, v, a, strict=True)]
+        vector, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
+        return vector, by_q, by_v, by_a
+
+    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Those of :meth:`values`, shape (m, count)."""
         if self._is_length:
             limit = self.largest / self.scale
-            return rounded(self.measures(states) / self.scale, limit)[:, None]
-        values = [self.values(*state) for state in self._each(states)]
-        return np.array(values).reshape(-1, self.count)
+            sizes = self.measure_rows(q, v, a) / self.scale
+            return rounded(sizes, limit)[:, None]
+        found = [self.values(*state) for state in zip(q, v, a, strict=True)]
+        return np.array(found).reshape(-1, self.count)
+
+    def term_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Those of :meth:`terms`: shapes (m, count), and (m, count, n) or empty."""
+        if not self._is_length:
+            every = [self.terms(*state) for state in zip(q, v, a, strict=True)]
+            found = [np.array(part) for part in zip(*every, strict=True)]
+            return found[0], found[1], found[2], found[3]
+        vector, *by = self.vector_rows(q, v, a)
+        length, limit = np.linalg.norm(vector, axis=1), self.largest
+        values = rounded(length / self.scale, limit / self.scale)[:, None]
+        size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
+        along = (vector / np.maximum(size, 1e-300)[:, None])[:, None, :]
+        by_q, by_v, by_a = (along @ part if part.size else part for part in by)
+        return values, by_q, by_v, by_a
+
+    # -- one state ---------------------------------------------------------------------
 
     @property
     def _is_length(self) -> bool:
@@ -130,40 +203,9 @@ class PathConstraint(Record, Constraint):
             and their derivatives by q, v and a, shape (count, n) each; empty where
             there are none.
         """
-        value, (by_q, by_v, by_a) = self.value(q, v, a)
-        return np.array([value]), by_q[None], by_v[None], by_a[None]
-
-    def value(self, q: Array, v: Array, a: Array) -> tuple[float, list[Array]]:
-        """Smooth value at a state, and its derivatives.
-
-        Returns:
-            The value in units of the scale, <= 0 where the limit is kept, and its
-            derivatives by q, v and a, shape (n,) each; empty where there are none.
-        """
-        vector, *parts = self.vector(q, v, a)
-        length, limit = float(np.linalg.norm(vector)), self.largest
-        value = float(rounded(np.array(length / self.scale), limit / self.scale))
-        size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
-        along = vector / max(size, 1e-300)
-        return value, [along @ part if part.size else np.zeros(0) for part in parts]
-
-    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Their derivatives."""
-        every = list(self._each(states))
-        used, place = np.unique(at, return_inverse=True)
-        found = [self.terms(*every[k])[1:] for k in used.tolist()]
-        parts: list[Array | None] = []
-        for order in range(3):
-            if not found or not found[0][order].size:
-                parts.append(None)
-                continue
-            table = np.array([one[order] for one in found])
-            parts.append(table[place, which])
-        return Partials(at, parts[0], parts[1], parts[2])
-
-    def measures(self, states: States) -> Array:
-        """The quantity itself at states, shape (m,)."""
-        return np.array([self.measure(*state) for state in self._each(states)])
+        values, *by = self.term_rows(q[None], v[None], a[None])
+        by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
+        return values[0], by_q, by_v, by_a
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
         """What is wrong with a state; nothing if the limit is kept, within a slack."""
@@ -176,12 +218,6 @@ class PathConstraint(Record, Constraint):
             f"the {self.name} is {size:.4g} {self.unit}, more than its limit "
             f"{self.largest:.4g} {self.unit}"
         )
-
-    def _each(self, states: States) -> list[tuple[Array, Array, Array]]:
-        none = np.zeros(0)
-        v = states.v if self.order >= 1 else [none] * len(states.q)
-        a = states.a if self.order >= 2 else [none] * len(states.q)
-        return list(zip(states.q, v, a, strict=True))
 
 
 class FrameConstraint(PathConstraint):
@@ -205,7 +241,35 @@ class FrameConstraint(PathConstraint):
         robot.frame_id(self.frame)
 
 
-class FrameLimit(FrameConstraint):
+class FrameRows(FrameConstraint):
+    """A constraint on a frame that is evaluated at many states at once.
+
+    Subclasses give :meth:`measure_rows` and :meth:`vector_rows`, or else
+    :meth:`value_rows` and :meth:`term_rows`.
+    """
+
+    @property
+    def motions(self) -> FrameMotions:
+        """Placements and motions of the frame."""
+        found = self.__dict__.get("_motions")
+        if found is None:
+            found = FrameMotions(self.kinematics.robot, self.frame)
+            self.__dict__["_motions"] = found
+        assert isinstance(found, FrameMotions)  # noqa: S101
+        return found
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The quantity at one state."""
+        return float(self.measure_rows(q[None], v[None], a[None])[0])
+
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """The vector at one state."""
+        vector, *by = self.vector_rows(q[None], v[None], a[None])
+        by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
+        return vector[0], by_q, by_v, by_a
+
+
+class FrameLimit(FrameRows):
     """A quantity of a frame below its field ``limit``."""
 
     limit: float

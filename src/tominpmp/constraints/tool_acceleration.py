@@ -29,10 +29,13 @@ class ToolAcceleration(FrameLimit):
     order = 2
     unit = "m/s^2"
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The acceleration [m/s^2]."""
-        return float(np.linalg.norm(self.kinematics.acceleration(q, v, a, self.frame)))
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Accelerations [m/s^2]."""
+        found = self.motions.accelerations(q, v, a)
+        return np.asarray(np.linalg.norm(found, axis=1))
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """The acceleration [m/s^2]."""
-        return self.kinematics.accelerated_motion(q, v, a, self.frame)
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Accelerations [m/s^2]."""
+        return self.motions.acceleration_slopes(q, v, a)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.constraints.path import FrameRows, frame_name, positive
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import goal_vector
 from tominpmp.inputs import VectorLike
@@ -25,7 +25,7 @@ LEAST_SCALE = 0.02
 POINT = "three coordinates [m]"
 
 
-class Tube(FrameConstraint):
+class Tube(FrameRows):
     """The origin of a frame stays near a curve."""
 
     radius: float
@@ -55,16 +55,19 @@ class Tube(FrameConstraint):
         """The radius, or a small length if it is less."""
         return max(self.radius, LEAST_SCALE)
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The distance [m]."""
-        place = self.kinematics.placement(q, self.frame)
-        return float(np.linalg.norm(self.from_curve(np.asarray(place.translation))[0]))
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Distances [m]."""
+        points = self.motions.placements(q).origin
+        return np.array([np.linalg.norm(self.from_curve(point)[0]) for point in points])
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Vector from the nearest point of the curve [m]."""
-        place = self.kinematics.placement(q, self.frame)
-        found, by_point = self.from_curve(np.asarray(place.translation))
-        jacobian = self.kinematics.jacobian(q, self.frame)[:3]
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Vectors from the nearest points of the curve [m]."""
+        every = [self.from_curve(point) for point in self.motions.placements(q).origin]
+        found = np.array([vector for vector, _ in every])
+        by_point = np.array([slope for _, slope in every])
+        jacobian = self.motions.jacobians(q)[:, :3]
         return found, by_point @ jacobian, NONE, NONE
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.constraints.path import FrameRows, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.frames import checked_pose, pose_values
@@ -22,7 +22,7 @@ SCALE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class WithinRegion(FrameConstraint):
+class WithinRegion(FrameRows):
     """The origin of a frame stays within a box, at all times.
 
     Attributes:
@@ -83,33 +83,46 @@ class WithinRegion(FrameConstraint):
         return pose_values(self)
 
     def _local(self, q: Array) -> Array:
-        point = np.asarray(self.kinematics.placement(q, self.frame).translation)
-        return point if self.pose is None else np.asarray(self.pose.actInv(point))
+        """The origin of the frame along the axes of the box, shape (m, 3) [m]."""
+        points = self.motions.placements(q).origin
+        if self.pose is None:
+            return points
+        return np.asarray((points - self.pose.translation) @ self.pose.rotation)
 
     @property
     def count(self) -> int:
         """One value for each side of the box that there is."""
         return int(np.isfinite([self.lower, self.upper]).sum())
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The distance from the box, zero within [m]."""
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Distances from the box, zero within [m]."""
         point = self._local(q)
-        return float(np.linalg.norm(point - np.clip(point, self.lower, self.upper)))
+        out = point - np.clip(point, self.lower, self.upper)
+        return np.asarray(np.linalg.norm(out, axis=1))
 
-    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """How far the point is beyond each side."""
+    @property
+    def _sides(self) -> BoolArray:
+        return np.asarray(np.isfinite(np.concatenate([self.lower, self.upper])))
+
+    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """How far the points are beyond each side."""
         point = self._local(q)
-        sides = np.concatenate([self.lower - point, point - self.upper])
-        jacobian = self.kinematics.jacobian(q, self.frame)[:3]
+        sides = np.concatenate([self.lower - point, point - self.upper], axis=1)
+        return np.asarray(sides[:, self._sides] / self.scale)
+
+    def term_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """The same with its derivatives."""
+        jacobian = self.motions.jacobians(q)[:, :3]
         if self.pose is not None:
             jacobian = self.pose.rotation.T @ jacobian
-        by_q = np.concatenate([-jacobian, jacobian])
-        real = np.isfinite(np.concatenate([self.lower, self.upper]))
-        return sides[real] / self.scale, by_q[real] / self.scale, NONE, NONE
+        by_q = np.concatenate([-jacobian, jacobian], axis=1)[:, self._sides]
+        return self.value_rows(q, v, a), by_q / self.scale, NONE, NONE
 
 
 @dataclass(frozen=True, eq=False)
-class KeepAway(FrameConstraint):
+class KeepAway(FrameRows):
     """The origin of a frame stays away from a point, at all times.
 
     Attributes:
@@ -153,16 +166,22 @@ class KeepAway(FrameConstraint):
         return self.distance
 
     def _out(self, q: Array) -> Array:
-        place = self.kinematics.placement(q, self.frame)
-        return np.asarray(place.translation) - self.point
+        return np.asarray(self.motions.placements(q).origin - self.point)
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """How much of the distance is missing, zero outside [m]."""
-        return max(self.distance - float(np.linalg.norm(self._out(q))), 0.0)
+        away = np.linalg.norm(self._out(q), axis=1)
+        return np.asarray(np.maximum(self.distance - away, 0.0))
 
-    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """(d^2 - |p - c|^2) / (2 d^2), which has no kink at the point."""
-        out, square = self._out(q), self.distance**2
-        jacobian = self.kinematics.jacobian(q, self.frame)[:3]
-        value = 0.5 * (square - float(out @ out)) / square
-        return np.array([value]), -(out @ jacobian)[None] / square, NONE, NONE
+        square = np.sum(self._out(q) ** 2, axis=1)
+        return np.asarray(0.5 * (1.0 - square / self.distance**2)[:, None])
+
+    def term_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """The same with its derivatives."""
+        out = self._out(q)[:, None, :]
+        by_q = -(out @ self.motions.jacobians(q)[:, :3]) / self.distance**2
+        return self.value_rows(q, v, a), by_q, NONE, NONE

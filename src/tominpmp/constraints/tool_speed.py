@@ -37,10 +37,12 @@ class ToolSpeed(FrameLimit):
         """The frame and the limit."""
         return self.frame, self.limit
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The speed [m/s]."""
-        return float(np.linalg.norm(self.kinematics.velocity(q, v, self.frame)))
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Speeds [m/s]."""
+        return np.asarray(np.linalg.norm(self.motions.velocities(q, v), axis=1))
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """The velocity [m/s]."""
-        return *self.kinematics.motion(q, v, self.frame), NONE
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Velocities [m/s]."""
+        return *self.motions.velocity_slopes(q, v), NONE

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import FrameConstraint, frame_name, positive
+from tominpmp.constraints.path import FrameRows, frame_name, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
-from tominpmp.goals.direction import cross, deviation
+from tominpmp.goals.direction import deviations
 from tominpmp.inputs import VectorLike
 
 NONE = np.zeros(0)
@@ -20,7 +19,7 @@ NONE = np.zeros(0)
 LEAST_SCALE = 0.05
 
 
-class FrameAngle(FrameConstraint):
+class FrameAngle(FrameRows):
     """An angle of a frame below its field ``tolerance``."""
 
     tolerance: float
@@ -98,18 +97,19 @@ class KeepUpright(FrameAngle):
             object.__setattr__(self, name, frozen_array(vector))
         self._check_tolerance()
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The angle [rad]."""
-        place = self.kinematics.placement(q, self.frame)
-        turned = np.asarray(place.rotation @ self.axis)
-        sine = float(np.linalg.norm(cross(turned, self.direction)))
-        return math.atan2(sine, float(turned @ self.direction))
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Angles [rad]."""
+        turned = self.motions.placements(q).rotation @ self.axis
+        sine = np.linalg.norm(np.cross(turned, self.direction), axis=1)
+        return np.asarray(np.arctan2(sine, turned @ self.direction))
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Deviation of the axis as two angles [rad]."""
-        place = self.kinematics.placement(q, self.frame)
-        turned = np.asarray(place.rotation @ self.axis)
-        found, by_axis = deviation(turned, self.direction)
-        jacobian = self.kinematics.jacobian(q, self.frame)[3:]
+    def vector_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Deviations of the axis as two angles [rad]."""
+        turned = self.motions.placements(q).rotation @ self.axis
+        found, by_axis = deviations(turned, self.direction)
+        jacobian = self.motions.jacobians(q)[:, 3:]
         # The axis turns with w x axis.
-        return found, np.cross(turned, by_axis) @ jacobian, NONE, NONE
+        by_turn = np.cross(turned[:, None, :], by_axis)
+        return found, by_turn @ jacobian, NONE, NONE

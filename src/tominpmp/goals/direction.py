@@ -44,6 +44,34 @@ def deviation(a: Array, direction: Array) -> tuple[Array, Array]:
     return ratio * part, ratio * e + slope * np.outer(part, direction)
 
 
+def deviations(axes: Array, direction: Array) -> tuple[Array, Array]:
+    """Deviations of many unit vectors, and their derivatives: see :func:`deviation`.
+
+    Args:
+        axes: Unit vectors, shape (m, 3).
+        direction: Unit vector, shape (3,).
+
+    Returns:
+        Shapes (m, 2) [rad] and (m, 2, 3).
+    """
+    e = across(direction)
+    part, cosine = axes @ e.T, axes @ direction
+    sine = np.linalg.norm(part, axis=1)
+    angle = np.arctan2(sine, cosine)
+    small = angle < SMALL
+    safe = np.where(small | (sine == 0.0), 1.0, sine)
+    ratio = np.where(small, 1.0 + angle**2 / 6.0, angle / safe)
+    slope = (angle * cosine / safe - 1.0) / safe**2
+    slope = np.where(small, -1.0 / 3.0 - 2.0 * angle**2 / 15.0, slope)
+    # The slope is that of the ratio over the cosine.
+    found = ratio[:, None] * part
+    by_axis = ratio[:, None, None] * e
+    by_axis += slope[:, None, None] * part[:, :, None] * direction
+    for k in np.flatnonzero(np.pi - angle < OPPOSITE).tolist():
+        found[k], by_axis[k] = deviation(axes[k], direction)
+    return found, by_axis
+
+
 def across(direction: Array) -> Array:
     """Two unit vectors that complete a direction to a frame, shape (2, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]

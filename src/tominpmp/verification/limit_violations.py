@@ -153,8 +153,7 @@ class _Limits:
             if item.order >= 2:
                 x = np.concatenate([rows.q, rows.v], axis=1)
                 a = RobotDynamics(self.problem.robot).forward(x, rows.u)[:, n:]
-            states = zip(rows.q, rows.v, a, strict=True)
-            sizes = np.array([item.measure(*state) for state in states])
+            sizes = item.sizes(rows.t, rows.q, rows.v, a)
             sizes = np.where(np.isfinite(sizes), sizes, np.inf)
             k = int(np.argmax(sizes))
             amount = float(sizes[k]) - item.largest

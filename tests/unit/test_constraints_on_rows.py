@@ -1,0 +1,68 @@
+"""Constraints are evaluated at many states at once, as they are at one."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from test_loads import ITEMS as LOADS
+from test_tool_constraints import ITEMS as TOOLS
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.constraints import States
+from tominpmp.goals.direction import deviation, deviations
+
+ITEMS = (*LOADS, *TOOLS, tm.ToolSpeed("tool0", 1.0), tm.KeepUpright("tool0"))
+DIRECTION = np.array([0.0, 0.6, 0.8])
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return tm.load_robot("ur5")
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
+def test_rows_are_those_of_single_states(item, ur5):
+    ready = pickle.loads(pickle.dumps(item.on(ur5)))
+    rng = np.random.default_rng(3)
+    q, v, a = (rng.uniform(-2, 2, (4, 6)) for _ in range(3))
+    states = States(np.zeros(4), q, v, a)
+    values, sizes = ready.evaluate(states), ready.measures(states)
+    at, which = (part.ravel() for part in np.indices(values.shape))
+    partials = ready.differentiate(states, at, which)
+    for k in range(4):
+        assert sizes[k] == pytest.approx(ready.measure(q[k], v[k], a[k]), abs=1e-12)
+        alone, *by = ready.terms(q[k], v[k], a[k])
+        np.testing.assert_allclose(values[k], alone, atol=1e-12)
+        for part, slope in zip(partials[1:4], by, strict=True):
+            if part is None:
+                assert not slope.size
+            else:
+                np.testing.assert_allclose(part[at == k], slope, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [DIRECTION, -DIRECTION, (1.0, 0.0, 0.0), (0.0, 0.6 + 1e-5, 0.8), (0, -0.6, -0.8)],
+)
+def test_deviations_are_those_of_single_axes(axis):
+    axis = np.array(axis) / np.linalg.norm(axis)
+    many = deviations(np.array([axis, [1.0, 0.0, 0.0]]), DIRECTION)
+    for rows, alone in zip(many, deviation(axis, DIRECTION), strict=True):
+        np.testing.assert_allclose(rows[0], alone, atol=1e-12)
+
+
+def test_the_certificate_knows_constraints_that_are_no_lengths():
+    """They raised there, and the motion was called optimal without a look at it."""
+    rail = make_arm(slide(1.0), effort=np.array([100.0]), gravity=(0.0, 0.0, -9.81))
+    tray = tm.StableContact("tip", (0, 0, 0.05), 0.2)
+    away = tm.KeepAway("tip", (1.3, 0.0, 0.0), 0.2)
+    held = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), constraints=(tray, away))
+    solution = tm.plan(held)
+    assert solution.success, solution.message
+    assert solution.certificate.ok, solution.certificate.message
+    loose = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
+    given = tm.certify(loose, solution.trajectory)
+    assert given.stationarity > 20 * solution.certificate.stationarity
