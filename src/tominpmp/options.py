@@ -97,6 +97,9 @@ class Options(Record):
             may exist and they take little time), or "thorough" (many more, of all
             kinds, and for as long as ``max_planning_time`` lasts if that is given).
             More effort makes the attempts of less, and then others.
+        energy_weight: Weight k of the energy [1/(N^2 m^2)]: what is least is then T + k
+            times the integral of the squared torques of all motors over time [N^2 m^2
+            s], forces of joints that slide [N] among them; 0 for time alone.
         slack: Share of T to give away for quiet torques: the motion that was found is
             handed to :func:`tominpmp.smooth`. None leaves it as it is.
         refine: What follows the first solve: "auto" (intervals of the best motion are
@@ -156,6 +159,7 @@ class Options(Record):
     control: Control = "auto"
     objective: Literal["time", "feasible"] = "time"
     effort: Literal["quick", "standard", "thorough"] = "standard"
+    energy_weight: float = 0.0
     slack: float | None = None
     refine: Literal["auto", "grid", "switching"] | None = "auto"
     smoothing: float | None = None
@@ -216,6 +220,7 @@ class Options(Record):
         for name in ("smoothing", "slack"):
             if getattr(self, name) is not None:
                 self._number(name, "a number >= 0, or None", zero=True)
+        self._number("energy_weight", "a number >= 0 [1/(N^2 m^2)]", zero=True)
         if not isinstance(self.lp_solver, str) or not self.lp_solver:
             self._fail("lp_solver", "the name of a solver")
         if self.callback is not None and not callable(self.callback):

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 
 # Instants whose torques are compared.
 ROUGHNESS_INSTANTS = 100
+# Instants of each interval between nodes at which torques are squared.
+GAUSS_POINTS = 4
 
 
 def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
@@ -48,6 +50,16 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
     span = limits.effort_upper - limits.effort_lower
     driven = span > 0.0
     return float(np.sum((np.diff(u[:, driven], axis=0) / span[driven]) ** 2))
+
+
+def energy_of(trajectory: Trajectory) -> float:
+    """Integral of the squared torques of a motion over time [N^2 m^2 s]."""
+    h = np.diff(trajectory.t)
+    places, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    share = 0.5 * (1.0 + places)
+    times = trajectory.t[:-1, None] + h[:, None] * share
+    squares = np.sum(trajectory(times.ravel()).u ** 2, axis=1)
+    return float(np.sum(squares.reshape(h.size, -1) @ (0.5 * weights) * h))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +154,27 @@ class Solution:
         """
         return self.trajectory.duration if self.success else math.inf
 
+    @cached_property
+    def energy(self) -> float | None:
+        """Integral of the squared torques of all motors over time [N^2 m^2 s].
+
+        Forces of joints that slide are among them [N]; None if there is no motion.
+        """
+        if self.trajectory is None:
+            return None
+        return energy_of(self.trajectory)
+
+    @property
+    def cost(self) -> float:
+        """What the plan makes least: T + energy_weight times the energy [s].
+
+        Infinite if planning failed.
+        """
+        weight = self.options.energy_weight
+        if not weight or self.energy is None or not self.success:
+            return self.T
+        return self.T + weight * self.energy
+
     @property
     def gap(self) -> float | None:
         """T over the lower bound, less one; None without success or bound."""
@@ -205,7 +238,14 @@ class Solution:
 
         if self.trajectory is None:
             return None
-        return certify(self.problem, self.trajectory, verification=self.verification)
+        found = certify(self.problem, self.trajectory, verification=self.verification)
+        if not self.options.energy_weight:
+            return found
+        return replace(
+            found,
+            message="This is about the duration alone, some of which the motion gives "
+            f"away for less energy. {found.message}",
+        )
 
     def prove_clearance(self) -> ClearanceProof:
         """Prove that the motion keeps its clearance at all times, not at samples only.

@@ -7,6 +7,7 @@ from dataclasses import replace
 from tominpmp.exceptions import OptionsError
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
+from tominpmp.planner.energy import check_energy
 from tominpmp.problem import Problem
 
 # Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
@@ -28,6 +29,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     method = options.method
     check_clock(problem, options)
     check_segments(problem, options)
+    check_energy(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:

@@ -20,6 +20,7 @@ from tominpmp.planner.control_period import (
     puts_off_replays,
     searching,
 )
+from tominpmp.planner.energy import economical
 from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.optimality import certified
@@ -65,10 +66,15 @@ def plan(
         SolverNotFound: If the solver of linear programs is not installed.
     """
     expect(problem, Problem, "problem", "a Problem")
-    options = resolve_options(problem, Options.of(options).changed(changes))
+    asked = options = resolve_options(problem, Options.of(options).changed(changes))
+    if asked.energy_weight:
+        # The fastest motion is where the search for the best one begins, no more.
+        options = replace(options, energy_weight=0.0, refine=None, effort="quick")
     progress = Progress(searching(options), puts_off=puts_off_replays(options))
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
+        if asked.energy_weight and solution.status not in STOPPED:
+            return economical(solution, asked).with_acceleration_remark()
     if not progress.in_vain or progress.deadline.requested:
         return solution
     # The search ended with a motion whose replay was put off, and has failed since.

@@ -1,0 +1,178 @@
+"""Time against energy: closed forms, what is traded, and what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, rod, slide
+from tominpmp.exceptions import OptionsError
+from tominpmp.solvers.energy import Energy
+from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
+
+
+def rail(distance: float = 1.0) -> tm.Problem:
+    arm = make_arm(slide(1.0), effort=np.array([100.0]))
+    return tm.Problem(arm, [0.0], tm.JointGoal([distance]))
+
+
+def two_links() -> tm.Problem:
+    arm = make_arm(
+        rod(1.0, 1.0),
+        rod(1.0, 0.7),
+        effort=np.array([12.0, 6.0]),
+        gravity=(0.0, -2.0, 0.0),
+    )
+    return tm.Problem(arm, [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
+
+
+@pytest.mark.parametrize(
+    ("distance", "weight", "method", "error"),
+    [
+        (1.0, 1.0, "auto", 1e-6),
+        (2.0, 0.3, "auto", 1e-6),
+        (1.0, 1.0, "collocation", 1e-3),
+    ],
+)
+def test_a_mass_on_a_rail_takes_the_time_of_the_closed_form(
+    distance, weight, method, error
+):
+    solution = tm.plan(rail(distance), energy_weight=weight, method=method)
+    assert solution.success, solution.message
+    T = (36.0 * weight * distance**2) ** 0.25
+    assert pytest.approx(T, rel=error) == solution.T
+    energy = 12.0 * distance**2 / T**3
+    assert solution.energy == pytest.approx(energy, rel=2 * error)
+    assert solution.cost == pytest.approx(T + weight * energy, rel=error)
+    assert solution.cost == pytest.approx(4.0 / 3.0 * T, rel=error)
+    assert "trade of time against energy" in solution.message
+
+
+def test_the_values_of_the_unit_rail():
+    solution = tm.plan(rail(), energy_weight=1.0)
+    assert pytest.approx(2.449490, abs=1e-6) == solution.T
+    assert solution.cost == pytest.approx(3.265986, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def trades():
+    """Plans of two links by the weight of the energy."""
+    weights = (1e-3, 1e-2)
+    quick = {"intervals": 16, "starts": 1}
+    return {k: tm.plan(two_links(), energy_weight=k, **quick) for k in weights}
+
+
+def test_energy_is_traded_for_time(trades):
+    less, least = trades.values()
+    for solution in trades.values():
+        assert solution.success, solution.message
+        assert solution.verification.ok
+    assert less.T < least.T
+    assert less.energy > least.energy
+    # Each is the better of the two by its own measure.
+    for weight, best in trades.items():
+        for other in trades.values():
+            assert best.T + weight * best.energy <= (
+                other.T + weight * other.energy
+            ) * (1.0 + 5e-3)
+
+
+def test_the_energy_is_that_of_the_replayed_torques(trades):
+    motion = trades[1e-2].trajectory
+    t = np.linspace(0.0, motion.duration, 20001)
+    squares = np.sum(motion(t).u ** 2, axis=1)
+    assert trades[1e-2].energy == pytest.approx(trapezoid(squares, t), rel=1e-5)
+
+
+def test_limits_hold_while_energy_is_saved():
+    arm = make_arm(slide(1.0), effort=np.array([100.0]))
+    slow = tm.ToolSpeed("tip", 0.5)
+    problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]), constraints=(slow,))
+    solution = tm.plan(problem, energy_weight=1.0, intervals=20)
+    assert solution.success, solution.message
+    v = solution.trajectory(np.linspace(0.0, solution.T, 500)).v
+    assert np.abs(v).max() < 0.5 * 1.005
+    assert solution.T > 2.449490
+
+
+def test_the_certificate_says_what_it_is_about(trades):
+    assert trades[1e-2].certificate.message.startswith("This is about the duration")
+
+
+def _programs():
+    system = ProblemFunctions.of(two_links())
+    shares = interval_shares("cosine", 8)
+    whole = np.sum(shares, axis=1, keepdims=True)
+
+    def path(t):
+        share = np.clip(np.atleast_1d(t) / 2.0, 0.0, 1.0)[:, None]
+        start, goal = np.array([0.3, 0.4]), np.array([1.2, -0.6])
+        bend = np.array([0.3, 0.2]) * np.sin(np.pi * share)
+        return start + (3 * share**2 - 2 * share**3) * (goal - start) + bend
+
+    jumping = InverseTranscription(system, shares, 2.0)
+    yield jumping, jumping.start(path, 2.0)
+    smooth = BSplineTranscription(system, whole, 3)
+    yield smooth, smooth.start(path, 2.0, 2.0)
+    lifted = CollocationTranscription(system, whole, 2.0)
+    nodes = np.concatenate([[0.0], np.cumsum(whole)])
+    yield lifted, lifted.start(path(nodes * 2.0), np.array([2.0]))
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_its_gradient_against_differences(number):
+    transcription, z = list(_programs())[number]
+    rng = np.random.default_rng(0)
+    z = z + 1e-2 * rng.standard_normal(z.size)
+    energy = Energy(NonlinearProgram.of(transcription).at(z))
+    model = energy.model(z)
+    assert model.value == pytest.approx(energy(z), rel=1e-12)
+    for _ in range(3):
+        d = rng.standard_normal(z.size)
+        slope = (energy(z + 1e-6 * d) - energy(z - 1e-6 * d)) / 2e-6
+        assert model.gradient @ d == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"energy_weight": -1.0}, "energy_weight is -1.0, expected a number >= 0"),
+        ({"energy_weight": math.nan}, "energy_weight is nan"),
+        ({"energy_weight": "much"}, "energy_weight is 'much'"),
+        (
+            {"energy_weight": 1.0, "method": "adjoint"},
+            "method is 'adjoint', and energy",
+        ),
+        ({"energy_weight": 1.0, "control_period": 0.01}, "control_period is 0.01, and"),
+        ({"energy_weight": 1.0, "slack": 0.1}, "slack is 0.1, and energy_weight"),
+        ({"energy_weight": 1.0, "objective": "feasible"}, "objective is 'feasible'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changes, words):
+    with pytest.raises(OptionsError, match=words):
+        tm.plan(rail(), **changes)
+
+
+def test_several_segments_are_refused():
+    arm = rail().robot
+    parts = [tm.Segment(tm.JointGoal([q])) for q in (1.0, 2.0)]
+    problem = tm.Problem(arm, [0.0], segments=parts)
+    with pytest.raises(OptionsError, match="several segments: expected 0"):
+        tm.plan(problem, energy_weight=1.0)
+
+
+def test_scenario_files_and_the_command_line_know_it(tmp_path):
+    path = tmp_path / "rail.toml"
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
+    problem = tm.Problem(robot, [0.5, 0.5, 0.5], tm.JointGoal([0.6, 0.5, 0.4]))
+    tm.save_scenario(path, problem, tm.Options(energy_weight=0.01))
+    assert tm.load_scenario(path).options.energy_weight == 0.01
