@@ -15,7 +15,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array, number_or_nan
 from tominpmp.collision import CollisionChecker
-from tominpmp.constraints.path import PathConstraint, checked
+from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
 from tominpmp.goals import Goal, passed
@@ -136,6 +136,8 @@ class Problem(Record):
         if not self.segments:
             self.goal.validate(self.robot)
         object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
+        every = [item for part in self.segments for item in part.constraints]
+        check_window((*self.constraints, *every), bool(self.segments))
         snapped = self._snap_start()
         self._checks.clear(self.q_start, "start")
         self._checks.kept(self.q_start, self.v_start, "start", "q_start")

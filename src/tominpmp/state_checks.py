@@ -196,6 +196,11 @@ class StateChecks:
     def kept(self, q: Array, v: Array | None, which: str, name: str) -> None:
         """Check that the constraints hold at a state."""
         for item in self.constraints:
+            window = item.window
+            if window is not None and window.begin > 0.0 and which == "start":
+                continue
+            if window is not None and np.isfinite(window.end) and which == "goal":
+                continue  # when it is reached is not known yet
             if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
                 raise ProblemError(f"{which}: {lack}", name)
 

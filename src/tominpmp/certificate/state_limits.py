@@ -35,6 +35,9 @@ def _constraint(motion: Motion, index: int) -> LimitRows | None:
     values = item.value_rows(state.q, state.v, state.a)
     lower, upper = item.bounds(len(values))
     excess = np.maximum(values - upper, lower - values)
+    if item.window is not None:
+        holds = item.window.asked(at.times(changes))
+        excess = np.where(holds[:, None], excess, -np.inf)
     nearest = beside(local_maxima(excess))
     k, which = np.nonzero((excess > -NEAR_CONSTRAINT) & (regular[:, None] | nearest))
     if not k.size:

@@ -58,6 +58,7 @@ class JointCoupling(PathConstraint):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         names = (self.joints,) if isinstance(self.joints, str) else self.joints
         if not isinstance(names, list | tuple) or not names:
             names = ()

@@ -178,6 +178,7 @@ class StableContact(HeldLoad):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         self._check_load()
         object.__setattr__(self, "friction", positive(self.friction, "friction", "1"))
         pull = self.adhesion
@@ -308,6 +309,7 @@ class FirmGrasp(HeldLoad):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         self._check_load()
         for name, unit in (("force", "N"), ("friction", "1"), ("pad_radius", "m")):
             number = positive(getattr(self, name), name, unit)

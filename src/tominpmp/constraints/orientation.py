@@ -80,6 +80,7 @@ class KeepOrientation(FrameAngle):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         try:
             rotation = rotation_matrix(self.rotation, "")

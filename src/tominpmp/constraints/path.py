@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import copy
 from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, number_or_nan
-from tominpmp.constraints.base import Constraint, Partials, States
+from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
+from tominpmp.constraints.window import Window, checked_during
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.frame_motions import FrameMotions
 from tominpmp.kinematics import RobotKinematics
@@ -25,14 +28,24 @@ USABLE = 2e-3
 Own = TypeVar("Own", bound="PathConstraint")
 
 
+@dataclass(frozen=True, eq=False)
 class PathConstraint(Record, Constraint):
     """A quantity that is to stay below a limit at all times of a motion.
+
+    Or ``during`` a part of it: from one time of the motion until another [s]. Where it
+    ends before that, the constraint holds at the goal.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``. Most quantities are
     the length of a :meth:`vector` that is a smooth function of the state; rows are made
     of it rounded off about zero, where a length has a kink, see :func:`rounded`. Those
     that are no length give their rows by :meth:`terms` and their number by ``count``.
     """
+
+    during: tuple[float, float] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check when it holds."""
+        object.__setattr__(self, "during", checked_during(self.during))
 
     @property
     @abstractmethod
@@ -87,6 +100,7 @@ class PathConstraint(Record, Constraint):
         """The constraint for a robot, ready to be evaluated."""
         self.validate(robot)
         ready = copy.copy(self)
+        object.__setattr__(ready, "_window", Window.of(self.during))
         ready.__dict__.pop("_motions", None)  # of another robot
         object.__setattr__(ready, "_kinematics", RobotKinematics(robot))
         return ready
@@ -97,6 +111,23 @@ class PathConstraint(Record, Constraint):
         found = self.__dict__.get("_kinematics")
         assert isinstance(found, RobotKinematics), "not on a robot"  # noqa: S101
         return found
+
+    @property
+    def window(self) -> Window | None:
+        """When it holds, with the times of its rows; None for all the time."""
+        return self.__dict__.get("_window")
+
+    def with_times(self: Own, times: Array) -> Own:
+        """The same with rows at more times [s]."""
+        assert self.window is not None  # noqa: S101
+        other = copy.copy(self)
+        object.__setattr__(other, "_window", self.window.with_times(times))
+        return other
+
+    @property
+    def kinks(self) -> Array:
+        """Times of its rows, where it holds during a part of the motion."""
+        return NO_TIMES if self.window is None else self.window.times
 
     @property
     def count(self) -> int:
@@ -121,7 +152,8 @@ class PathConstraint(Record, Constraint):
         by_q, by_v, by_a = (
             part[place, which] if part.size else None for part in found[1:]
         )
-        return Partials(at, by_q, by_v, by_a)
+        by_t = None if self.window is None else np.zeros(at.size)
+        return Partials(at, by_q, by_v, by_a, by_t=by_t)
 
     def measures(self, states: States) -> Array:
         """The quantity itself at states, shape (m,)."""
@@ -135,8 +167,16 @@ class PathConstraint(Record, Constraint):
             q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n); of any shape where ``order`` is below 2.
+
+        Returns:
+            Shape (m,); no more than the limit where it does not hold.
         """
-        return self.measures(States(t, q, v, a))
+        sizes = self.measures(States(t, q, v, a))
+        if self.window is None or not t.size:
+            return sizes
+        end = float(np.max(t))
+        asked = self.window.asked(t) | ((t >= end) & (end <= self.window.end))
+        return np.where(asked, sizes, np.minimum(sizes, self.largest))
 
     def _parts(self, states: States) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations; empty where not asked for."""
@@ -276,6 +316,7 @@ class FrameLimit(FrameRows):
 
     def __post_init__(self) -> None:
         """Check the values."""
+        super().__post_init__()
         frame_name(self.frame)
         object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
 
@@ -321,6 +362,22 @@ def frame_name(value: object, name: str = "frame") -> str:
     return value
 
 
+def check_window(items: Sequence[PathConstraint], several: bool) -> None:
+    """Check when constraints hold.
+
+    Raises:
+        ProblemError: If that is no time, or told where a motion has several segments.
+    """
+    for item in items:
+        if checked_during(item.during) is not None and several:
+            raise ProblemError(
+                f"{item.name}: during is {brief(item.during)}, and the problem has "
+                "several segments: expected None, and the constraint on those segments "
+                "on which it holds",
+                "constraints",
+            )
+
+
 def checked(given: object, robot: Robot) -> tuple[PathConstraint, ...]:
     """Check a caller's constraints against a robot.
 
@@ -338,5 +395,6 @@ def checked(given: object, robot: Robot) -> tuple[PathConstraint, ...]:
                 f"constraints: {brief(item)} is a {type(item).__name__}, {expected}",
                 "constraints",
             )
+        checked_during(item.during)
         item.validate(robot)
     return tuple(items)

@@ -102,6 +102,7 @@ class ToolLine(Tube):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         for name in ("start", "end"):
             point = goal_vector(getattr(self, name), name, POINT, 3)
@@ -142,6 +143,7 @@ class ToolPolyline(Tube):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         try:
             points = np.array(self.points, dtype=np.float64)
@@ -205,6 +207,7 @@ class ToolArc(Tube):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         for name in ("center", "start", "axis"):
             vector = goal_vector(getattr(self, name), name, POINT, 3)

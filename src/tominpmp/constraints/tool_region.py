@@ -59,6 +59,7 @@ class WithinRegion(FrameRows):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         for name in ("lower", "upper"):
             corner = goal_vector(getattr(self, name), name, CORNER, 3, infinite=True)
@@ -154,6 +155,7 @@ class KeepAway(FrameRows):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         point = goal_vector(self.point, "point", CORNER, 3)
         object.__setattr__(self, "point", frozen_array(point))

@@ -82,6 +82,7 @@ class KeepUpright(FrameAngle):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
+        super().__post_init__()
         frame_name(self.frame)
         for name in ("axis", "direction"):
             expected = "three numbers, not all zero"

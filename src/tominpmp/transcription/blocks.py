@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,11 +11,20 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Constraint, JointLimit, Partials, States
+from tominpmp.constraints import (
+    Constraint,
+    JointLimit,
+    Partials,
+    PathConstraint,
+    States,
+)
 from tominpmp.exceptions import OptionsError
 from tominpmp.transcription.base import Hull, Motion, Transcription
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Share of an interval over which rates of accelerations are taken.
+ASIDE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +195,29 @@ class Sampled:
             return partials
         rates = of.rates(motion, at)[partials.at]
         shift = np.einsum("kj,kj->k", partials.by_q, rates)
+        for part, rate in self._higher(of, motion, at, partials):
+            shift += np.einsum("kj,kj->k", part, rate[partials.at])
         return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
+
+    def _higher(
+        self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
+    ) -> Iterator[tuple[Array, Array]]:
+        """Partial derivatives by v and a, and the rates of these, shape (m, n).
+
+        The rates are slopes of what joins the nodes, which need be no motion yet.
+        """
+        if partials.by_v is None and partials.by_a is None:
+            return
+        share = [np.clip(at.share + shift, 0.0, 1.0) for shift in (-ASIDE, ASIDE)]
+        order = self.constraint.order
+        before, after = (
+            of.states(motion, Instants(at.interval, one), order) for one in share
+        )
+        apart = ((share[1] - share[0]) * motion.h[at.interval])[:, None]
+        if partials.by_v is not None:
+            yield partials.by_v, (after.v - before.v) / apart
+        if partials.by_a is not None:
+            yield partials.by_a, (after.a - before.a) / apart
 
     def informed(self, of: Transcription[Any], motion: Motion) -> Sampled:
         """The same with what its constraint takes for granted, from a motion."""
@@ -274,6 +305,8 @@ def block_of(
         if hull is not None:
             name = constraint.name + suffix
             return Always(name, hull, curable=constraint.curable)
+    if isinstance(constraint, PathConstraint) and constraint.window is not None:
+        return Sampled(constraint, Instants.none())
     at = of.instants(constraint.order, constraint.field)
     if within is not None:
         at = _on_segment(at.within(*within), constraint, within)

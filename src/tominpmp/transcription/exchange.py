@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import Constraint
+from tominpmp.constraints import Constraint, PathConstraint
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.transcription.base import Motion, Transcription
 from tominpmp.transcription.blocks import Block, Sampled, assumed
@@ -113,6 +113,9 @@ def _exchanged(
         beside = of.states(motion, at.middles, 1).v
         constraint, count = constraint.corrected(states, beside, overload)
     more = _violated(block, of, motion, overload)
+    if more.size and isinstance(constraint, PathConstraint) and constraint.window:
+        times = more.times(motion.h) + of.delays[more.interval]
+        return replace(block, constraint=constraint.with_times(times)), more.size
     if more.size:
         constraint = constraint.joined(assumed(constraint, of, motion, more))
     block = replace(block, constraint=constraint, fixed=block.fixed.joined(more))
@@ -151,6 +154,9 @@ def _excess(
     constraint = assumed(constraint, of, motion, at)
     values = constraint.evaluate(states, attention)
     lower, upper = constraint.bounds(at.size)
+    if isinstance(constraint, PathConstraint) and constraint.window is not None:
+        holds = constraint.window.asked(states.t)[:, None]
+        values = np.where(holds, values, np.clip(values, lower, upper))
     if np.all(np.isinf(lower)):
         return np.asarray(values - upper)
     return np.maximum(values - upper, lower - values)

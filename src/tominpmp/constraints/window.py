@@ -1,0 +1,77 @@
+"""Time windows: when a constraint holds, in seconds from the start of a motion.
+
+Rows of such a constraint stand at times, not at shares of the motion: they remain where
+they are when its duration changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, number_or_nan
+from tominpmp.exceptions import ProblemError, brief
+
+# Rows to begin with, and how far apart they are where the window has no end [s].
+FIRST_TIMES, FIRST_STEP = 21, 0.1
+# Times closer than this are one [s].
+SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """From when until when a constraint holds.
+
+    A motion that ends before is taken to rest at its goal until then, where the
+    constraint is to hold, too.
+
+    Attributes:
+        begin: When it begins to hold [s].
+        end: When it ends to hold [s]; infinity for never.
+        times: Times of its rows [s], ascending, shape (k,).
+    """
+
+    begin: float
+    end: float
+    times: Array
+
+    @classmethod
+    def of(cls, during: tuple[float, float] | None) -> Window | None:
+        """The window of checked times; None for all the time."""
+        if during is None:
+            return None
+        begin, end = during
+        last = min(end, begin + FIRST_STEP * (FIRST_TIMES - 1))
+        return cls(begin, end, np.linspace(begin, last, FIRST_TIMES))
+
+    def asked(self, t: Array) -> BoolArray:
+        """Whether it holds at times of a motion, shape (m,)."""
+        return np.asarray((t >= self.begin - SAME) & (t <= self.end + SAME))
+
+    def with_times(self, more: Array) -> Window:
+        """The same with more rows."""
+        times = np.unique(np.concatenate([self.times, more]))
+        apart = np.concatenate([[True], np.diff(times) > SAME])
+        return replace(self, times=times[apart])
+
+
+def checked_during(given: object) -> tuple[float, float] | None:
+    """Check a caller's times.
+
+    Raises:
+        ProblemError: If they are none.
+    """
+    if given is None:
+        return None
+    try:
+        begin, end = map(number_or_nan, given)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        begin = end = np.nan
+    if not (0.0 <= begin < np.inf and begin < end):
+        raise ProblemError(
+            f"during is {brief(given)}, expected two times (begin, end) from the start "
+            "of the motion, in order [s]; the end may be infinite",
+            "during",
+        )
+    return begin, end

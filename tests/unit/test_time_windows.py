@@ -1,0 +1,160 @@
+"""Constraints that hold from one time of a motion until another."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.cli.text_values import constraint
+from tominpmp.constraints import States
+from tominpmp.exceptions import ProblemError
+from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
+
+QUICK = {"intervals": 24, "refine": None, "effort": "quick", "starts": 1}
+
+
+def rail(*constraints, distance: float = 1.0, effort: float = 1.0) -> tm.Problem:
+    arm = make_arm(slide(1.0), effort=np.array([effort]))
+    goal = tm.JointGoal([distance])
+    return tm.Problem(arm, [0.0], goal, constraints=constraints)
+
+
+def with_a_slow_beginning(slow: float, until: float) -> float:
+    """Time from 0 to 1 at 1 m/s^2, no faster than a speed until a time, by hand.
+
+    It speeds up to w, goes on at w until then, and is as fast as can be from there.
+    """
+    gone = slow * until - 0.5 * slow**2
+    left = 1.0 - gone
+    # From the speed w: up to p and down to rest over what is left.
+    peak = math.sqrt(left + 0.5 * slow**2)
+    return until + (peak - slow) + peak
+
+
+@pytest.mark.parametrize("method", ["inverse", "collocation"])
+def test_a_speed_limit_at_the_beginning_takes_the_time_of_the_closed_form(method):
+    slow = tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8))
+    solution = tm.plan(rail(slow), method=method, **QUICK)
+    assert solution.success, solution.message
+    expected = with_a_slow_beginning(0.3, 0.8)
+    assert pytest.approx(expected, rel=1e-2) == solution.T
+    v = solution.trajectory(np.linspace(0.0, 0.8, 400)).v
+    assert np.abs(v).max() < 0.3 * 1.006
+    assert np.abs(solution.trajectory.v).max() > 0.5
+
+
+def test_a_window_without_an_end_holds_to_the_goal():
+    slow = tm.ToolSpeed("tip", 0.3, during=(0.8, math.inf))
+    solution = tm.plan(rail(slow), **QUICK)
+    assert solution.success, solution.message
+    late = solution.trajectory(np.linspace(0.8, solution.T, 400)).v
+    assert np.abs(late).max() < 0.3 * 1.006
+    peak = 0.5 * (0.8 + 0.3)
+    gone = peak**2 - 0.5 * 0.3**2
+    fastest = 0.8 + (1.0 - gone - 0.5 * 0.3**2) / 0.3 + 0.3
+    assert 0.995 < solution.T / fastest < 1.03  # a coarse grid has no switch at 0.8 s
+
+
+def test_what_holds_after_the_end_holds_at_the_goal():
+    """A motion is not hurried on to escape a window, nor slowed down by one."""
+    near = tm.WithinRegion("tip", (0.9, -9, -9), (9, 9, 9), during=(3.0, 4.0))
+    solution = tm.plan(rail(near), **QUICK)
+    assert pytest.approx(2.0, rel=5e-3) == solution.T
+
+
+def test_the_replay_knows_when_a_constraint_holds():
+    motion = tm.plan(rail(), **QUICK).trajectory
+    inside = rail(tm.ToolSpeed("tip", 0.5, during=(0.8, 1.2)))
+    verdict = tm.verify(inside, motion)
+    assert not verdict.ok and "speed of frame tip is" in verdict.message
+    outside = rail(tm.ToolSpeed("tip", 0.5, during=(0.0, 0.45)))
+    assert tm.verify(outside, motion).ok
+
+
+@pytest.mark.parametrize("number", range(2))
+@pytest.mark.parametrize(
+    "item",
+    [
+        tm.KeepAway("tip", (0.2, 0.1, 0.0), 0.3, during=(0.4, 0.9)),
+        tm.ToolSpeed("tip", 0.3, during=(0.4, 0.9)),
+        tm.ToolAcceleration("tip", 0.7, during=(0.4, 0.9)),
+    ],
+    ids=lambda item: type(item).__name__,
+)
+def test_rows_at_times_against_differences(number, item):
+    arm = make_arm(slide(1.0), slide(1.0, (0, 1, 0)), effort=np.array([5.0, 5.0]))
+    problem = tm.Problem(arm, [0.0, 0.0], tm.JointGoal([1.0, 0.5]), constraints=(item,))
+    system = ProblemFunctions.of(problem)
+    shares = np.full((6, 1), 1.0 / 6.0)
+
+    def path(t):
+        share = np.atleast_1d(t)[:, None] / 2.0
+        return share**2 * (3.0 - 2.0 * share) * np.array([1.0, 0.5])
+
+    if number:
+        of = CollocationTranscription(system, shares, 2.0)
+        z = of.start(path(np.linspace(0.0, 2.0, 7)), np.array([2.0]))
+    else:
+        of = InverseTranscription(system, shares, 2.0)
+        z = of.start(path, 2.0)
+    z = z + 1e-2 * np.random.default_rng(1).standard_normal(z.size)
+    program = NonlinearProgram.of(of)
+    block = next(b for b in program.blocks if b.name == item.name)
+    every = np.arange(block.lower.size)
+    jacobian = block.jacobian(of, of.motion(z), every)
+    d = np.random.default_rng(2).standard_normal(z.size)
+    ends = [block.values(of, of.motion(z + s * 1e-6 * d)) for s in (1.0, -1.0)]
+    slope = (ends[0] - ends[1]) / 2e-6
+    # Accelerations jump between the intervals, and rows at times with them.
+    smooth = np.abs(slope) < 1e3
+    np.testing.assert_allclose((jacobian @ d)[smooth], slope[smooth], atol=2e-5)
+    assert smooth.sum() > 15
+
+
+def test_files_and_the_command_line_know_them(tmp_path):
+    item = tm.KeepAway("tip", (5.0, 0.0, 0.0), 0.3, during=(0.25, math.inf))
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
+    goal = tm.JointGoal([0.6, 0.5, 0.4])
+    problem = tm.Problem(robot, [0.5, 0.5, 0.5], goal, constraints=(item,))
+    path = tmp_path / "task.toml"
+    tm.save_scenario(path, problem)
+    assert tm.load_scenario(path).problem.constraints == (item,)
+    given = constraint("tool_speed:frame=tip:limit=0.5:during=0.2,0.6")
+    assert given == tm.ToolSpeed("tip", 0.5, during=(0.2, 0.6))
+
+
+def test_starts_are_asked_only_when_it_holds_there():
+    far = {"lower": (0.5, -9, -9), "upper": (9, 9, 9)}
+    with pytest.raises(ProblemError, match="start: the distance from its region"):
+        rail(tm.WithinRegion("tip", **far, during=(0.0, 1.0)))
+    rail(tm.WithinRegion("tip", **far, during=(0.1, 1.0)))
+
+
+@pytest.mark.parametrize(
+    "during", [5.0, (1.0,), (2.0, 1.0), (-1.0, 1.0), (0.0, math.nan), ("a", 2), "ab"]
+)
+def test_wrong_times_are_refused(during):
+    with pytest.raises(ProblemError, match=r"during is .*, expected two times"):
+        tm.ToolSpeed("tip", 1.0, during=during)
+
+
+def test_segments_are_windows_themselves():
+    slow = tm.ToolSpeed("tip", 0.5, during=(0.0, 1.0))
+    arm = rail().robot
+    parts = [tm.Segment(tm.JointGoal([q])) for q in (0.5, 1.0)]
+    with pytest.raises(ProblemError, match=r"during is .* several segments"):
+        tm.Problem(arm, [0.0], segments=parts, constraints=(slow,))
+
+
+def test_sizes_of_no_states():
+    ready = tm.ToolSpeed("tip", 0.5, during=(0.0, 1.0)).on(rail().robot)
+    none = np.zeros((0, 1))
+    assert ready.sizes(np.zeros(0), none, none, none).shape == (0,)
+    assert ready.measures(States(np.zeros(0), none, none, none)).shape == (0,)
