@@ -9,6 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, real_array
 from tominpmp.collision import CollisionChecker, enclosure
+from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
@@ -202,7 +203,8 @@ class StateChecks:
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # when it is reached is not known yet
             if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
-                raise ProblemError(f"{which}: {lack}", name)
+                why = contradiction(item, self.constraints, self.robot, q)
+                raise ProblemError(f"{which}: {lack}{why}", name)
 
     def _hold(self, q: Array, v: Array) -> None:
         """Check that the motors can hold an arm that is to come to rest."""

@@ -11,6 +11,7 @@ Featherstone 2008, equation 5.9). Whatever holds it can give some wrenches only.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -115,12 +116,21 @@ class HeldLoad(FrameRows):
         """What is wrong at rest; nothing if the load is held there."""
         if np.any(v):
             return ""  # accelerations are not known
-        over = self.measure(q, v, np.zeros_like(q)) - self.largest
-        if over <= slack * max(self.scale, 1.0):
+        size = self.measure(q, v, np.zeros_like(q))
+        if size - self.largest <= slack * max(self.scale, 1.0):
             return ""
-        return f"the load on {self.subject} {self.falls}, even at rest"
+        none = np.zeros((1, q.size))
+        why = self.reason(self.wrenches(q[None], none, none)[0])
+        return (
+            f"the {self.name} is {size:.3g} {self.unit} at rest: the load "
+            f"{self.falls}, even at rest, as {why}"
+        )
 
     falls: str = "is not held"
+
+    @abstractmethod
+    def reason(self, w: Array) -> str:
+        """Why it does not hold a wrench, shape (6,), in a clause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +252,24 @@ class StableContact(HeldLoad):
         slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
         return [(value, slope)]
 
+    def reason(self, w: Array) -> str:
+        """Why it does not hold a wrench, in a clause."""
+        force, pull = float(np.hypot(w[0], w[1])), self.adhesion
+        if force > self.friction * (w[2] + pull):
+            lean = np.degrees(np.arctan2(force, w[2]))
+            if pull:
+                return (
+                    f"{force:.3g} N draw it across the contact, which friction "
+                    f"{self.friction:g} holds up to "
+                    f"{max(self.friction * (w[2] + pull), 0.0):.3g} N"
+                )
+            most = np.degrees(np.arctan(self.friction))
+            return (
+                f"its contact leans by {lean:.3g} deg, and friction {self.friction:g} "
+                f"holds it up to {most:.3g} deg"
+            )
+        return "it presses beyond the edge of its support"
+
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """What is missing to hold the load, in shares of its weight, at least zero."""
         w = self.wrenches(q, v, a)
@@ -335,6 +363,10 @@ class FirmGrasp(HeldLoad):
         rows = self._across()
         by_q, by_v, by_a = (rows @ part for part in by)
         return w @ rows.T, by_q, by_v, by_a
+
+    def reason(self, w: Array) -> str:
+        """Why it does not hold a wrench, in a clause."""
+        return f"they hold no more than {self.largest:.3g} N"
 
     def _across(self) -> Array:
         """What friction has to hold of a wrench, shape (4, 6)."""

@@ -247,6 +247,25 @@ class PathConstraint(Record, Constraint):
         by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
         return values[0], by_q, by_v, by_a
 
+    def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
+        """How far a configuration at rest is beyond the limit, and the Jacobian of it.
+
+        Args:
+            q: Positions, shape (n,) [rad or m].
+
+        Returns:
+            Excess in units of the scale, zero where the limit is kept, shape (count,),
+            and its derivative, shape (count, n).
+        """
+        v = np.zeros(q.size if self.order >= 1 else 0)
+        a = np.zeros(q.size if self.order >= 2 else 0)
+        values, by_q, *_ = self.terms(q, v, a)
+        lower, upper = (bound[0] for bound in self.bounds(1))
+        excess = values - np.clip(values, lower, upper)
+        outside = (excess != 0.0) | (lower == upper)
+        by_q = by_q if by_q.size else np.zeros((values.size, q.size))
+        return excess, np.where(outside[:, None], by_q, 0.0)
+
     def lack(self, q: Array, v: Array, slack: float) -> str:
         """What is wrong with a state; nothing if the limit is kept, within a slack."""
         if self.order > 1:

@@ -33,9 +33,9 @@ class ToolSpeed(FrameLimit):
     unit = "m/s"
 
     @property
-    def top_speed(self) -> tuple[str, float]:
-        """The frame and the limit."""
-        return self.frame, self.limit
+    def top_speed(self) -> tuple[str, float] | None:
+        """The frame and the limit; None where it holds during a part of the motion."""
+        return (self.frame, self.limit) if self.during is None else None
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Speeds [m/s]."""

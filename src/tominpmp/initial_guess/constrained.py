@@ -65,7 +65,7 @@ def speed_used(problem: Problem, q: Array, v: Array) -> Array:
     none = np.zeros((0, q.shape[1]))
     states = States(np.zeros(len(q)), q, v, none)
     for item in problem.ready_constraints:
-        if item.order == 1 and item.curable:
+        if item.order == 1 and item.curable and item.window is None:
             used = np.maximum(used, item.measures(states) / item.largest)
     return np.asarray(used)
 
@@ -101,7 +101,7 @@ def keeping_paths(system: ProblemFunctions, q_end: Array) -> list[Array]:
         none where there is no such constraint, or no such path was found.
     """
     problem = system.problem
-    every = problem.ready_constraints
+    every = [item for item in problem.ready_constraints if item.window is None]
     held = [item for item in every if item.order == 0]
     frames = [item.top_speed[0] for item in every if item.top_speed is not None]
     line = np.linspace(problem.q_start, q_end, PLACES + 1)
@@ -129,7 +129,8 @@ def _both(one: Residual, other: Residual) -> Residual:
 
 def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
     """Whether a straight line to a configuration keeps constraints on positions."""
-    held = [item for item in system.problem.ready_constraints if item.order == 0]
+    every = system.problem.ready_constraints
+    held = [item for item in every if item.order == 0 and item.window is None]
     return _kept(held, np.linspace(system.problem.q_start, q_end, PLACES + 1))
 
 

@@ -40,10 +40,48 @@ class GoalSearch(NamedTuple):
     least: float
 
 
+class AtGoal:
+    """What is asked of the configuration in which a segment ends.
+
+    Args:
+        system: Kinematics and limits.
+        goal: The goal.
+        alone: Whether nothing but the goal is asked for.
+    """
+
+    def __init__(
+        self, system: ProblemFunctions, goal: Goal, *, alone: bool = False
+    ) -> None:
+        self.system, self.goal = system, goal
+        rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
+        self.constraints = tuple(
+            item
+            for item in system.problem.ready_constraints
+            if not alone
+            and (item.order == 0 or rests)
+            and (item.window is None or np.isinf(item.window.end))
+        )
+
+    def residual(self, q: Array) -> tuple[Array, Array]:
+        """How far a configuration is from all of it, and the Jacobian of that.
+
+        Returns:
+            Shapes (k,) and (k, n); zero where it is met.
+        """
+        value, by_q = self.goal.place_residual(self.system.kinematics, q)
+        every = [item.excess_at_rest(q) for item in self.constraints]
+        if not every:
+            return value, by_q
+        values, slopes = zip((value, by_q), *every, strict=True)
+        return np.concatenate(values), np.concatenate(slopes)
+
+
 def solve_inverse_kinematics(
-    system: ProblemFunctions, goal: Goal, q: Array
+    system: ProblemFunctions, goal: Goal, q: Array, *, alone: bool = False
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
+
+    What a problem asks for at all times is to hold there, too.
 
     Levenberg-Marquardt steps, clipped to the limits (Sugihara, 2011).
 
@@ -51,6 +89,7 @@ def solve_inverse_kinematics(
         system: Kinematics and limits.
         goal: The goal.
         q: Where to begin, shape (n,) [rad or m].
+        alone: Whether nothing but the goal is asked for.
 
     Returns:
         Configuration, shape (n,), and the norm of the residual left there.
@@ -58,7 +97,8 @@ def solve_inverse_kinematics(
     limits = system.problem.robot.limits
     low, high = limits.position_lower, limits.position_upper
     q = np.clip(q, low, high)
-    value, jacobian = goal.place_residual(system.kinematics, q)
+    asked = AtGoal(system, goal, alone=alone)
+    value, jacobian = asked.residual(q)
     damping = 1e-2
     error = mark = float(value @ value)
     for number in range(STEPS):
@@ -80,7 +120,7 @@ def solve_inverse_kinematics(
         step[free] = -np.linalg.solve(normal, gradient[free])
         step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
         trial = np.clip(q + step, low, high)
-        new_value, new_jacobian = goal.place_residual(system.kinematics, trial)
+        new_value, new_jacobian = asked.residual(trial)
         new_error = float(new_value @ new_value)
         if new_error < error:
             q, value, jacobian, error = trial, new_value, new_jacobian, new_error
@@ -93,7 +133,12 @@ def solve_inverse_kinematics(
 
 
 def find_configurations(
-    system: ProblemFunctions, goal: Goal, count: int, rng: np.random.Generator
+    system: ProblemFunctions,
+    goal: Goal,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    alone: bool = False,
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from many starts.
 
@@ -111,7 +156,7 @@ def find_configurations(
     least = np.inf
     starts = [problem.q_start, *(rng.uniform(low, high) for _ in range(count))]
     for start in starts:
-        q, error = solve_inverse_kinematics(system, goal, start)
+        q, error = solve_inverse_kinematics(system, goal, start, alone=alone)
         least = min(least, error)
         if error < REACHED and not _near(q, found, DISTINCT):
             found.append(q)

@@ -17,9 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.guess import KINEMATIC_STARTS, Guess, initial_guesses
-from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.initial_guess.parallel import (
     asked_to_stop,
     available_processes,
@@ -27,7 +25,7 @@ from tominpmp.initial_guess.parallel import (
     run_parallel,
 )
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
-from tominpmp.initial_guess.segments import segmented_guesses, unreached
+from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -38,6 +36,7 @@ from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.search import Remembered, Search
 from tominpmp.planner.torque_starts import SHOOTING, shots
+from tominpmp.planner.unreachable import unreachable
 from tominpmp.status import Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
@@ -357,24 +356,3 @@ def solve_alone(
     with progress.deadline.in_force():
         attempt = guarded(system.problem, options, progress, guess.name, solve)
     return attempt, progress.failures
-
-
-def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:
-    """Error for a goal that no configuration was found to reach."""
-    where = ""
-    if system.parts:
-        number, reached = unreached(system, rng)
-        where = f"segment {number + 1} of {len(system.parts)}: "
-        system = reached
-    goal = system.problem.goal
-    _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
-    what = (
-        "reaches it"
-        if goal.frame_name is None
-        else f"brings frame {goal.frame_name!r} there"
-    )
-    return ProblemError(
-        f"{where}goal: no configuration within the position limits {what}; the nearest "
-        f"one found misses it by {least:.4g} (m, rad)",
-        "goal",
-    )

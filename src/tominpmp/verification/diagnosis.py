@@ -18,7 +18,7 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.limit_violations import LimitViolation
+from tominpmp.verification.limit_violations import UNITS, LimitViolation
 from tominpmp.verification.replay import (
     TIME_STEP,
     Replay,
@@ -239,6 +239,8 @@ def _relaxation(item: LimitViolation) -> str:
         return f"{amount} of speed at the end"
     if item.kind == "clearance":
         return f"{_length(item.amount)} more room between {item.name}"
+    if item.kind not in UNITS:
+        return f"{amount} more {item.kind}"
     return f"{amount} more {item.kind} of joint {item.name}"
 
 

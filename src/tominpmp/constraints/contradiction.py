@@ -1,0 +1,105 @@
+"""Constraints that no configuration keeps together: which two, and how near they come.
+
+Looked for only where a start or a goal breaks one of them already, to say why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.robot import Robot
+
+# Configurations to begin with, steps from each, and what counts as kept.
+STARTS, STEPS, KEPT = 24, 60, 1e-6
+
+
+def contradiction(
+    broken: PathConstraint, others: Sequence[PathConstraint], robot: Robot, q: Array
+) -> str:
+    """Why a constraint is broken, where no configuration was found that keeps it.
+
+    Args:
+        broken: The constraint, ready to be evaluated.
+        others: The other constraints of the problem.
+        robot: The robot.
+        q: A configuration that breaks it, shape (n,).
+
+    Returns:
+        A clause, beginning with a colon; empty where there is such a configuration.
+    """
+    q_alone, left = nearest((broken,), robot, q)
+    if left > KEPT:
+        return (
+            f": no configuration was found that keeps it; the nearest is "
+            f"{np.round(q_alone, 4).tolist()}"
+        )
+    for other in others:
+        if other is broken or other.window != broken.window:
+            continue
+        q_both, left = nearest((broken, other), robot, q)
+        if left > KEPT:
+            return (
+                f": no configuration was found that keeps it together with the "
+                f"{other.name}; they contradict each other, and come nearest at "
+                f"{np.round(q_both, 4).tolist()}"
+            )
+    return ""
+
+
+def nearest(
+    items: Sequence[PathConstraint], robot: Robot, q: Array
+) -> tuple[Array, float]:
+    """The configuration that breaks constraints least, of those that were found.
+
+    Args:
+        items: The constraints, ready to be evaluated.
+        robot: The robot.
+        q: Where to begin, shape (n,) [rad or m].
+
+    Returns:
+        Configuration, shape (n,), and the norm of what is beyond the limits there, in
+        units of their scales.
+    """
+    limits, rng = robot.limits, np.random.default_rng(0)
+    low = np.maximum(limits.position_lower, q - np.pi)
+    high = np.minimum(limits.position_upper, q + np.pi)
+    best, least = q, np.inf
+    for number in range(STARTS):
+        start = q if number == 0 else rng.uniform(low, high)
+        found, left = _descended(items, start, low, high)
+        if left < least:
+            best, least = found, left
+        if least <= KEPT:
+            break
+    return best, least
+
+
+def _beyond(items: Sequence[PathConstraint], q: Array) -> tuple[Array, Array]:
+    every = [item.excess_at_rest(q) for item in items]
+    values, slopes = zip(*every, strict=True)
+    return np.concatenate(values), np.concatenate(slopes)
+
+
+def _descended(
+    items: Sequence[PathConstraint], q: Array, low: Array, high: Array
+) -> tuple[Array, float]:
+    """Steps by Levenberg and Marquardt within the position limits."""
+    value, slope = _beyond(items, q)
+    error, damping = float(value @ value), 1e-2
+    for _ in range(STEPS):
+        if error <= KEPT**2 or damping > 1e6:
+            break
+        normal = slope.T @ slope + damping * np.eye(q.size)
+        trial = np.clip(q - np.linalg.solve(normal, slope.T @ value), low, high)
+        new_value, new_slope = _beyond(items, trial)
+        new_error = float(new_value @ new_value)
+        if new_error < error:
+            q, value, slope, error = trial, new_value, new_slope, new_error
+            damping = max(0.2 * damping, 1e-9)
+        else:
+            damping *= 10.0
+    return q, float(np.sqrt(error))

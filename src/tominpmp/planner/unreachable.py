@@ -1,0 +1,70 @@
+"""Goals that no configuration was found to reach: what to say of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints import PathConstraint
+from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.guess import KINEMATIC_STARTS
+from tominpmp.initial_guess.inverse_kinematics import (
+    AtGoal,
+    find_configurations,
+    goal_configurations,
+)
+from tominpmp.initial_guess.segments import unreached
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+
+def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:
+    """Error for a goal that no configuration was found to reach."""
+    where = ""
+    if system.parts:
+        number, reached = unreached(system, rng)
+        where = f"segment {number + 1} of {len(system.parts)}: "
+        system = reached
+    goal = system.problem.goal
+    held = _against_constraints(system, rng)
+    if held:
+        return ProblemError(f"{where}goal: {held}", "goal")
+    _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
+    what = (
+        "reaches it"
+        if goal.frame_name is None
+        else f"brings frame {goal.frame_name!r} there"
+    )
+    return ProblemError(
+        f"{where}goal: no configuration within the position limits {what}; the nearest "
+        f"one found misses it by {least:.4g} (m, rad)",
+        "goal",
+    )
+
+
+def _against_constraints(system: ProblemFunctions, rng: np.random.Generator) -> str:
+    """What keeps configurations that reach a goal from being allowed; may be nothing.
+
+    Told of the one that breaks the constraints least.
+    """
+    goal, items = system.problem.goal, AtGoal(system, system.problem.goal).constraints
+    if not items:
+        return ""
+    found = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, alone=True)
+    reached = [*found.free, *found.blocked]
+    if not reached:
+        return ""
+
+    def worst(q: Array) -> tuple[float, PathConstraint]:
+        each = [
+            (float(np.abs(item.excess_at_rest(q)[0]).max()), item) for item in items
+        ]
+        return max(each, key=lambda one: one[0])
+
+    q = min(reached, key=lambda q: worst(q)[0])
+    item, none = worst(q)[1], np.zeros_like(q)
+    size = float(item.sizes(np.zeros(1), q[None], none[None], none[None])[0])
+    return (
+        f"no configuration was found that reaches it and keeps the {item.name}: in the "
+        f"nearest one it is {size:.4g} {item.unit}, more than its limit "
+        f"{item.largest:.4g} {item.unit}, at q = {np.round(q, 4).tolist()}"
+    )
