@@ -6,6 +6,7 @@ from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
 from tominpmp.constraints.final import GoalReached
+from tominpmp.constraints.firm_grasp import FirmGrasp
 from tominpmp.constraints.joint_limits import (
     AccelerationLimit,
     JerkLimit,
@@ -13,9 +14,9 @@ from tominpmp.constraints.joint_limits import (
     PositionLimit,
     VelocityLimit,
 )
-from tominpmp.constraints.load import FirmGrasp, StableContact
 from tominpmp.constraints.orientation import AxisFixed, KeepOrientation
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.stable_contact import StableContact
 from tominpmp.constraints.tool_acceleration import ToolAcceleration
 from tominpmp.constraints.tool_path import ToolArc, ToolLine, ToolPolyline
 from tominpmp.constraints.tool_region import KeepAway, WithinRegion

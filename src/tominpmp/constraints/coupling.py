@@ -54,6 +54,8 @@ class JointCoupling(PathConstraint):
             weights: ArrayLike,
             upper: float,
             lower: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import frame_name
+from tominpmp.constraints.frame import frame_name
 from tominpmp.constraints.upright import FrameAngle, KeepUpright
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.inputs import RotationLike, VectorLike
@@ -46,6 +46,8 @@ class AxisFixed(KeepUpright):
             axis: VectorLike = ...,
             direction: VectorLike = ...,
             tolerance: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
 
@@ -76,6 +78,8 @@ class KeepOrientation(FrameAngle):
             frame: str,
             rotation: RotationLike | None = ...,
             tolerance: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

@@ -10,15 +10,15 @@ import copy
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, number_or_nan
-from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
+from tominpmp.constraints.base import NO_TIMES, Partials, States
+from tominpmp.constraints.quantity import Quantity
 from tominpmp.constraints.window import Window, checked_during
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.frame_motions import FrameMotions
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -29,16 +29,13 @@ Own = TypeVar("Own", bound="PathConstraint")
 
 
 @dataclass(frozen=True, eq=False)
-class PathConstraint(Record, Constraint):
+class PathConstraint(Record, Quantity):
     """A quantity that is to stay below a limit at all times of a motion.
 
     Or ``during`` a part of it: from one time of the motion until another [s]. Where it
     ends before that, the constraint holds at the goal.
 
-    Subclasses are frozen dataclasses, declared with ``eq=False``. Most quantities are
-    the length of a :meth:`vector` that is a smooth function of the state; rows are made
-    of it rounded off about zero, where a length has a kink, see :func:`rounded`. Those
-    that are no length give their rows by :meth:`terms` and their number by ``count``.
+    Subclasses are frozen dataclasses, declared with ``eq=False``.
     """
 
     during: tuple[float, float] | None = field(default=None, kw_only=True)
@@ -54,18 +51,8 @@ class PathConstraint(Record, Constraint):
 
     @property
     @abstractmethod
-    def largest(self) -> float:
-        """Largest value of the quantity that is allowed."""
-
-    @property
-    @abstractmethod
     def unit(self) -> str:
         """Unit of the quantity."""
-
-    @property
-    def scale(self) -> float:
-        """What an excess of the quantity is measured by."""
-        return self.largest
 
     @property
     def top_speed(self) -> tuple[str, float] | None:
@@ -80,19 +67,6 @@ class PathConstraint(Record, Constraint):
             FrameNotFound: If a frame is not part of it.
             JointNotFound: If a joint is not part of it.
         """
-
-    @abstractmethod
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The quantity at one state, shapes (n,); what is not asked for is empty."""
-
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """A vector whose length is the quantity, and its derivatives.
-
-        Returns:
-            Vector, shape (k,), and derivatives by q, v and a, shape (k, n) each; empty
-            for those that it does not depend on.
-        """
-        raise NotImplementedError(f"{type(self).__name__} is no length")
 
     # -- what follows from these -------------------------------------------------------
 
@@ -128,11 +102,6 @@ class PathConstraint(Record, Constraint):
     def kinks(self) -> Array:
         """Times of its rows, where it holds during a part of the motion."""
         return NO_TIMES if self.window is None else self.window.times
-
-    @property
-    def count(self) -> int:
-        """One value."""
-        return 1
 
     @property
     def usable(self) -> Array:
@@ -185,68 +154,6 @@ class PathConstraint(Record, Constraint):
         a = states.a if self.order >= 2 else none
         return states.q, v, a
 
-    # -- many states at once: state by state, where nothing quicker is known -----------
-
-    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`measure`, shapes (m, n) to (m,)."""
-        found = [self.measure(*state) for state in zip(q, v, a, strict=True)]
-        return np.array(found, dtype=np.float64)
-
-    def vector_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Those of :meth:`vector`: shapes (m, k), and (m, k, n) or empty."""
-        every = [self.vector(*state) for state in zip(q, v, a, strict=True)]
-        vector, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
-        return vector, by_q, by_v, by_a
-
-    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`values`, shape (m, count)."""
-        if self._is_length:
-            limit = self.largest / self.scale
-            sizes = self.measure_rows(q, v, a) / self.scale
-            return rounded(sizes, limit)[:, None]
-        found = [self.values(*state) for state in zip(q, v, a, strict=True)]
-        return np.array(found).reshape(-1, self.count)
-
-    def term_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Those of :meth:`terms`: shapes (m, count), and (m, count, n) or empty."""
-        if not self._is_length:
-            every = [self.terms(*state) for state in zip(q, v, a, strict=True)]
-            found = [np.array(part) for part in zip(*every, strict=True)]
-            return found[0], found[1], found[2], found[3]
-        vector, *by = self.vector_rows(q, v, a)
-        length, limit = np.linalg.norm(vector, axis=1), self.largest
-        values = rounded(length / self.scale, limit / self.scale)[:, None]
-        size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
-        along = (vector / np.maximum(size, 1e-300)[:, None])[:, None, :]
-        by_q, by_v, by_a = (along @ part if part.size else part for part in by)
-        return values, by_q, by_v, by_a
-
-    # -- one state ---------------------------------------------------------------------
-
-    @property
-    def _is_length(self) -> bool:
-        return type(self).terms is PathConstraint.terms
-
-    def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`terms` alone, where that is quicker, shape (count,)."""
-        return self.terms(q, v, a)[0]
-
-    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Smooth values at a state, and their derivatives.
-
-        Returns:
-            Values in units of the scale, <= 0 where the limit is kept, shape (count,),
-            and their derivatives by q, v and a, shape (count, n) each; empty where
-            there are none.
-        """
-        values, *by = self.term_rows(q[None], v[None], a[None])
-        by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
-        return values[0], by_q, by_v, by_a
-
     def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
         """How far a configuration at rest is beyond the limit, and the Jacobian of it.
 
@@ -279,80 +186,6 @@ class PathConstraint(Record, Constraint):
         )
 
 
-class FrameConstraint(PathConstraint):
-    """A constraint on a frame of the robot, which its field ``frame`` names."""
-
-    frame: str
-    quantity: ClassVar[str]
-
-    @property
-    def name(self) -> str:
-        """The quantity, and of what."""
-        return f"{self.quantity} of {self.subject}"
-
-    @property
-    def subject(self) -> str:
-        """The frame."""
-        return f"frame {self.frame}"
-
-    def validate(self, robot: Robot) -> None:
-        """Check that the robot has the frame."""
-        robot.frame_id(self.frame)
-
-
-class FrameRows(FrameConstraint):
-    """A constraint on a frame that is evaluated at many states at once.
-
-    Subclasses give :meth:`measure_rows` and :meth:`vector_rows`, or else
-    :meth:`value_rows` and :meth:`term_rows`.
-    """
-
-    @property
-    def motions(self) -> FrameMotions:
-        """Placements and motions of the frame."""
-        found = self.__dict__.get("_motions")
-        if found is None:
-            found = FrameMotions(self.kinematics.robot, self.frame)
-            self.__dict__["_motions"] = found
-        assert isinstance(found, FrameMotions)  # noqa: S101
-        return found
-
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The quantity at one state."""
-        return float(self.measure_rows(q[None], v[None], a[None])[0])
-
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """The vector at one state."""
-        vector, *by = self.vector_rows(q[None], v[None], a[None])
-        by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
-        return vector[0], by_q, by_v, by_a
-
-
-class FrameLimit(FrameRows):
-    """A quantity of a frame below its field ``limit``."""
-
-    limit: float
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        super().__post_init__()
-        frame_name(self.frame)
-        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
-
-    @property
-    def largest(self) -> float:
-        """The limit."""
-        return self.limit
-
-
-def rounded(length: Array, limit: float) -> Array:
-    """Lengths beyond a limit, rounded off about zero where they have a kink.
-
-    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope there.
-    """
-    return np.asarray(np.sqrt(2.0 * (length**2 + limit**2)) - 2.0 * limit)
-
-
 def positive(value: object, name: str, unit: str, most: float = np.inf) -> float:
     """Check a caller's positive number.
 
@@ -366,19 +199,6 @@ def positive(value: object, name: str, unit: str, most: float = np.inf) -> float
             f"{name} is {brief(value)}, expected a positive number [{unit}]{top}", name
         )
     return number
-
-
-def frame_name(value: object, name: str = "frame") -> str:
-    """Check a caller's name of a frame.
-
-    Raises:
-        ProblemError: If it is no text.
-    """
-    if not isinstance(value, str) or not value:
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected the name of a frame", name
-        )
-    return value
 
 
 def check_window(items: Sequence[PathConstraint], several: bool) -> None:

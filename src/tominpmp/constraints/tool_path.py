@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import FrameRows, frame_name, positive
+from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import goal_vector
 from tominpmp.inputs import VectorLike
@@ -98,6 +99,8 @@ class ToolLine(Tube):
             start: VectorLike,
             end: VectorLike,
             radius: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -139,6 +142,8 @@ class ToolPolyline(Tube):
             frame: str,
             points: ArrayLike,
             radius: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -203,6 +208,8 @@ class ToolArc(Tube):
             axis: VectorLike = ...,
             angle: float = ...,
             radius: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

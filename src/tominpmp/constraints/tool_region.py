@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, frozen_array
-from tominpmp.constraints.path import FrameRows, frame_name, positive
+from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.frames import checked_pose, pose_values
@@ -55,6 +56,8 @@ class WithinRegion(FrameRows):
             lower: VectorLike,
             upper: VectorLike,
             pose: PoseLike | None = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -151,6 +154,8 @@ class KeepAway(FrameRows):
             frame: str,
             point: VectorLike,
             distance: float,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

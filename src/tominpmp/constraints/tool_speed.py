@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import FrameLimit
+from tominpmp.constraints.frame import FrameLimit
 
 NONE = np.zeros(0)
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.path import FrameRows, frame_name, positive
+from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
 from tominpmp.goals.direction import deviations
@@ -78,6 +79,8 @@ class KeepUpright(FrameAngle):
             axis: VectorLike = ...,
             direction: VectorLike = ...,
             tolerance: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

@@ -1,136 +1,21 @@
-"""Loads that must not slip, tip or fall off: on a tray, a suction cup, in a gripper.
-
-The wrench that holds a load is what its motion asks for: with its spatial inertia Y,
-the spatial velocity v and acceleration a of the frame that it moves with, and gravity,
-
-    w = Y (a - g) + v x* Y v
-
-in the axes of the frame (the body force of the recursive Newton-Euler algorithm,
-Featherstone 2008, equation 5.9). Whatever holds it can give some wrenches only.
-"""
+"""A load that stands on a tray, or hangs on a suction cup."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array, is_single
-from tominpmp.constraints.path import FrameRows, frame_name, positive
+from tominpmp.constraints.held_load import HeldLoad
+from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.frame_motions import SpatialStates, skew
-from tominpmp.goals.base import goal_vector
 from tominpmp.inputs import VectorLike
-from tominpmp.payload import checked_inertia
 
-STANDARD_GRAVITY = 9.81
-POINT = "three coordinates [m]"
 # Force across z, moment across z, and force along z, of a wrench.
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
-
-
-class HeldLoad(FrameRows):
-    """A load that moves with a frame."""
-
-    frame: str
-    mass: float
-    center: Array
-    inertia: Array | None
-
-    order = 2
-    curable = True
-
-    def _check_load(self) -> None:
-        """Check and copy what the load is.
-
-        Raises:
-            ProblemError: If anything is wrong.
-        """
-        frame_name(self.frame)
-        object.__setattr__(self, "mass", positive(self.mass, "mass", "kg"))
-        center = goal_vector(self.center, "center", POINT, 3)
-        object.__setattr__(self, "center", frozen_array(center))
-        if self.inertia is not None:
-            tensor = checked_inertia(self.inertia, "inertia")
-            object.__setattr__(self, "inertia", frozen_array(tensor))
-
-    @property
-    def weight(self) -> float:
-        """Weight of the load on earth [N]."""
-        return self.mass * STANDARD_GRAVITY
-
-    def _body(self) -> Array:
-        """Spatial inertia at the frame, shape (6, 6)."""
-        tensor = np.zeros((3, 3)) if self.inertia is None else self.inertia
-        return np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
-
-    def wrenches(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`wrench_slopes` without derivatives, shape (m, 6)."""
-        return self._wrenches(self.motions.spatial(q, v, a))
-
-    def _wrenches(self, state: SpatialStates) -> Array:
-        """Y (a - g) + v x* Y v, shape (m, 6)."""
-        body = self._body()
-        felt = state.acceleration.copy()
-        felt[:, :3] -= self._fall(state)
-        return felt @ body.T + _crossed(state.velocity, state.velocity @ body.T)
-
-    def _fall(self, state: SpatialStates) -> Array:
-        """Gravity in the axes of the frame, shape (m, 3) [m/s^2]."""
-        gravity = np.asarray(self.kinematics.robot.model.gravity.linear)
-        return np.asarray(gravity @ state.rotation)
-
-    def wrench_slopes(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Wrenches that the motion asks for, in the axes of the frame at its origin.
-
-        Args:
-            q: Positions, shape (m, n).
-            v: Velocities, shape (m, n).
-            a: Accelerations, shape (m, n).
-
-        Returns:
-            Forces before moments, shape (m, 6) [N, N m], and their derivatives by q, v
-            and a, shape (m, 6, n) each.
-        """
-        body = self._body()
-        state, by = self.motions.spatial_slopes(q, v, a)
-        # v x* f is linear in both.
-        turn = _force_cross(state.velocity) @ body
-        turn += _crossed_by(state.velocity @ body.T)
-        felt_q = by.a_q.copy()
-        # Gravity turns in the frame.
-        felt_q[:, :3] -= skew(self._fall(state)) @ by.v_v[:, 3:]
-        return self._wrenches(state), (
-            body @ felt_q + turn @ by.v_q,
-            body @ by.a_v + turn @ by.v_v,
-            body @ by.v_v,
-        )
-
-    def lack(self, q: Array, v: Array, slack: float) -> str:
-        """What is wrong at rest; nothing if the load is held there."""
-        if np.any(v):
-            return ""  # accelerations are not known
-        size = self.measure(q, v, np.zeros_like(q))
-        if size - self.largest <= slack * max(self.scale, 1.0):
-            return ""
-        none = np.zeros((1, q.size))
-        why = self.reason(self.wrenches(q[None], none, none)[0])
-        return (
-            f"the {self.name} is {size:.3g} {self.unit} at rest: the load "
-            f"{self.falls}, even at rest, as {why}"
-        )
-
-    falls: str = "is not held"
-
-    @abstractmethod
-    def reason(self, w: Array) -> str:
-        """Why it does not hold a wrench, shape (6,), in a clause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +69,8 @@ class StableContact(HeldLoad):
             mass: float = ...,
             inertia: ArrayLike | None = ...,
             adhesion: float = ...,
+            *,
+            during: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -283,104 +170,6 @@ class StableContact(HeldLoad):
         return np.asarray(np.max(missing, axis=0) / self.weight)
 
 
-@dataclass(frozen=True, eq=False)
-class FirmGrasp(HeldLoad):
-    """A load between two fingers does not slip.
-
-    Both pads press with a force along an axis, and hold what friction lets them across
-    it and about it: within an ellipsoid (the limit surface of Howe and Cutkosky, 1996)
-    with the half axes 2 mu F of the force and 2 mu F r of the moment. Along the axis
-    the fingers hold whatever is asked for.
-
-    Attributes:
-        frame: Name of the frame between the pads.
-        force: Force F of each finger [N].
-        friction: Coefficient mu of dry friction.
-        mass: Mass of the load [kg].
-        center: Centre of mass of the load in the frame, shape (3,) [m].
-        axis: Axis along which the fingers close, in the frame, shape (3,); of any
-            length.
-        pad_radius: Effective radius r of the pads [m]: 2/3 of that of a round one.
-        inertia: Inertia tensor about the centre of mass, in the axes of the frame,
-            shape (3, 3) [kg m^2]; None for a point mass.
-
-    Raises:
-        ProblemError: If a value is none, or the axis zero.
-    """
-
-    frame: str
-    force: float
-    friction: float
-    mass: float
-    center: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
-    axis: Array = (0.0, 1.0, 0.0)  # type: ignore[assignment]
-    pad_radius: float = 0.01
-    inertia: Array | None = None
-
-    quantity = "load of the grasp"
-    unit = "N"
-    falls = "slips out of the fingers"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            force: float,
-            friction: float,
-            mass: float,
-            center: VectorLike = ...,
-            axis: VectorLike = ...,
-            pad_radius: float = ...,
-            inertia: ArrayLike | None = ...,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        self._check_load()
-        for name, unit in (("force", "N"), ("friction", "1"), ("pad_radius", "m")):
-            number = positive(getattr(self, name), name, unit)
-            object.__setattr__(self, name, number)
-        axis = goal_vector(self.axis, "axis", "three numbers, not all zero", 3)
-        size = float(np.linalg.norm(axis))
-        if not size > 0.0:
-            raise ProblemError(
-                f"axis is {axis.tolist()}, expected three numbers, not all zero", "axis"
-            )
-        object.__setattr__(self, "axis", frozen_array(axis / size))
-
-    @property
-    def largest(self) -> float:
-        """What both pads hold [N]."""
-        return 2.0 * self.friction * self.force
-
-    def vector_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Forces across the axis, and moments about it over the radius [N]."""
-        w, by = self.wrench_slopes(q, v, a)
-        rows = self._across()
-        by_q, by_v, by_a = (rows @ part for part in by)
-        return w @ rows.T, by_q, by_v, by_a
-
-    def reason(self, w: Array) -> str:
-        """Why it does not hold a wrench, in a clause."""
-        return f"they hold no more than {self.largest:.3g} N"
-
-    def _across(self) -> Array:
-        """What friction has to hold of a wrench, shape (4, 6)."""
-        rows = np.zeros((4, 6))
-        rows[:3, :3] = np.eye(3) - np.outer(self.axis, self.axis)
-        rows[3, 3:] = self.axis / self.pad_radius
-        return rows
-
-    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Forces that friction has to hold [N]."""
-        across = self.wrenches(q, v, a) @ self._across().T
-        return np.asarray(np.linalg.norm(across, axis=1))
-
-
 def _cone(
     part: Array, most: Array, by_part: Array, by_most: Array
 ) -> tuple[Array, Array]:
@@ -443,28 +232,3 @@ def _polygon(given: object) -> Array:
         if np.all(turns < 0.0):
             return corners[::-1].copy()
     raise ProblemError(f"support is {brief(given)}, {expected}", "support")
-
-
-def _crossed(motion: Array, force: Array) -> Array:
-    """Products v x* f of spatial velocities and forces, shape (m, 6)."""
-    turned = np.cross(motion[:, 3:], force[:, :3])
-    about = np.cross(motion[:, 3:], force[:, 3:]) + np.cross(
-        motion[:, :3], force[:, :3]
-    )
-    return np.concatenate([turned, about], axis=1)
-
-
-def _force_cross(motion: Array) -> Array:
-    """The matrices of f -> v x* f for spatial velocities, shape (m, 6, 6)."""
-    out = np.zeros((len(motion), 6, 6))
-    out[:, :3, :3] = out[:, 3:, 3:] = skew(motion[:, 3:])
-    out[:, 3:, :3] = skew(motion[:, :3])
-    return out
-
-
-def _crossed_by(force: Array) -> Array:
-    """Matrices of v -> v x* f for spatial forces, shape (m, 6, 6)."""
-    out = np.zeros((len(force), 6, 6))
-    out[:, :3, 3:] = out[:, 3:, :3] = -skew(force[:, :3])
-    out[:, 3:, 3:] = -skew(force[:, 3:])
-    return out

@@ -1,0 +1,92 @@
+"""Constraints on a frame of the robot."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints.path import PathConstraint, positive
+from tominpmp.exceptions import ProblemError, brief
+from tominpmp.frame_motions import FrameMotions
+from tominpmp.robot import Robot
+
+
+class FrameConstraint(PathConstraint):
+    """A constraint on a frame of the robot, which its field ``frame`` names."""
+
+    frame: str
+    quantity: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """The quantity, and of what."""
+        return f"{self.quantity} of {self.subject}"
+
+    @property
+    def subject(self) -> str:
+        """The frame."""
+        return f"frame {self.frame}"
+
+    def validate(self, robot: Robot) -> None:
+        """Check that the robot has the frame."""
+        robot.frame_id(self.frame)
+
+
+class FrameRows(FrameConstraint):
+    """A constraint on a frame that is evaluated at many states at once.
+
+    Subclasses give :meth:`measure_rows` and :meth:`vector_rows`, or else
+    :meth:`value_rows` and :meth:`term_rows`.
+    """
+
+    @property
+    def motions(self) -> FrameMotions:
+        """Placements and motions of the frame."""
+        found = self.__dict__.get("_motions")
+        if found is None:
+            found = FrameMotions(self.kinematics.robot, self.frame)
+            self.__dict__["_motions"] = found
+        assert isinstance(found, FrameMotions)  # noqa: S101
+        return found
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The quantity at one state."""
+        return float(self.measure_rows(q[None], v[None], a[None])[0])
+
+    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """The vector at one state."""
+        vector, *by = self.vector_rows(q[None], v[None], a[None])
+        by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
+        return vector[0], by_q, by_v, by_a
+
+
+class FrameLimit(FrameRows):
+    """A quantity of a frame below its field ``limit``."""
+
+    limit: float
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        super().__post_init__()
+        frame_name(self.frame)
+        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
+
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return self.limit
+
+
+def frame_name(value: object, name: str = "frame") -> str:
+    """Check a caller's name of a frame.
+
+    Raises:
+        ProblemError: If it is no text.
+    """
+    if not isinstance(value, str) or not value:
+        raise ProblemError(
+            f"{name} is {brief(value)}, expected the name of a frame", name
+        )
+    return value
