@@ -11,6 +11,7 @@ from tominpmp.cli.completion import robots as complete_robot
 from tominpmp.cli.front import COMMANDS, EXAMPLES, new_app
 from tominpmp.cli.option_fields import command
 from tominpmp.cli.options import (
+    AppOptions,
     LimitOptions,
     PlannerOptions,
     PlanOptions,
@@ -49,6 +50,7 @@ def _argument(metavar: str, text: str, complete: Any = None) -> Any:
 
 
 ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
+FirstRobot = Annotated[str, _argument("[ROBOT]", f"{ROBOT}.", complete_robot)]
 RobotName = Annotated[str, _argument("ROBOT", f"{ROBOT}.", complete_robot)]
 PlannedRobot = Annotated[
     str,
@@ -135,6 +137,19 @@ def play(motion: RecordedMotion, args: PlayOptions) -> None:
     from tominpmp.cli.play import run_play
 
     typer.echo(f"page  {run_play(motion, args)}")
+
+
+@command(app, name="app", short_help=COMMANDS["app"])
+def live(args: AppOptions, robot: FirstRobot = "panda") -> None:
+    """Open a page on which a motion is planned while its goal is dragged.
+
+    Start, goal, points on the way and obstacles have handles, limits have sliders; the
+    page shows the duration, how near it is to what is possible, and what holds the
+    motion back, and gives it out as a file and as lines of Python.
+    """
+    from tominpmp.cli.live import run_app
+
+    run_app(robot, args)
 
 
 @command(app, short_help=COMMANDS["info"])

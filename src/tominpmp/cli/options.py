@@ -235,6 +235,23 @@ class VerifyOptions(ReportOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AppOptions:
+    """Where the live page is served.
+
+    Attributes:
+        port (N): Port to serve the page at. Default: 8080.
+        host (ADDRESS): Address to serve it at; 0.0.0.0 lets others on the network open
+            it. Default: 127.0.0.1.
+        no_browser: Do not open the page in the browser.
+    """
+
+    panel: ClassVar = "Page"
+    port: int = 8080
+    host: str = "127.0.0.1"
+    no_browser: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlayOptions(SceneOptions):
     """Whose motion is shown, with what around it, and where.
 

@@ -1,0 +1,162 @@
+"""What is asked for first of a robot: a start, a goal and an obstacle that suit it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.app.choice import RobotChoice, loaded
+from tominpmp.app.items import Item
+from tominpmp.app.request import Limits, Request
+from tominpmp.arrays import Array
+from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning
+from tominpmp.goals import JointGoal
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.viz.skeleton import end_frame
+
+# Robots that are offered first, and what to lock of them.
+ARMS: dict[str, tuple[tuple[str, float], ...]] = {
+    "panda": (("panda_finger_joint1", 0.04),),
+    "ur5": (),
+    "ur10": (),
+    "xarm7": (),
+    "kinova": (),
+    "z1": (("jointGripper", 0.0),),
+    "so100": (),
+    "planar3r": (),
+}
+# Names of group states in which an arm begins, the best first.
+RESTING = ("ready", "default", "home", "start", "neutral", "half_sitting", "arm_up")
+# Ends of the names of frames at which tools are held, the best first.
+TOOLS = ("hand_tcp", "tcp", "tool0", "tip", "tool_link", "eef", "ee_link", "hand")
+# How far joints move where nothing better is known [rad], and [m] where they slide.
+SWING = 1.2
+# Configurations that are tried for a start and a goal at random.
+TRIALS = 60
+
+
+def known(source: str) -> RobotChoice:
+    """A robot by its name, with fingers and the like locked."""
+    return RobotChoice(source, locked=ARMS.get(source, ()))
+
+
+def first_request(choice: RobotChoice) -> Request:
+    """What is asked for first.
+
+    Raises:
+        TominpmpError: If the robot cannot be loaded, or no start and goal are found.
+    """
+    made = EXAMPLES.get(choice.source)
+    robot = loaded(choice)
+    if made is not None and len(made.q_start) == robot.n:
+        return replace(made, robot=choice)
+    frame = tool_frame(robot)
+    start = _first_free(robot, _starts(robot))
+    goal = _first_free(robot, _goals(robot, start))
+    margin = Limits(margin=0.01)
+    return Request(
+        robot=choice,
+        frame=frame,
+        q_start=tuple(start.tolist()),
+        q_goal=tuple(goal.tolist()),
+        limits=margin,
+    )
+
+
+def tool_frame(robot: Robot) -> str:
+    """The frame that handles move: where tools are held, else the last of the chain."""
+    for ending in TOOLS:
+        for name in robot.frame_names:
+            if name.endswith(ending):
+                return name
+    q = np.clip(np.zeros(robot.n), *_limits(robot))
+    return end_frame(Problem(robot, q, JointGoal(q), self_collision=False))
+
+
+def _limits(robot: Robot) -> tuple[Array, Array]:
+    return robot.limits.position_lower, robot.limits.position_upper
+
+
+def _starts(robot: Robot) -> Iterator[Array]:
+    """Configurations to begin with: as its files say, then in the middle, then any."""
+    low, high = _limits(robot)
+    states = {} if robot.srdf is None else robot.srdf.group_states
+    middle = np.clip(np.zeros(robot.n), 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
+    middle = np.where(np.isfinite(middle), middle, np.clip(0.0, low, high))
+    for name in RESTING:
+        if name in states:
+            found = [states[name].get(joint, np.nan) for joint in robot.joint_names]
+            yield np.where(np.isfinite(found), found, middle)
+    yield middle
+    rng = np.random.default_rng(0)
+    for share in np.linspace(0.2, 1.0, TRIALS):
+        yield np.clip(middle + share * rng.uniform(-2.0, 2.0, robot.n), low, high)
+
+
+def _goals(robot: Robot, start: Array) -> Iterator[Array]:
+    """Configurations to go to: each joint turned a little, the first one more."""
+    low, high = _limits(robot)
+    turn = 0.5 * SWING * np.array([(-1.0) ** i for i in range(robot.n)])
+    turn[0] = SWING
+    for share in (1.0, -1.0, 0.6, -0.6, 0.3, -0.3):
+        yield _inside(start + share * turn, low, high)
+    rng = np.random.default_rng(1)
+    for share in np.linspace(1.0, 0.1, TRIALS):
+        away = start + share * SWING * rng.uniform(-1.0, 1.0, robot.n)
+        yield _inside(away, low, high)
+
+
+def _inside(q: Array, low: Array, high: Array) -> Array:
+    return np.asarray(np.clip(q, low, high))
+
+
+def _first_free(robot: Robot, candidates: Iterator[Array]) -> Array:
+    """The first configuration that is inside the limits and free of collisions.
+
+    Raises:
+        RobotLoadError: If there is none.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TominpmpWarning)
+        for q in candidates:
+            q = np.round(q, 4)
+            try:
+                Problem(robot, q, JointGoal(q))
+            except ProblemError:
+                continue
+            return q
+    raise RobotLoadError(
+        f"no configuration of {robot.name} was found that is clear of itself",
+        robot.urdf_path,
+    )
+
+
+# Motions that show something at once.
+EXAMPLES = {
+    "panda": Request(
+        robot=known("panda"),
+        frame="panda_hand_tcp",
+        q_start=(-0.6, -0.3, 0.0, -2.2, 0.0, 2.0, 0.8),
+        q_goal=(0.9, -0.2, 0.0, -2.0, 0.0, 1.8, 0.8),
+        items=(Item("box", "post", (0.1, 0.1, 1.0), (0.5, 0.1, 0.5)),),
+    ),
+    "ur5": Request(
+        robot=known("ur5"),
+        frame="tool0",
+        q_start=(-0.8, -1.2, 1.4, -1.8, -1.57, 0.0),
+        q_goal=(1.1, -1.0, 1.2, -1.8, -1.57, 0.0),
+        items=(Item("cylinder", "post", (0.06, 0.9), (0.55, 0.1, 0.45)),),
+    ),
+    "planar3r": Request(
+        robot=known("planar3r"),
+        frame="tip",
+        q_start=(0.5, 1.7, -1.7),
+        q_goal=(0.9, -1.2, -0.9),
+        items=(Item("sphere", "O", (0.8,), (4.0, 0.0, 0.0)),),
+        limits=Limits(margin=0.0),
+    ),
+}

@@ -1,0 +1,198 @@
+"""What was found: numbers that the page shows, few enough to pass on at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.app.request import Request
+from tominpmp.arrays import Array, Record
+from tominpmp.exceptions import ProblemError
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.problem import Problem
+from tominpmp.solution import Solution
+
+# Instants at which a motion is shown.
+INSTANTS = 241
+# A torque or speed is at its limit from this share of it on.
+AT_LIMIT = 0.985
+# So many of the limits that hold a motion are told.
+MOST_HELD = 8
+
+
+@dataclass(frozen=True)
+class Held:
+    """A limit that holds a motion back.
+
+    Attributes:
+        what: The limit, in words: "torque of panda_joint2".
+        share: Share of the time in which it holds.
+        gain: Percent of T that one percent more of the limit would save, to first
+            order; None where that is not known, or the limit is no size (clearance).
+    """
+
+    what: str
+    share: float
+    gain: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Shown(Record):
+    """A motion as it is shown.
+
+    Attributes:
+        T: Its duration [s].
+        verified: Whether an independent replay of the torques meets goal and limits.
+        gap: T over a time that no motion can beat, less one; None without such a time.
+        bound: What that time comes from, in a clause.
+        seconds: How long planning took [s].
+        joint_names: Names of the n joints.
+        t: Instants, evenly spaced [s], shape (m,).
+        q: Configurations, shape (m, n) [rad or m].
+        speed: Speeds as shares of their limits, shape (m, n); 0 where there is none.
+        torque: Torques likewise, 0 in the middle of their range.
+        path: Positions of the frame [m], shape (m, 3).
+        held: What holds it back, the most important first.
+        optimality: What its certificate says, in a sentence; empty without one.
+    """
+
+    T: float
+    verified: bool
+    gap: float | None
+    bound: str
+    seconds: float
+    joint_names: tuple[str, ...]
+    t: Array
+    q: Array
+    speed: Array
+    torque: Array
+    path: Array
+    held: tuple[Held, ...]
+    optimality: str = ""
+
+    def row(self, time: float) -> int:
+        """Index of the instant next to a time [s]."""
+        last = self.t.size - 1
+        if not self.T > 0.0:
+            return last
+        return int(np.clip(round(time / self.T * last), 0, last))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome(Record):
+    """What became of a request.
+
+    Attributes:
+        number: Number of the request.
+        request: The request.
+        message: What happened, in a sentence or two.
+        shown: The motion; None if there is none.
+        final: Whether nothing more will be tried for this request.
+    """
+
+    number: int
+    request: Request
+    message: str
+    shown: Shown | None = None
+    final: bool = True
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a motion that keeps all limits."""
+        return self.shown is not None and self.shown.verified
+
+
+def show(solution: Solution, frame: str, *, certified: bool = False) -> Shown | None:
+    """What the page shows of a solution; None if there is no motion.
+
+    Args:
+        solution: The solution.
+        frame: The frame whose path is drawn.
+        certified: Whether what holds the motion comes from its certificate, which
+            takes a moment, instead of the samples.
+    """
+    motion, judged = solution.trajectory, solution.verification
+    if motion is None or not solution.success:
+        return None
+    problem, bound = solution.problem, solution.lower_bound
+    t = np.linspace(0.0, motion.duration, INSTANTS)
+    at = motion(t)
+    speed, torque = _shares(problem, at.v, at.u)
+    kinematics = RobotKinematics(problem.robot)
+    path = [kinematics.placement(q, frame).translation for q in at.q]
+    held, sentence = None, ""
+    if certified:
+        held, sentence = _certified(solution)
+    return Shown(
+        T=motion.duration,
+        verified=judged is not None and judged.ok,
+        gap=solution.gap,
+        bound="" if bound is None else bound.reason,
+        seconds=solution.planning_time,
+        joint_names=motion.joint_names,
+        t=t,
+        q=np.array(at.q),
+        speed=speed,
+        torque=torque,
+        path=np.array(path),
+        held=_sampled(motion.joint_names, speed, torque) if held is None else held,
+        optimality=sentence,
+    )
+
+
+def _shares(problem: Problem, v: Array, u: Array) -> tuple[Array, Array]:
+    """Speeds and torques as shares of their limits, shape (m, n) each."""
+    limits = problem.robot.limits
+    motion = problem.motion_limits
+    scale = 1.0 if motion is None else motion.effort_scale
+    finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
+    speed = np.where(finite, v / np.where(finite, limits.velocity, 1.0), 0.0)
+    middle = (limits.effort_upper + limits.effort_lower) / 2
+    half = scale * (limits.effort_upper - limits.effort_lower) / 2
+    driven = np.isfinite(half) & (half > 0.0)
+    middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
+    return speed, np.where(driven, (u - middle) / half, 0.0)
+
+
+def _sampled(names: tuple[str, ...], speed: Array, torque: Array) -> tuple[Held, ...]:
+    """What is at its limit, by share of the time."""
+    found = [
+        Held(f"{kind} of {name}", share)
+        for kind, values in (("speed", speed), ("torque", torque))
+        for name, share in zip(
+            names, np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist(), strict=True
+        )
+        if share > 0.01
+    ]
+    return tuple(sorted(found, key=lambda item: -item.share)[:MOST_HELD])
+
+
+# Limits as people call them, by what the certificate calls them.
+WORDS = {"effort": "torque", "velocity": "speed", "effort rate": "torque rate"}
+
+
+def _certified(solution: Solution) -> tuple[tuple[Held, ...] | None, str]:
+    """What holds a motion by its certificate, and what that says of the motion."""
+    try:
+        certificate = solution.certificate
+    except ProblemError:
+        # Motions of several segments have none.
+        return None, ""
+    if certificate is None:
+        return None, ""
+    found = []
+    for limit in certificate.active:
+        lengths = limit.end - limit.begin
+        share = float(np.sum(lengths)) / solution.T
+        # The multiplier is time gained per time and share of the limit.
+        gain = float(np.sum(limit.multiplier * lengths)) / solution.T
+        kind = WORDS.get(limit.kind, limit.kind)
+        joins = "between" if limit.kind == "clearance" else "of"
+        sized = limit.kind not in ("clearance", "position")
+        held = Held(
+            f"{kind} {joins} {limit.name}", min(share, 1.0), gain if sized else None
+        )
+        found.append((gain, held))
+    found.sort(key=lambda pair: -pair[0])
+    return tuple(held for _, held in found[:MOST_HELD]), certificate.message

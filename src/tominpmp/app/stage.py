@@ -1,0 +1,152 @@
+"""The robot on the stage, its ghosts at start and goal, and the path of its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.app.outcome import Shown
+from tominpmp.arrays import Array
+from tominpmp.robot import Robot
+from tominpmp.viz.bodies import Body, robot_bodies
+from tominpmp.viz.surfaces import Surface, native_surface, shaded, tube
+
+Color = tuple[float, float, float]
+START_COLOR, GOAL_COLOR = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
+PATH_COLOR = (0.95, 0.64, 0.10)
+GHOST_OPACITY = 0.28
+# More colours than this in one body are averaged.
+MOST_COLORS = 8
+PATH_RADIUS = 0.0035  # as a share of the robot's size
+
+
+class Arm:
+    """One robot on the stage: a frame for each joint, with its bodies on it.
+
+    Args:
+        scene: The scene of viser's server.
+        name: Name of the node.
+        robot: The robot.
+        bodies: What it looks like.
+        tint: Colour and opacity of a ghost; None for the colours of the bodies.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        name: str,
+        robot: Robot,
+        bodies: Sequence[Body],
+        tint: tuple[Color, float] | None = None,
+    ) -> None:
+        self._robot = robot
+        self._data = robot.model.createData()
+        self._root = scene.add_frame(name, show_axes=False)
+        self._joints: dict[int, Any] = {}
+        for number, body in enumerate(bodies):
+            if tint is not None and not body.joint:
+                continue  # the base stands where the robot's own is
+            if body.joint not in self._joints:
+                node = scene.add_frame(f"{name}/{body.joint}", show_axes=False)
+                self._joints[body.joint] = node
+            _put(scene, f"{name}/{body.joint}/{number}", body, tint)
+
+    def move(self, q: Sequence[float] | Array) -> None:
+        """Bring it into a configuration, n numbers [rad or m]."""
+        model, data = self._robot.model, self._data
+        pin.forwardKinematics(model, data, self._robot.expand(np.asarray(q)))
+        for joint, node in self._joints.items():
+            place = pin.SE3ToXYZQUAT(data.oMi[joint])
+            node.position = place[:3]
+            node.wxyz = place[[6, 3, 4, 5]]
+
+    def show(self, visible: bool) -> None:
+        """Show or hide it."""
+        self._root.visible = visible
+
+    def remove(self) -> None:
+        """Take it off the stage."""
+        self._root.remove()
+
+
+def looks(robot: Robot) -> list[Body]:
+    """The bodies of a robot, as they are seen."""
+    return robot_bodies(robot)
+
+
+def outlines(robot: Robot) -> list[Body]:
+    """The bodies of a ghost: collision geometry, which has few triangles."""
+    found = []
+    for item in robot.collision_model.geometryObjects:
+        surface = native_surface(item.geometry)
+        if surface is not None:
+            place = np.array(item.placement.homogeneous)
+            joint = int(item.parentJoint)
+            found.append(Body(item.name, joint, place, surface, (1.0, 1.0, 1.0, 1.0)))
+    return found if any(body.joint for body in found) else robot_bodies(robot)
+
+
+def _put(scene: Any, name: str, body: Body, tint: tuple[Color, float] | None) -> None:
+    """Put a body on the stage: one mesh for each of its colours."""
+    place = pin.SE3ToXYZQUAT(pin.SE3(body.placement))
+    parts: list[tuple[Surface, Color]]
+    if tint is not None:
+        parts, opacity = (
+            [(Surface(body.surface.vertices, body.surface.faces), tint[0])],
+            tint[1],
+        )
+    else:
+        parts, opacity = _by_color(body), float(body.color[3])
+    for number, (surface, color) in enumerate(parts):
+        drawn = shaded(surface)
+        scene.add_mesh_simple(
+            f"{name}/{number}",
+            drawn.positions,
+            drawn.faces,
+            color=color,
+            opacity=None if opacity >= 1.0 else opacity,
+            side="double",
+            cast_shadow=tint is None,
+            receive_shadow=tint is None,
+            position=place[:3],
+            wxyz=place[[6, 3, 4, 5]],
+        )
+
+
+def _by_color(body: Body) -> list[tuple[Surface, Color]]:
+    """A body as parts of one colour each."""
+    surface, own = body.surface, body.color[:3]
+    if surface.colors is None:
+        return [(surface, own)]
+    colors, which = np.unique(np.round(surface.colors, 2), axis=0, return_inverse=True)
+    if len(colors) > MOST_COLORS:
+        mean = tuple(surface.colors.mean(axis=0).tolist())
+        return [(Surface(surface.vertices, surface.faces), mean)]
+    return [
+        (
+            Surface(surface.vertices, surface.faces[which.ravel() == number]),
+            tuple(color.tolist()),
+        )
+        for number, color in enumerate(colors)
+    ]
+
+
+def draw_path(scene: Any, shown: Shown, size: float) -> None:
+    """Draw the path of the frame as a tube, in place of the one before."""
+    points = shown.path
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-5 * size
+    points = points[np.concatenate([[True], apart])]
+    if len(points) < 3:
+        return
+    surface = tube(points, PATH_RADIUS * size / 3.0)
+    scene.add_mesh_simple(
+        "/path",
+        surface.vertices,
+        surface.faces,
+        color=PATH_COLOR,
+        side="double",
+        cast_shadow=False,
+    )

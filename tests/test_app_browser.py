@@ -1,0 +1,160 @@
+"""The live page in a real browser: a drag leads to a new verified motion."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import test_browser
+from test_browser import CHROMIUM, Browser
+
+from tominpmp.app.first_request import first_request, known
+from tominpmp.app.outcome import Outcome
+from tominpmp.exceptions import OptionsError
+
+viser = pytest.importorskip("viser")
+msgspec = pytest.importorskip("msgspec")
+client = pytest.importorskip("websockets.sync.client")
+
+PATIENCE = 120.0  # on a loaded machine [s]
+
+# Threads and sockets of the server end when they do, not when a test ends.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+
+
+def free_port() -> int:
+    with socket.socket() as trial:
+        trial.bind(("127.0.0.1", 0))
+        return int(trial.getsockname()[1])
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[object]:
+    from tominpmp.app.page import Page
+
+    found = Page(first_request(known("planar3r")), port=free_port())
+    yield found
+    found.close()
+
+
+def send(page: object, **message: object) -> None:
+    """Send what the page in the browser sends."""
+    address = page.address.replace("http", "ws")  # type: ignore[attr-defined]
+    version = f"viser-v{viser.__version__}"
+    with client.connect(address, subprotocols=[version], max_size=None) as connection:
+        connection.send(msgspec.msgpack.encode(message))
+        time.sleep(0.2)
+
+
+def drag(page: object, handle: str, position: list[float]) -> None:
+    send(
+        page,
+        type="TransformControlsUpdateMessage",
+        name=f"/handles/{handle}",
+        wxyz=[1.0, 0.0, 0.0, 0.0],
+        position=position,
+        owner="",
+    )
+
+
+def awaited(page: object, number: int) -> Outcome:
+    """The last outcome for a request."""
+    controller = page.controller  # type: ignore[attr-defined]
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        last = controller.outcome
+        if last is not None and last.number >= number and not controller.busy:
+            return last
+        time.sleep(0.05)
+    raise AssertionError(f"no outcome for request {number}: {controller.outcome}")
+
+
+def test_a_port_that_is_taken_is_told(page: object) -> None:
+    from tominpmp.app.page import check_port
+
+    port = int(page.address.rpartition(":")[2])  # type: ignore[attr-defined]
+    with pytest.raises(OptionsError, match=f"port {port} of 127"):
+        check_port("127.0.0.1", port)
+    with pytest.raises(OptionsError, match="port 99999999"):
+        check_port("127.0.0.1", 99999999)
+
+
+def test_a_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
+    first = awaited(page, 1)
+    assert first.ok
+    controller = page.controller  # type: ignore[attr-defined]
+    position, _ = controller.reach().pose(controller.request.q_goal)
+    aim = position + np.array([0.2, 0.3, 0.0])
+    drag(page, "q_goal", aim.tolist())
+    second = awaited(page, first.number + 1)
+    assert second.ok
+    assert second.shown is not None
+    np.testing.assert_allclose(second.shown.path[-1], aim, atol=5e-3)
+
+
+def test_a_dragged_obstacle_in_the_way_is_told_and_nothing_ends(page: object) -> None:
+    controller = page.controller  # type: ignore[attr-defined]
+    number = awaited(page, 1).number
+    start, _ = controller.reach().pose(controller.request.q_start)
+    home = controller.request.items[0].position
+    drag(page, "item_O", start.tolist())
+    refused = awaited(page, number + 1)
+    assert not refused.ok
+    assert "start" in refused.message
+    drag(page, "item_O", list(home))
+    assert awaited(page, refused.number + 1).ok
+
+
+def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
+    from viser import UploadedFile
+
+    before = page.controller.request  # type: ignore[attr-defined]
+    page.panel._take_file(UploadedFile("cat.urdf", b"\x89PNG"))  # type: ignore[attr-defined]
+    told = page.readout._notice.content  # type: ignore[attr-defined]
+    assert "cat.urdf" in told
+    assert page.controller.request == before  # type: ignore[attr-defined]
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is on the path")
+def test_the_browser_shows_what_a_drag_leads_to(
+    page: object,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = awaited(page, 1)
+    assert before.shown is not None
+    # The page comes from this machine, and from nowhere else.
+    rules = "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE localhost"
+    flags = [f for f in test_browser.FLAGS if not f.startswith("--host-resolver")]
+    monkeypatch.setattr(test_browser, "FLAGS", (*flags, rules))
+    browser = Browser(tmp_path_factory.mktemp("home"))
+    try:
+        view = browser.open(page.address)  # type: ignore[attr-defined]
+
+        def headline(expected: str) -> str:
+            deadline = time.monotonic() + PATIENCE
+            text = ""
+            while expected not in text and time.monotonic() < deadline:
+                time.sleep(0.2)
+                text = str(view.evaluate("document.body.innerText"))
+            return text
+
+        assert f"{before.shown.T:.3f} s" in headline(f"{before.shown.T:.3f} s")
+        assert view.evaluate("document.querySelectorAll('canvas').length") >= 1
+        position, _ = page.controller.reach().pose(  # type: ignore[attr-defined]
+            page.controller.request.q_goal  # type: ignore[attr-defined]
+        )
+        drag(page, "q_goal", (position - np.array([0.4, 0.3, 0.0])).tolist())
+        after = awaited(page, before.number + 1)
+        assert after.shown is not None
+        assert f"{after.shown.T:.3f}" != f"{before.shown.T:.3f}"
+        shown = headline(f"{after.shown.T:.3f} s")
+        assert f"{after.shown.T:.3f} s" in shown
+        assert "verified by replay" in headline("verified by replay")
+        assert view.complaints() == []
+    finally:
+        browser.close()

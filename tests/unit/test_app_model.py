@@ -1,0 +1,221 @@
+"""The live page's model: requests, their problems, and the lines that make the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tominpmp.app import pictures
+from tominpmp.app.choice import RobotChoice, group_names, has_datasheet, loaded
+from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_frame
+from tominpmp.app.items import Item, new_item
+from tominpmp.app.outcome import Held, Outcome, Shown
+from tominpmp.app.reach import Reach
+from tominpmp.app.request import Limits, Request
+from tominpmp.exceptions import (
+    ProblemError,
+    RobotLoadError,
+    SceneError,
+    TominpmpError,
+)
+
+PLANAR = EXAMPLES["planar3r"]
+TURNED = (0.0, 0.0, 0.382683, 0.92388)
+ALL_KINDS = (
+    Item("box", "crate", (0.3, 0.2, 0.1), (-3.0, -2.0, 0.0), TURNED),
+    Item("sphere", "ball", (0.2,), (-3.0, 2.0, 0.5)),
+    Item("cylinder", "can", (0.1, 0.4), (-4.0, 0.0, 0.0)),
+    Item("capsule", 'a "quoted" name', (0.1, 0.4), (-5.0, 0.0, 0.0), TURNED),
+)
+REQUESTS = {
+    "as it is": PLANAR,
+    "kinds of obstacles": replace(PLANAR, items=ALL_KINDS),
+    "limits": replace(PLANAR, limits=Limits(0.8, 0.5, 12.0, 0.01)),
+    "a position": replace(PLANAR, goal="position"),
+    "a pose": replace(PLANAR, goal="pose"),
+    "points on the way": replace(PLANAR, via=((3.0, 2.5, 0.0), (4.5, 2.0, 0.0))),
+    "a way to a position": replace(PLANAR, via=((3.0, 2.5, 0.0),), goal="position"),
+    "a locked joint": Request(
+        robot=RobotChoice("planar3r", locked=(("joint3", -1.0),)),
+        frame="tip",
+        q_start=(0.5, 0.5),
+        q_goal=(0.9, 1.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("request_", REQUESTS.values(), ids=REQUESTS)
+def test_lines_of_python_make_the_same_problem(request_: Request) -> None:
+    names: dict[str, object] = {}
+    head, _, plan = request_.python().partition("solution = ")
+    exec(head, names)
+    assert names["problem"] == request_.problem()
+    assert plan == "tm.plan(problem)\nprint(solution.message)\n"
+
+
+def test_lines_differ_where_requests_do() -> None:
+    lines = {request.python() for request in REQUESTS.values()}
+    assert len(lines) == len(REQUESTS)
+
+
+def test_sliders_reach_the_problem() -> None:
+    problem = REQUESTS["limits"].problem()
+    plain = PLANAR.problem()
+    assert problem.margin == 0.01
+    assert problem.motion_limits is not None
+    assert problem.motion_limits.effort_scale == 0.8
+    speeds = problem.robot.limits.velocity / plain.robot.limits.velocity
+    np.testing.assert_allclose(speeds, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"goal": "anything"}, "goal"),
+        ({"q_goal": (0.0, 0.0)}, "goal"),
+        ({"q_start": (np.nan, 0.0, 0.0)}, "q_start"),
+        ({"limits": Limits(effort_scale=2.0)}, "effort_scale"),
+        ({"limits": Limits(margin=-1.0)}, "margin"),
+    ],
+)
+def test_wrong_values_are_named(changes: dict[str, object], field: str) -> None:
+    with pytest.raises(ProblemError) as told:
+        replace(PLANAR, **changes).problem()  # type: ignore[arg-type]
+    assert field in str(told.value)
+
+
+def test_speed_must_remain() -> None:
+    with pytest.raises(ProblemError, match="speed_scale is 0"):
+        Limits(speed_scale=0.0)
+
+
+def test_wrong_obstacles_are_named() -> None:
+    with pytest.raises(SceneError, match="kind is 'cone'"):
+        new_item("cone", (0, 0, 0), ())
+    with pytest.raises(SceneError, match=r"expected 1 lengths: radius"):
+        Item("sphere", "ball", (1.0, 2.0), (0.0, 0.0, 0.0))
+    with pytest.raises(SceneError, match="ball"):
+        Item("sphere", "ball", (0.0,), (0.0, 0.0, 0.0)).obstacle()
+
+
+def test_new_obstacles_have_names_of_their_own() -> None:
+    first = new_item("box", (1, 2, 3), ())
+    second = new_item("box", (1, 2, 3), (first.name,))
+    assert (first.name, second.name) == ("box1", "box2")
+    moved = first.placed((1.00004, 0, 0), (0, 0, 0, -1.0))
+    assert moved.position == (1.0, 0.0, 0.0)
+    assert "rotation" not in moved.python()
+
+
+@pytest.mark.parametrize("name", ["planar3r", "so100"])
+def test_robots_have_a_first_request(name: str) -> None:
+    request = first_request(known(name))
+    robot = loaded(request.robot)
+    assert request.frame in robot.frame_names
+    problem = request.problem()
+    assert np.max(np.abs(problem.q_start - np.array(request.q_goal))) > 0.1
+
+
+def test_the_tool_is_found() -> None:
+    assert tool_frame(loaded(known("planar3r"))) == "tip"
+
+
+def test_wrong_robots_are_named() -> None:
+    with pytest.raises(RobotLoadError, match="nobody"):
+        first_request(known("nobody"))
+    with pytest.raises(RobotLoadError, match="joints that move, expected 16 at most"):
+        first_request(known("tiago"))
+
+
+def test_a_file_that_is_no_urdf_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "photo.urdf"
+    path.write_bytes(b"\x89PNG not a robot")
+    with pytest.raises(TominpmpError, match=r"photo\.urdf"):
+        first_request(RobotChoice(str(path)))
+
+
+def test_groups_and_data_sheets_are_known() -> None:
+    assert "arm" in group_names("panda")
+    assert group_names("planar3r") == ("arm",)
+    assert group_names("ur3") == ()
+    assert has_datasheet("panda")
+    assert not has_datasheet("planar3r")
+
+
+def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:
+    reach = Reach(loaded(PLANAR.robot), "tip")
+    assert not reach.turns
+    position, quaternion = reach.pose(PLANAR.q_goal)
+    near = reach.solve(position + np.array([0.05, 0.1, 0.0]), quaternion, PLANAR.q_goal)
+    assert near.ok
+    found, _ = reach.pose(near.q)
+    np.testing.assert_allclose(found, position + np.array([0.05, 0.1, 0.0]), atol=1e-3)
+    far = reach.solve(np.array([50.0, 0.0, 0.0]), quaternion, PLANAR.q_goal)
+    assert not far.ok
+    assert far.miss > 10.0
+
+
+def shown(**changes: object) -> Shown:
+    t = np.linspace(0.0, 2.0, 241)
+    share = np.sin(np.pi * t / 2.0)[:, None] * [1.0, 0.5]
+    values = {
+        "T": 2.0,
+        "verified": True,
+        "gap": 0.25,
+        "bound": "speed",
+        "seconds": 0.1,
+        "joint_names": ("arm_joint1", "arm_<b>"),
+        "t": t,
+        "q": share,
+        "speed": share,
+        "torque": -share,
+        "path": np.zeros((241, 3)),
+        "held": (Held("speed of arm_joint1", 0.5, 0.7),),
+    }
+    return Shown(**(values | changes))  # type: ignore[arg-type]
+
+
+def outcome(found: Shown | None, message: str = "it was found") -> Outcome:
+    return Outcome(1, PLANAR, message, found)
+
+
+def test_the_headline_says_what_is_known() -> None:
+    text = pictures.headline(outcome(shown()), busy=False)
+    assert "2.000 s" in text
+    assert "verified" in text
+    assert "1.600 s" in text  # 2 / 1.25
+    assert "25.0 %" in text
+    assert "planning" in pictures.headline(outcome(shown()), busy=True)
+    assert "no lower bound" in pictures.headline(outcome(shown(gap=None)), busy=False)
+    refused = pictures.headline(outcome(None, "start <in> collision"), busy=False)
+    assert "No motion" in refused
+    assert "&lt;in&gt;" in refused
+
+
+def test_bars_are_red_at_the_limit_and_names_are_escaped() -> None:
+    text = pictures.bars(shown(), 1.0)
+    assert text.count(pictures.HOT) == 2  # speed and torque of the first joint
+    assert "<b>" not in text
+    assert pictures.HOT not in pictures.bars(shown(), 0.0)
+    assert pictures.HOT in pictures.curves(shown())
+    assert pictures.HOT not in pictures.curves(
+        shown(speed=0 * shown().speed, torque=0 * shown().speed)
+    )
+
+
+def test_names_of_joints_are_short() -> None:
+    names = [f"panda_joint{i}" for i in range(1, 4)]
+    assert pictures.short_names(names) == ["joint1", "joint2", "joint3"]
+    assert pictures.short_names(["only"]) == ["only"]
+    assert pictures.short_names(["elbow_joint", "wrist_joint"]) == ["elbow", "wrist"]
+
+
+def test_what_holds_back_is_told_with_what_it_would_give() -> None:
+    text = pictures.held_back(shown().held, "it is <optimal>")
+    assert "50 % of the time" in text
+    assert "0.70 % less time" in text
+    assert "&lt;optimal&gt;" in text
+    assert "nothing" in pictures.held_back((), "")

@@ -1,0 +1,279 @@
+"""The live page's planning: outcomes, warm starts, what is out of date, the process."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tominpmp.app.controller import Controller
+from tominpmp.app.first_request import EXAMPLES, known
+from tominpmp.app.jobs import Exported, ExportJob, Inbox, PlanJob, receive, send, work
+from tominpmp.app.outcome import Outcome
+from tominpmp.app.planning import Session
+from tominpmp.app.request import Limits, Request
+from tominpmp.app.worker import Worker
+from tominpmp.exceptions import ProblemError, RobotLoadError
+
+# The arm without the obstacle: quick to plan.
+PLANAR = replace(EXAMPLES["planar3r"], items=())
+NEAR = replace(PLANAR, q_goal=(0.95, -1.2, -0.85))
+
+
+def never() -> bool:
+    return False
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session()
+
+
+@pytest.fixture(scope="module")
+def first(session: Session) -> list[Outcome]:
+    return list(session.outcomes(1, PLANAR, never))
+
+
+@pytest.fixture(scope="module")
+def second(session: Session, first: list[Outcome]) -> list[Outcome]:
+    return list(session.outcomes(2, NEAR, never))
+
+
+def test_a_verified_motion_comes_first_and_what_holds_it_next(
+    first: list[Outcome],
+) -> None:
+    assert [outcome.final for outcome in first] == [False, True]
+    assert all(outcome.ok for outcome in first)
+    shown = first[-1].shown
+    assert shown is not None
+    np.testing.assert_allclose(shown.q[0], PLANAR.q_start, atol=1e-3)
+    np.testing.assert_allclose(shown.q[-1], PLANAR.q_goal, atol=1e-3)
+    # The paper's arm is held by its torques alone, and they are at their limits.
+    assert np.max(np.abs(shown.torque)) == pytest.approx(1.0, abs=0.02)
+    assert any(held.what.startswith("torque of joint") for held in shown.held)
+    assert sum(held.gain or 0.0 for held in shown.held) > 0.2
+    assert "first-order" in shown.optimality
+
+
+def test_the_next_motion_begins_with_the_last_and_is_looked_for_afresh(
+    first: list[Outcome], second: list[Outcome]
+) -> None:
+    assert [outcome.final for outcome in second] == [False, False, True]
+    assert all(outcome.number == 2 for outcome in second)
+    begun, ended = first[-1].shown, second[-1].shown
+    assert begun is not None
+    assert ended is not None
+    np.testing.assert_allclose(ended.q[-1], NEAR.q_goal, atol=1e-3)
+    assert second[0].shown is not None
+    assert ended.T <= second[0].shown.T
+
+
+def test_what_is_out_of_date_is_left_off(session: Session, second: object) -> None:
+    before = session.solution
+    looks = []
+
+    def superseded() -> bool:
+        looks.append(1)
+        return len(looks) > 2
+
+    assert list(session.outcomes(3, PLANAR, superseded)) == []
+    assert len(looks) == 3
+    assert session.solution is before
+
+
+def test_what_is_wrong_is_told_and_the_last_motion_stays(
+    session: Session, second: object
+) -> None:
+    before = session.solution
+    refused = replace(PLANAR, limits=Limits(effort_scale=1e9))
+    outcomes = list(session.outcomes(4, refused, never))
+    assert [outcome.ok for outcome in outcomes] == [False]
+    assert "effort_scale" in outcomes[0].message
+    assert session.solution is before
+
+
+def test_a_motion_is_written_and_its_file_is_checked(
+    session: Session, second: object
+) -> None:
+    name, content, remark = session.exported(".csv", 0.01)
+    assert name == "planar3r_motion.csv"
+    assert content.startswith(b"time")
+    assert remark
+    with pytest.raises(ProblemError, match="no motion to export"):
+        Session().exported(".csv", 0.01)
+
+
+def test_records_pass_through_a_stream() -> None:
+    stream = io.BytesIO()
+    send(stream, PlanJob(7, PLANAR))
+    stream.seek(0)
+    assert receive(stream) == PlanJob(7, PLANAR)
+    with pytest.raises(EOFError):
+        receive(stream)
+
+
+def test_only_the_newest_plan_counts_and_exports_go_first() -> None:
+    inbox = Inbox()
+    for number in (1, 2, 3):
+        inbox.put(PlanJob(number, PLANAR))
+    inbox.put(ExportJob(1, ".csv"))
+    assert inbox.newer()
+    assert inbox.get() == ExportJob(1, ".csv")
+    assert inbox.get() == PlanJob(3, PLANAR)
+    assert not inbox.newer()
+    inbox.close()
+    assert inbox.get() is None
+
+
+class Script:
+    """A session whose motions are found at once."""
+
+    def __init__(self, inbox: Inbox) -> None:
+        self.inbox, self.seen = inbox, list[tuple[int, int]]()
+
+    def outcomes(
+        self, number: int, request: Request, superseded: Callable[[], bool]
+    ) -> Iterator[Outcome]:
+        for step in range(3):
+            self.seen.append((number, step))
+            if number == 1:
+                self.inbox.put(PlanJob(2, request))
+            yield Outcome(number, request, "found", None, step == 2)
+        self.inbox.close()
+
+    def exported(self, *_: object) -> tuple[str, bytes, str]:
+        raise ProblemError("no motion yet")
+
+
+def test_a_newer_request_is_taken_as_soon_as_a_motion_was_seen() -> None:
+    inbox, answers = Inbox(), list[object]()
+    script = Script(inbox)
+    inbox.put(ExportJob(5, ".csv"))
+    inbox.put(PlanJob(1, PLANAR))
+    work(script, inbox, answers.append)  # type: ignore[arg-type]
+    assert script.seen == [(1, 0), (2, 0), (2, 1), (2, 2)]
+    assert answers[0] == Exported(5, "", b"", "no motion yet")
+
+
+class Recorder:
+    """Planning that only remembers what it is asked."""
+
+    def __init__(
+        self, on_outcome: Callable[[Outcome], None], on_end: Callable[[str], None]
+    ) -> None:
+        self.on_outcome, self.on_end = on_outcome, on_end
+        self.asked: list[tuple[int, Request]] = []
+
+    def plan(self, number: int, request: Request) -> None:
+        self.asked.append((number, request))
+
+    def export(self, *_: object) -> Exported:
+        return Exported(1, "motion.csv", b"t", "it holds")
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def told() -> list[Outcome]:
+    return []
+
+
+@pytest.fixture
+def controller(told: list[Outcome]) -> Controller:
+    return Controller(PLANAR, told.append, planning=Recorder)
+
+
+def recorder(controller: Controller) -> Recorder:
+    planning = controller._planning
+    assert isinstance(planning, Recorder)
+    return planning
+
+
+def test_changes_are_planned_and_repeated_ones_are_not(controller: Controller) -> None:
+    controller.start()
+    controller.change(q_goal=NEAR.q_goal)
+    controller.change(q_goal=NEAR.q_goal)
+    controller.change_limits(effort_scale=0.5)
+    asked = recorder(controller).asked
+    assert [number for number, _ in asked] == [1, 2, 3]
+    assert asked[-1][1] == replace(NEAR, limits=Limits(0.5, margin=0.0))
+    with pytest.raises(ProblemError, match="speed_scale"):
+        controller.change_limits(speed_scale=-1.0)
+    assert len(asked) == 3
+
+
+def test_outcomes_that_come_too_late_are_not_told(
+    controller: Controller, told: list[Outcome]
+) -> None:
+    controller.start()
+    controller.change(q_goal=NEAR.q_goal)
+    assert controller.busy
+    take = recorder(controller).on_outcome
+    take(Outcome(2, NEAR, "new", final=True))
+    take(Outcome(1, PLANAR, "old"))
+    assert [outcome.message for outcome in told] == ["new"]
+    assert not controller.busy
+
+
+def test_a_dragged_goal_is_planned(controller: Controller) -> None:
+    position, quaternion = controller.reach().pose(PLANAR.q_goal)
+    aim = position + np.array([0.0, 0.2, 0.0])
+    assert controller.drag("q_goal", aim, quaternion) == 0.0
+    ((_, asked),) = recorder(controller).asked
+    found, _ = controller.reach().pose(asked.q_goal)
+    np.testing.assert_allclose(found, aim, atol=1e-3)
+    assert controller.drag("q_goal", [99.0, 0.0, 0.0], quaternion) > 50.0
+
+
+def test_a_robot_that_is_none_changes_nothing(controller: Controller) -> None:
+    with pytest.raises(RobotLoadError, match="nobody"):
+        controller.choose(known("nobody"))
+    assert controller.request is PLANAR
+    assert recorder(controller).asked == []
+
+
+def test_an_end_by_itself_is_told(controller: Controller, told: list[Outcome]) -> None:
+    recorder(controller).on_end("the process has ended")
+    assert told[-1].message == "the process has ended"
+    assert not told[-1].ok
+
+
+@pytest.mark.slow
+def test_a_process_plans_what_is_dragged_and_starts_again_after_a_crash() -> None:
+    """Two processes: each loads the libraries anew."""
+    outcomes, ends = list[Outcome](), list[str]()
+    final, ended = threading.Event(), threading.Event()
+
+    def take(outcome: Outcome) -> None:
+        outcomes.append(outcome)
+        if outcome.final:
+            final.set()
+
+    def end(sentence: str) -> None:
+        ends.append(sentence)
+        ended.set()
+
+    worker = Worker(take, end)
+    try:
+        worker.plan(1, PLANAR)
+        assert final.wait(120.0)
+        assert outcomes[-1].ok
+        exported = worker.export(".csv", 0.01, None)
+        assert exported.content.startswith(b"time")
+        final.clear()
+        worker._process.kill()
+        assert ended.wait(60.0)
+        assert "ended by itself" in ends[0]
+        worker.plan(2, NEAR)
+        assert final.wait(120.0)
+        assert outcomes[-1].number == 2
+        assert outcomes[-1].ok
+    finally:
+        worker.close()
+    assert worker._process.poll() is not None
+    assert len(ends) == 1
