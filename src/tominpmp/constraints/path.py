@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -26,6 +26,8 @@ from tominpmp.robot import Robot
 USABLE = 2e-3
 
 Own = TypeVar("Own", bound="PathConstraint")
+# Points of a curve, from where it is nearest to one point to where it is to another.
+Way = Callable[[Array, Array, int], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,15 @@ class PathConstraint(Record, Quantity):
     @property
     def top_speed(self) -> tuple[str, float] | None:
         """A frame, and how fast its origin may move [m/s]; None if that is open."""
+        return None
+
+    @property
+    def guide(self) -> tuple[str, Way] | None:
+        """A frame, and the way of its origin along a curve; None without any.
+
+        The function gives so many points of the curve, shape (m, 3) [m], from where it
+        is nearest to one point to where it is nearest to another, shape (3,) each.
+        """
         return None
 
     @abstractmethod

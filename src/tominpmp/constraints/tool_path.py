@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.constraints.frame import FrameRows, frame_name
-from tominpmp.constraints.path import positive
+from tominpmp.constraints.path import Way, positive
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import goal_vector
 from tominpmp.inputs import VectorLike
@@ -45,6 +45,24 @@ class Tube(FrameRows):
         Returns:
             Shapes (3,) and (3, 3).
         """
+
+    @abstractmethod
+    def progress(self, point: Array) -> float:
+        """How far along the curve its point nearest to one of shape (3,) is."""
+
+    @abstractmethod
+    def at(self, progress: float) -> Array:
+        """The point of the curve that far along, shape (3,) [m]."""
+
+    @property
+    def guide(self) -> tuple[str, Way]:
+        """The frame, and its way along the curve."""
+        return self.frame, self.between
+
+    def between(self, first: Array, last: Array, count: int) -> Array:
+        """Points from the nearest one to one point to that to another, (count, 3)."""
+        ends = self.progress(first), self.progress(last)
+        return np.array([self.at(s) for s in np.linspace(*ends, count).tolist()])
 
     @property
     def largest(self) -> float:
@@ -112,6 +130,14 @@ class ToolLine(Tube):
             object.__setattr__(self, name, frozen_array(point))
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
 
+    def progress(self, point: Array) -> float:
+        """Share of the line."""
+        return share_of_segment(point, self.start, self.end)
+
+    def at(self, progress: float) -> Array:
+        """Point at a share of the line."""
+        return np.asarray(self.start + progress * (self.end - self.start))
+
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the line."""
         return from_segment(point, self.start, self.end)
@@ -163,6 +189,26 @@ class ToolPolyline(Tube):
             )
         object.__setattr__(self, "points", frozen_array(points))
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+
+    @property
+    def _lengths(self) -> Array:
+        """Way along it to each corner, shape (k,) [m]."""
+        pieces = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(pieces)])
+
+    def progress(self, point: Array) -> float:
+        """Way along it [m]."""
+        pairs = list(zip(self.points[:-1], self.points[1:], strict=True))
+        apart = [np.linalg.norm(from_segment(point, *pair)[0]) for pair in pairs]
+        k, lengths = int(np.argmin(apart)), self._lengths
+        share = share_of_segment(point, *pairs[k])
+        return float(lengths[k] + share * (lengths[k + 1] - lengths[k]))
+
+    def at(self, progress: float) -> Array:
+        """Point after such a way [m]."""
+        lengths = self._lengths
+        each = [np.interp(progress, lengths, column) for column in self.points.T]
+        return np.array(each)
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the polyline."""
@@ -231,20 +277,37 @@ class ToolArc(Tube):
                 "axis",
             )
 
+    def _axes(self) -> tuple[Array, Array, Array]:
+        """Directions from the center to the start, across it along, and the axis."""
+        first = (self.start - self.center) / np.linalg.norm(self.start - self.center)
+        axis = self.axis / np.linalg.norm(self.axis)
+        return first, np.cross(axis, first), axis
+
+    def progress(self, point: Array) -> float:
+        """Angle from the start [rad]."""
+        first, second, _ = self._axes()
+        out = point - self.center
+        turn = float(np.arctan2(out @ second, out @ first)) % (2.0 * np.pi)
+        if turn > self.angle:  # beyond the ends: the nearer one
+            return self.angle if turn - self.angle < 2.0 * np.pi - turn else 0.0
+        return turn
+
+    def at(self, progress: float) -> Array:
+        """Point at an angle from the start [rad]."""
+        first, second, _ = self._axes()
+        size = np.linalg.norm(self.start - self.center)
+        spoke = np.cos(progress) * first + np.sin(progress) * second
+        return np.asarray(self.center + size * spoke)
+
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the arc."""
-        spoke = self.start - self.center
-        size = float(np.linalg.norm(spoke))
-        first = spoke / size
-        axis = self.axis / np.linalg.norm(self.axis)
-        second = np.cross(axis, first)
+        first, second, axis = self._axes()
+        size = float(np.linalg.norm(self.start - self.center))
         out = point - self.center
         x, y = float(out @ first), float(out @ second)
         turn = float(np.arctan2(y, x)) % (2.0 * np.pi)
-        if turn > self.angle:  # beyond the ends: the nearer one
-            end = self.angle if turn - self.angle < 2.0 * np.pi - turn else 0.0
-            tip = size * (np.cos(end) * first + np.sin(end) * second)
-            return out - tip, np.eye(3)
+        if turn > self.angle:
+            return point - self.at(self.progress(point)), np.eye(3)
         flat = max(float(np.hypot(x, y)), 1e-12)
         along = (x * first + y * second) / flat
         across = np.cross(axis, along)
@@ -263,8 +326,15 @@ def from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
         Shapes (3,) and (3, 3).
     """
     along, out = end - start, point - start
-    square = float(along @ along)
-    share = float(out @ along) / square if square > 0.0 else 0.0
+    square, share = float(along @ along), share_of_segment(point, start, end)
     if not 0.0 < share < 1.0:
         return point - (end if share >= 1.0 else start), np.eye(3)
     return out - share * along, np.eye(3) - np.outer(along, along) / square
+
+
+def share_of_segment(point: Array, start: Array, end: Array) -> float:
+    """Share of a straight line at which it is nearest to a point, from 0 to 1."""
+    along = end - start
+    square = float(along @ along)
+    share = float((point - start) @ along) / square if square > 0.0 else 0.0
+    return min(max(share, 0.0), 1.0)

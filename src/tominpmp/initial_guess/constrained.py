@@ -8,6 +8,7 @@ hold, or until a tool whose speed is limited goes straight.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -88,6 +89,12 @@ def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:
     return low
 
 
+def held_positions(problem: Problem) -> list[PathConstraint]:
+    """Constraints on positions that hold at all times of a motion."""
+    every = problem.ready_constraints
+    return [item for item in every if item.order == 0 and item.window is None]
+
+
 def keeping_paths(system: ProblemFunctions, q_end: Array) -> list[Array]:
     """Paths from the start to a configuration that keep constraints on the way.
 
@@ -97,31 +104,53 @@ def keeping_paths(system: ProblemFunctions, q_end: Array) -> list[Array]:
 
     Returns:
         Corners of each, shape (m, n): one within the constraints on positions, where a
-        straight line is not, and one on which tools whose speed is limited go straight;
-        none where there is no such constraint, or no such path was found.
+        straight line is not, and one on which tools whose speed is limited go straight,
+        or along the curve that they are to keep to; none where there is no such
+        constraint, or no such path was found.
     """
     problem = system.problem
-    every = [item for item in problem.ready_constraints if item.window is None]
-    held = [item for item in every if item.order == 0]
-    frames = [item.top_speed[0] for item in every if item.top_speed is not None]
+    held = held_positions(problem)
     line = np.linspace(problem.q_start, q_end, PLACES + 1)
+    inside = partial(excess_of, held)
     found: list[Array | None] = []
-    if held and not _kept(held, line):
-        found.append(_shifted(system, line, _beyond(held)))
-    for straight in STRAIGHT if frames else ():
-        along = _straight(system, line, frames, straight)
-        path = _shifted(system, line, _both(along, _beyond(held)))
+    guided = _guided(system, line, held)
+    if guided:
+        along = partial(_off_points, system, guided)
+        found.append(_shifted(system, line, _both(along, inside)))
+    elif held and not _kept(held, line):
+        found.append(_shifted(system, line, lambda _, q: inside(q)))
+    always = [item for item in problem.ready_constraints if item.window is None]
+    fast = [item.top_speed[0] for item in always if item.top_speed is not None]
+    for straight in STRAIGHT if fast and not guided else ():
+        points = _straight(system, line, fast, straight)
+        along = partial(_off_points, system, points)
+        path = _shifted(system, line, _both(along, inside))
         found.append(path)
         if path is not None:
             break
     return [path for path in found if path is not None]
 
 
-def _both(one: Residual, other: Residual) -> Residual:
+def _guided(
+    system: ProblemFunctions, line: Array, held: Sequence[PathConstraint]
+) -> dict[str, Array]:
+    """Points along the curves that frames are to keep to, by frame, (m, 3) [m]."""
+    found: dict[str, Array] = {}
+    for item in held:
+        if item.guide is None:
+            continue
+        frame, between = item.guide
+        places = [system.kinematics.placement(q, frame) for q in (line[0], line[-1])]
+        first, last = (np.array(place.translation) for place in places)
+        found[frame] = between(first, last, len(line))
+    return found
+
+
+def _both(along: Residual, inside: Callable[[Array], tuple[Array, Array]]) -> Residual:
     """What is to be brought to zero by two residuals."""
 
     def residual(share: float, q: Array) -> tuple[Array, Array]:
-        values, slopes = zip(one(share, q), other(share, q), strict=True)
+        values, slopes = zip(along(share, q), inside(q), strict=True)
         return np.concatenate(values), np.vstack(slopes)
 
     return residual
@@ -129,8 +158,7 @@ def _both(one: Residual, other: Residual) -> Residual:
 
 def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
     """Whether a straight line to a configuration keeps constraints on positions."""
-    every = system.problem.ready_constraints
-    held = [item for item in every if item.order == 0 and item.window is None]
+    held = held_positions(system.problem)
     return _kept(held, np.linspace(system.problem.q_start, q_end, PLACES + 1))
 
 
@@ -143,50 +171,55 @@ def _kept(held: Sequence[PathConstraint], path: Array) -> bool:
     )
 
 
-def _beyond(held: Sequence[PathConstraint]) -> Residual:
-    """By how much constraints on positions are broken, those that are."""
+def excess_of(held: Sequence[PathConstraint], q: Array) -> tuple[Array, Array]:
+    """By how much constraints on positions are broken at a configuration.
 
-    def residual(share: float, q: Array) -> tuple[Array, Array]:
-        none = np.zeros(0)
-        values, slopes = [np.zeros(0)], [np.zeros((0, q.size))]
-        for item in held:
-            value, by_q, _, _ = item.terms(q, none, none)
-            lower, upper = (bound[0] for bound in item.bounds(1))
-            room = np.minimum(INSIDE, 0.25 * (upper - lower))
-            excess = value - np.clip(value, lower + room, upper - room)
-            out = excess != 0.0
-            values.append(excess[out])
-            slopes.append(by_q[out])
-        return np.concatenate(values), np.vstack(slopes)
+    They are to be kept with a little room.
 
-    return residual
+    Returns:
+        Values, zero where a constraint is kept, shape (k,), and their Jacobian, zero
+        there too, shape (k, n).
+    """
+    none = np.zeros(0)
+    values, slopes = [none], [np.zeros((0, q.size))]
+    for item in held:
+        value, by_q, _, _ = item.terms(q, none, none)
+        lower, upper = (bound[0] for bound in item.bounds(1))
+        room = np.minimum(INSIDE, 0.25 * (upper - lower))
+        excess = value - np.clip(value, lower + room, upper - room)
+        values.append(excess)
+        slopes.append(np.where((excess != 0.0)[:, None], by_q, 0.0))
+    return np.concatenate(values), np.vstack(slopes)
 
 
 def _straight(
     system: ProblemFunctions, line: Array, frames: Sequence[str], straight: float
-) -> Residual:
-    """How far tools are from where straight lines have them, over the reach.
+) -> dict[str, Array]:
+    """Points of straight lines for tools, by frame, shape (m, 3) [m].
 
-    Or from a mean of that, with a share, and of where the line in joint space has them.
+    Or means of these, with a share, and of where the line in joint space has them.
     """
-    kinematics, reach = system.kinematics, system.reach
     shares = np.linspace(0.0, 1.0, len(line))[:, None]
-    wanted: dict[str, Array] = {}
+    found: dict[str, Array] = {}
     for frame in frames:
-        bent = np.array([kinematics.placement(q, frame).translation for q in line])
+        places = [system.kinematics.placement(q, frame).translation for q in line]
+        bent = np.array(places)
         even = bent[0] + shares * (bent[-1] - bent[0])
-        wanted[frame] = bent + straight * (even - bent)
+        found[frame] = bent + straight * (even - bent)
+    return found
 
-    def residual(share: float, q: Array) -> tuple[Array, Array]:
-        values, slopes = [], []
-        for frame, points in wanted.items():
-            there = points[round(share * (len(points) - 1))]
-            place = np.asarray(kinematics.placement(q, frame).translation)
-            values.append((place - there) / reach)
-            slopes.append(kinematics.jacobian(q, frame)[:3] / reach)
-        return np.concatenate(values), np.vstack(slopes)
 
-    return residual
+def _off_points(
+    system: ProblemFunctions, wanted: dict[str, Array], share: float, q: Array
+) -> tuple[Array, Array]:
+    """How far frames are from the points of a share of their ways, over the reach."""
+    values, slopes = [], []
+    for frame, points in wanted.items():
+        there = points[round(share * (len(points) - 1))]
+        place = np.asarray(system.kinematics.placement(q, frame).translation)
+        values.append((place - there) / system.reach)
+        slopes.append(system.kinematics.jacobian(q, frame)[:3] / system.reach)
+    return np.concatenate(values), np.vstack(slopes)
 
 
 def _shifted(system: ProblemFunctions, line: Array, residual: Residual) -> Array | None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.constrained import keeping_paths, keeps_positions
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.initial_guess.constrained import (
+    keeping_paths,
+    keeps_positions,
+)
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.initial_guess.pace import stretch
 from tominpmp.initial_guess.path import RoundedPath
@@ -57,6 +61,7 @@ class Guess:
         q: Configurations, shape (m, n) [rad or m].
         timed: Whether the duration is the least for this path.
         delay: How long the arm stays at the start before [s], within the duration.
+        keeps: Whether it keeps the constraints on positions, as far as that was tried.
     """
 
     name: str
@@ -64,6 +69,7 @@ class Guess:
     q: Array
     timed: bool
     delay: float = 0.0
+    keeps: bool = True
 
     @property
     def duration(self) -> float:
@@ -107,13 +113,11 @@ def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
 
     Where the line keeps the constraints on positions, the fastest of both.
     """
-    line = straight_guess(system, q_end)
+    keeps = keeps_positions(system, q_end)
     paths = keeping_paths(system, q_end)
     found = [along_guess(system, path, KEEPING) for path in paths]
-    if not found:
-        return line
-    if keeps_positions(system, q_end):
-        found.insert(0, line)
+    if keeps or not found:
+        found.insert(0, replace(straight_guess(system, q_end), keeps=keeps))
     return min(found, key=_pace)
 
 
@@ -220,6 +224,8 @@ def initial_guesses(
     rng: np.random.Generator,
     duration: float | None = None,
     deadline: float | None = None,
+    *,
+    beyond: Sequence[PathConstraint] = (),
 ) -> Iterator[Guess]:
     """Initial guesses for a problem, the most promising first.
 
@@ -235,11 +241,12 @@ def initial_guesses(
         duration: Duration of the guess at rest [s]; None for that of the fastest
             straight line.
         deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
+        beyond: Constraints on positions that hold once the goal is reached.
 
     Yields:
         At most ``count`` guesses; none if inverse kinematics did not reach the goal.
     """
-    guesses = _guesses(system, rng, duration, deadline)
+    guesses = _guesses(system, rng, duration, deadline, beyond)
     yield from itertools.islice(guesses, count)
 
 
@@ -248,20 +255,25 @@ def _guesses(
     rng: np.random.Generator,
     duration: float | None,
     deadline: float | None,
+    beyond: Sequence[PathConstraint],
 ) -> Iterator[Guess]:
     problem = system.problem
     final = problem.goal.configuration
     if final is None:
-        ends, _ = goal_configurations(system, problem.goal, KINEMATIC_STARTS, rng)
+        ends, _ = goal_configurations(
+            system, problem.goal, KINEMATIC_STARTS, rng, beyond=beyond
+        )
     else:
         ends = [final]
     if not ends:
         return
     ends = ends[:STRAIGHT_LINES]
     straight = [line_guess(system, q) for q in ends]
-    order = np.argsort([(g.duration, np.inf)[not g.timed] for g in straight])
-    straight = [straight[i] for i in order]
-    ends = [ends[i] for i in order]
+    both = sorted(
+        zip(straight, ends, strict=True),
+        key=lambda one: (not one[0].keeps, _pace(one[0])),
+    )
+    straight, ends = [one[0] for one in both], [one[1] for one in both]
     rest = resting_guess(system, duration or straight[0].duration)
     if system.alone:
         # The paper's kind of start, which satisfies nothing: the linear programs choose

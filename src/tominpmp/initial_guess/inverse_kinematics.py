@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.goals import Goal
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
@@ -47,16 +49,22 @@ class AtGoal:
         system: Kinematics and limits.
         goal: The goal.
         alone: Whether nothing but the goal is asked for.
+        beyond: Constraints on positions that hold from there on.
     """
 
     def __init__(
-        self, system: ProblemFunctions, goal: Goal, *, alone: bool = False
+        self,
+        system: ProblemFunctions,
+        goal: Goal,
+        *,
+        alone: bool = False,
+        beyond: Sequence[PathConstraint] = (),
     ) -> None:
         self.system, self.goal = system, goal
         rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
         self.constraints = tuple(
             item
-            for item in system.problem.ready_constraints
+            for item in (*system.problem.ready_constraints, *beyond)
             if not alone
             and (item.order == 0 or rests)
             and (item.window is None or np.isinf(item.window.end))
@@ -77,7 +85,12 @@ class AtGoal:
 
 
 def solve_inverse_kinematics(
-    system: ProblemFunctions, goal: Goal, q: Array, *, alone: bool = False
+    system: ProblemFunctions,
+    goal: Goal,
+    q: Array,
+    *,
+    alone: bool = False,
+    beyond: Sequence[PathConstraint] = (),
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
 
@@ -90,6 +103,7 @@ def solve_inverse_kinematics(
         goal: The goal.
         q: Where to begin, shape (n,) [rad or m].
         alone: Whether nothing but the goal is asked for.
+        beyond: Constraints on positions that hold from there on.
 
     Returns:
         Configuration, shape (n,), and the norm of the residual left there.
@@ -97,7 +111,7 @@ def solve_inverse_kinematics(
     limits = system.problem.robot.limits
     low, high = limits.position_lower, limits.position_upper
     q = np.clip(q, low, high)
-    asked = AtGoal(system, goal, alone=alone)
+    asked = AtGoal(system, goal, alone=alone, beyond=beyond)
     value, jacobian = asked.residual(q)
     damping = 1e-2
     error = mark = float(value @ value)
@@ -139,6 +153,7 @@ def find_configurations(
     rng: np.random.Generator,
     *,
     alone: bool = False,
+    beyond: Sequence[PathConstraint] = (),
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from many starts.
 
@@ -156,7 +171,9 @@ def find_configurations(
     least = np.inf
     starts = [problem.q_start, *(rng.uniform(low, high) for _ in range(count))]
     for start in starts:
-        q, error = solve_inverse_kinematics(system, goal, start, alone=alone)
+        q, error = solve_inverse_kinematics(
+            system, goal, start, alone=alone, beyond=beyond
+        )
         least = min(least, error)
         if error < REACHED and not _near(q, found, DISTINCT):
             found.append(q)
@@ -171,14 +188,19 @@ def find_configurations(
 
 
 def goal_configurations(
-    system: ProblemFunctions, goal: Goal, count: int, rng: np.random.Generator
+    system: ProblemFunctions,
+    goal: Goal,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    beyond: Sequence[PathConstraint] = (),
 ) -> tuple[list[Array], float]:
     """As :func:`find_configurations`, those in collision only if there are no others.
 
     Returns:
         Configurations, and the smallest residual seen if there are none (else 0).
     """
-    free, blocked, least = find_configurations(system, goal, count, rng)
+    free, blocked, least = find_configurations(system, goal, count, rng, beyond=beyond)
     return free or blocked, least
 
 

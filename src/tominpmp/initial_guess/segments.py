@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.constrained import held_positions
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
 from tominpmp.problem import Problem
@@ -86,10 +88,15 @@ def _guess(
     """One guess; None if a goal cannot be reached."""
     found: list[Guess] = []
     q = system.problem.q_start
-    for part in system.parts:
+    for place, part in enumerate(system.parts):
         alone = _from(part, q)
-        make = guesses_among_moving if part.problem.scene.moving else initial_guesses
-        guesses = make(alone, number + 2, rng, duration, deadline)
+        if part.problem.scene.moving:
+            guesses = guesses_among_moving(alone, number + 2, rng, duration, deadline)
+        else:
+            ahead = following(system, place)
+            guesses = initial_guesses(
+                alone, number + 2, rng, duration, deadline, beyond=ahead
+            )
         # One that rests at its start does not lead on to the next segment.
         moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
         made = [*itertools.islice(moving, number + 1)]
@@ -110,6 +117,18 @@ def _guess(
         all(guess.timed for guess in found),
         ends=np.cumsum([guess.duration for guess in found]),
     )
+
+
+def following(system: ProblemFunctions, place: int) -> list[PathConstraint]:
+    """Constraints on positions that hold from the end of a segment on.
+
+    Args:
+        system: The functions of the problem.
+        place: Number of the segment, from 0.
+    """
+    if place + 1 >= len(system.parts):
+        return []
+    return held_positions(system.parts[place + 1].problem)
 
 
 def solved_guess(
@@ -136,8 +155,8 @@ def unreached(
     """
     q = system.problem.q_start
     for number, part in enumerate(system.parts):
-        alone = _from(part, q)
-        guess = next(initial_guesses(alone, 1, rng), None)
+        alone, ahead = _from(part, q), following(system, number)
+        guess = next(initial_guesses(alone, 1, rng, beyond=ahead), None)
         if guess is None:
             return number, alone
         q = guess.q[-1]

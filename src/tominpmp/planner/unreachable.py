@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tominpmp.arrays import Array
@@ -13,19 +15,20 @@ from tominpmp.initial_guess.inverse_kinematics import (
     find_configurations,
     goal_configurations,
 )
-from tominpmp.initial_guess.segments import unreached
+from tominpmp.initial_guess.segments import following, unreached
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:
     """Error for a goal that no configuration was found to reach."""
-    where = ""
+    where, beyond = "", list[PathConstraint]()
     if system.parts:
         number, reached = unreached(system, rng)
+        beyond = following(system, number)
         where = f"segment {number + 1} of {len(system.parts)}: "
         system = reached
     goal = system.problem.goal
-    held = _against_constraints(system, rng)
+    held = _against_constraints(system, rng, beyond)
     if held:
         return ProblemError(f"{where}goal: {held}", "goal")
     _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
@@ -41,12 +44,17 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
     )
 
 
-def _against_constraints(system: ProblemFunctions, rng: np.random.Generator) -> str:
+def _against_constraints(
+    system: ProblemFunctions,
+    rng: np.random.Generator,
+    beyond: Sequence[PathConstraint],
+) -> str:
     """What keeps configurations that reach a goal from being allowed; may be nothing.
 
     Told of the one that breaks the constraints least.
     """
-    goal, items = system.problem.goal, AtGoal(system, system.problem.goal).constraints
+    goal = system.problem.goal
+    items = AtGoal(system, goal, beyond=beyond).constraints
     if not items:
         return ""
     found = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, alone=True)
