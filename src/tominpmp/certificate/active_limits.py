@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +22,7 @@ from tominpmp.certificate.perturbations import (
 )
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import InverseJacobians
-from tominpmp.trajectory import Trajectory
+from tominpmp.trajectory import State, Trajectory
 
 # Instants of an interval at which its mean torque is taken, where nodes were joined.
 SAMPLES = 8
@@ -100,6 +103,10 @@ class Motion:
         u: Torques there, shape (N, 2, n).
         parts: Derivatives of the torques there, 2 N rows.
         load: Mean torque of each interval as a share of its limits, shape (N, n).
+        within: First interval of what the task holds on, and the one after its last;
+            None for all.
+        sections: The same motion on each of its segments, with the task there; empty
+            where there is one.
     """
 
     task: Task
@@ -109,6 +116,8 @@ class Motion:
     u: Array
     parts: InverseJacobians
     load: Array
+    within: tuple[int, int] | None = None
+    sections: tuple[Motion, ...] = ()
 
     @classmethod
     def of(cls, task: Task, trajectory: Trajectory) -> Motion:
@@ -122,7 +131,9 @@ class Motion:
             x = np.concatenate([ends.q, ends.v], axis=1)
             dry = friction_along(task.problem.robot, trajectory, times.ravel())
             a = task.dynamics.forward(x, ends.u - dry)[:, n:]
-        parts = task.dynamics.inverse_jacobians(ends.q, ends.v, a)
+        tasks = [Task.of(phase) for phase in task.problem.phases]
+        spans = _spans(t, trajectory)
+        parts = _jacobians(tasks, spans, ends, a)
         a, u = a.reshape(-1, 2, n), ends.u.reshape(-1, 2, n)
         mean = u.mean(axis=1)
         if joined:
@@ -132,13 +143,53 @@ class Motion:
         nodes = trajectory(t)
         shape = _shape(task, trajectory, a, joined)
         changes = Perturbations(t, nodes.q, nodes.v, shape)
-        load = (mean - task.effort_middle) / task.effort_half
-        return cls(task, trajectory, changes, a, u, parts, load)
+        whole = cls(task, trajectory, changes, a, u, parts, task.share_of_effort(mean))
+        if trajectory.segment_ends is None:
+            return whole
+        sections = [
+            replace(whole, task=one, load=one.share_of_effort(mean), within=span)
+            for one, span in zip(tasks, spans, strict=True)
+        ]
+        load = np.vstack([one.load[slice(*one.span)] for one in sections])
+        return replace(whole, load=load, sections=tuple(sections))
+
+    @property
+    def segments(self) -> tuple[Motion, ...]:
+        """The motion on each of its segments; itself where there is one."""
+        return self.sections or (self,)
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """First interval of what the task holds on, and the one after its last."""
+        return self.within or (0, self.changes.N)
+
+    def own(self, every: Iterable[LimitRows]) -> list[LimitRows]:
+        """Those of some rows that are within."""
+        first, end = self.span
+        found = []
+        for rows in every:
+            mine = (rows.interval >= first) & (rows.interval < end)
+            found.append(rows if mine.all() else rows.kept(np.flatnonzero(mine)))
+        return [rows for rows in found if rows.lower.size]
+
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """Names of the pairs of bodies, of one segment after the other."""
+        every = (one.task.problem.checker.pairs for one in self.segments)
+        return [pair for pairs in every for pair in pairs]
+
+    @property
+    def constraints(self) -> list[Any]:
+        """Constraints on the way, of one segment after the other."""
+        every = (one.task.problem.constraints for one in self.segments)
+        return [item for items in every for item in items]
 
     @property
     def loads(self) -> Array:
         """Torques at both ends as shares of their limits, shape (N, 2, n)."""
-        return (self.u - self.task.effort_middle) / self.task.effort_half
+        if self.sections:
+            return np.vstack([one.loads[slice(*one.span)] for one in self.sections])
+        return self.task.share_of_effort(self.u)
 
     @property
     def driven(self) -> IntArray:
@@ -217,7 +268,7 @@ class Motion:
                 float(end),
             )
             chosen = every[:, driven]
-            if end == 1 and self.changes.shape == "ramps":
+            if end == 1 and self.changes.shape == "ramps" and self.within is None:
                 chosen = chosen[-1:]  # the others begin the next interval
             out.append(rows.kept(chosen.ravel()))
         return out
@@ -298,6 +349,29 @@ class Motion:
                         )
                     )
         return out
+
+
+def _spans(t: Array, trajectory: Trajectory) -> list[tuple[int, int]]:
+    """First interval of each segment on a grid, and the one after its last."""
+    if trajectory.segment_ends is None:
+        return [(0, t.size - 1)]
+    places = np.searchsorted(t, trajectory.segment_ends).tolist()
+    return list(itertools.pairwise([0, *places]))
+
+
+def _jacobians(
+    tasks: Sequence[Task], spans: Sequence[tuple[int, int]], ends: State, a: Array
+) -> InverseJacobians:
+    """Derivatives of the torques at both ends of all intervals, 2 N rows."""
+    found = []
+    for task, (first, end) in zip(tasks, spans, strict=True):
+        rows = slice(2 * first, 2 * end)
+        found.append(
+            task.dynamics.inverse_jacobians(ends.q[rows], ends.v[rows], a[rows])
+        )
+    if len(found) == 1:
+        return found[0]
+    return InverseJacobians(*(np.vstack(parts) for parts in zip(*found, strict=True)))
 
 
 def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:

@@ -101,6 +101,8 @@ class _Approaches:
         """The nearest instants of all pairs, and those at which they stay near."""
         changes = self.motion.changes
         at = Instants.spread(changes.N, np.arange(1, SAMPLES + 1) / SAMPLES)
+        first, end = self.motion.span
+        at = at.kept((at.interval >= first) & (at.interval < end))
         times = at.times(changes)
         row, pair, missing = self.room.near(self._q(times), ATTENTION, times)
         if not row.size:
@@ -159,8 +161,9 @@ class _Approaches:
         rows, columns = np.nonzero(flags)
         if not rows.size:
             return []
-        pair, T = seen[columns], float(self.motion.changes.t[-1])
-        padded = np.concatenate([[0.0], times, [T]])
+        pair, (first, end) = seen[columns], self.motion.span
+        outside = self.motion.changes.t[[first, end]]
+        padded = np.concatenate([outside[:1], times, outside[1:]])
         ends = [padded[rows], padded[rows + 2]]
         slopes = [self._slopes(time, pair) for time in ends]
         speeds = [self._speed(ends[i], *slopes[i]) for i in (0, 1)]

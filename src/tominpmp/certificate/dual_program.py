@@ -11,7 +11,7 @@ have no room.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -134,14 +134,7 @@ class _Program:
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
         inertia = mass + drag * self.T / self.N
         self.acceleration_scale = system.effort_half / np.maximum(inertia, 1e-12)
-        efforts = [
-            rows.kept(np.flatnonzero(np.minimum(-rows.lower, rows.upper) < far))
-            if rows.kind == "effort" and np.isfinite(far)
-            else rows
-            for rows in motion.efforts()
-        ]
-        others = [*motion.declared(), *clearances(motion), *constraints(motion)]
-        self.limits = [*efforts, *others, *bulges(motion)]
+        self.limits = _limits_of(motion, far)
         self.goal = self._goal()
 
     # -- columns -----------------------------------------------------------------------
@@ -169,20 +162,22 @@ class _Program:
                 np.repeat(np.minimum(np.arange(controls), N - 1), n),
             ),
             np.tile(np.arange(n), 2 * N + controls),
-            np.append(
-                np.tile(units, N), np.tile(self.acceleration_scale / most, controls)
-            ),
+            np.append(np.tile(units, N), (self.acceleration_scale / most).ravel()),
         )
 
     def _acceleration_bounds(self) -> tuple[Array, Array, Array]:
-        """Room below and above, shape (controls, n), and the limits, shape (n,)."""
-        motion, limits = self.motion, self.motion.task.problem.motion_limits
-        most = np.full(self.n, np.inf)
-        continuous = False
-        if limits is not None:
-            names = motion.task.problem.robot.joint_names
-            most = limits.by_joint("acceleration", names)
-            continuous = limits.continuous
+        """Room below and above, and the limits, shape (controls, n) each."""
+        motion, controls = self.motion, self.motion.changes.controls
+        most = np.full((controls, self.n), np.inf)
+        for part in motion.segments:
+            limits, (first, end) = part.task.problem.motion_limits, part.span
+            if limits is None:
+                continue
+            names = part.task.problem.robot.joint_names
+            rows = slice(first, end + (controls > self.N))
+            most[rows] = np.minimum(most[rows], limits.by_joint("acceleration", names))
+        limits = motion.task.problem.motion_limits
+        continuous = limits is not None and limits.continuous
         least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
         if motion.changes.shape == "ramps":
             least = largest = np.concatenate([motion.a[:, 0], motion.a[-1:, 1]])
@@ -196,9 +191,16 @@ class _Program:
     # -- rows --------------------------------------------------------------------------
 
     def _goal(self) -> tuple[sp.csr_matrix, Array, Array]:
-        """Rows of the goal with their bounds."""
-        system, changes = self.motion.task, self.motion.changes
-        q, v = changes.q[-1], changes.v[-1]
+        """Rows of the goals of all segments with their bounds."""
+        found = [self._goal_of(part) for part in self.motion.segments]
+        rows, low, high = zip(*found, strict=True)
+        matrix = sp.vstack(rows, format="csr")
+        return matrix, np.concatenate(low), np.concatenate(high)
+
+    def _goal_of(self, part: Motion) -> tuple[sp.csr_matrix, Array, Array]:
+        """Rows of the goal at the end of a segment."""
+        system, changes, node = part.task, part.changes, part.span[1]
+        q, v = changes.q[node], changes.v[node]
         goal = system.problem.goal.nearest(system.kinematics, q, v)
         value, by_q, by_v = goal.residual(system.kinematics, q, v)
         lower, upper = goal.bounds(system.kinematics)
@@ -206,8 +208,9 @@ class _Program:
         low = np.where(loose, np.minimum(lower - value, 0.0), 0.0)
         high = np.where(loose, np.maximum(upper - value, 0.0), 0.0)
         by_x = sp.csr_matrix(np.hstack([by_q, by_v]))
-        before = sp.csr_matrix((value.size, 2 * (self.N - 1) * self.n))
-        after = sp.csr_matrix((value.size, changes.controls * self.n))
+        before = sp.csr_matrix((value.size, 2 * (node - 1) * self.n))
+        left = 2 * (self.N - node) + changes.controls
+        after = sp.csr_matrix((value.size, left * self.n))
         return sp.hstack([before, by_x, after], format="csr"), low, high
 
     def _all_rows(self, gaps: Linearised) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -242,12 +245,16 @@ class _Program:
         """Solve the program; None if no solver can."""
         changes, (_, low, high) = self.motion.changes, self.goal
         matrix, lengths = self._all_rows(changes.gaps())
-        stretch = sp.csr_matrix((lengths @ changes.h)[:, None])
+        # Each segment can take longer by itself.
+        spans = [slice(*part.span) for part in self.motion.segments]
+        each = [lengths[:, span] @ changes.h[span] for span in spans]
+        stretch = sp.csr_matrix(np.stack(each, axis=1))
         rows = sp.hstack([matrix, self.T * lengths, stretch], format="csc")
-        cost = np.zeros(rows.shape[1])
         # Lengths are in shares of the duration, as the objective.
-        cost[changes.size :] = 1.0
-        shift = np.append(SHIFT * changes.h / self.T, LENGTH_RADIUS)
+        shares = [float(changes.h[span].sum()) / self.T for span in spans]
+        cost = np.concatenate([np.zeros(changes.size), np.ones(self.N), shares])
+        radius = np.full(len(spans), LENGTH_RADIUS)
+        shift = np.append(SHIFT * changes.h / self.T, radius)
         equations = np.zeros(2 * self.N * self.n)
         program = LinearProgram(
             cost,
@@ -323,7 +330,7 @@ class _Program:
                 rows.unit,
             )
         _, low, high = self.goal
-        last = np.full(low.size, self.N - 1)
+        last = self._goal_intervals
         found.add(
             GOAL, last, np.arange(low.size), duals[duals.size - low.size :], low, high
         )
@@ -341,9 +348,16 @@ class _Program:
             add(kind, (bounds.kind == code) & ~far & (bounds.unit > 0.0), bounds.unit)
         add(TRUST, far, np.ones(size))
         no_subject = np.full(shift.size, -1)
-        interval = np.append(np.arange(self.N), 0)
+        firsts = [part.span[0] for part in self.motion.segments]
+        interval = np.append(np.arange(self.N), firsts)
         found.add(TRUST, interval, no_subject, -slopes[size:], -shift, shift)
         return found.multipliers()
+
+    @cached_property
+    def _goal_intervals(self) -> IntArray:
+        """The interval at whose end each row of a goal stands."""
+        columns = self.goal[0].indices[self.goal[0].indptr[:-1]]
+        return np.asarray(columns // (2 * self.n), dtype=np.int64)
 
     def _arriving(self, duals: Array) -> Array:
         """Share of the torques before a node in the multipliers there, shape (N, 2 n).
@@ -386,6 +400,35 @@ class _Program:
         width = np.append(h, 0.0) + np.append(0.0, h)
         density = at_nodes / width[:, None]
         return np.asarray(-self.T * (density[1:] + density[:-1] + inside / h[:, None]))
+
+
+def _limits_of(motion: Motion, far: float) -> list[LimitRows]:
+    """Rows of all limits, of one segment after the other.
+
+    Args:
+        motion: The motion.
+        far: Torques with more room than this to both limits are left out.
+    """
+    found: list[LimitRows] = []
+    pairs = asked = 0
+    for part in motion.segments:
+        for rows in part.own(part.efforts()):
+            near = np.minimum(-rows.lower, rows.upper) < far
+            whole = rows.kind != "effort" or not np.isfinite(far)
+            found.append(rows if whole else rows.kept(np.flatnonzero(near)))
+        found += part.own([*part.declared(), *bulges(part)])
+        # Those of all segments are counted through.
+        found += [
+            replace(rows, subject=rows.subject + pairs)
+            for rows in part.own(clearances(part))
+        ]
+        found += [
+            replace(rows, subject=rows.subject + asked)
+            for rows in part.own(constraints(part))
+        ]
+        pairs += len(part.task.problem.checker.pairs)
+        asked += len(part.task.problem.constraints)
+    return found
 
 
 def _solve(program: LinearProgram) -> LpSolution | None:

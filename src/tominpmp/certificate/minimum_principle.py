@@ -36,12 +36,15 @@ from tominpmp.certificate.optimality_report import (
     failed_conditions,
     name_of,
 )
+from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
-from tominpmp.exceptions import ProblemError, expect
+from tominpmp.exceptions import expect
+from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
 from tominpmp.samples import Samples
 from tominpmp.trajectory import Trajectory
+from tominpmp.verification.stages import with_segments
 from tominpmp.verification.verification import Verification
 
 # What small changes may promise, as a share of the duration.
@@ -77,22 +80,20 @@ def certify(
         The certificate.
 
     Raises:
-        ProblemError: If the motion is one of other joints, or has no numbers, or the
-            problem has several segments.
+        ProblemError: If the motion is one of other joints, or has no numbers, or stays
+            where obstacles move.
     """
     begin = time.perf_counter()
     expect(problem, Problem, "problem", "a Problem")
-    if problem.segments:
-        raise ProblemError(
-            f"problem has {len(problem.segments)} segments, expected one: motions of "
-            "several have no certificate yet",
-            "segments",
-        )
     if verification is not None:
         expect(verification, Verification, "verification", "a Verification or None")
     expect(tolerance, (int, float, np.number), "tolerance", "a share of the duration")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    trajectory = with_segments(problem, trajectory, Tolerances())
+    if problem.segments:
+        problem = problem.alternative_of(trajectory)
+        trajectory = without_stays(problem, trajectory)
     out = examine(problem, trajectory, verification, tolerance).certificate
     return replace(out, seconds=time.perf_counter() - begin)
 
@@ -194,9 +195,13 @@ class _Reading:
         busy = saturated[:, driven].any(axis=1)
         active = tuple(self._active())
         replay = None if self.verification is None else self.verification.replay
-        costates = integrate_costates(motion, found, replay)
-        error = disagreement(found, costates)
-        costates[1:] = found.costates
+        error: float | None = None
+        if motion.sections:
+            costates = np.vstack([found.costates[:1], found.costates])
+        else:
+            costates = integrate_costates(motion, found, replay)
+            error = disagreement(found, costates)
+            costates[1:] = found.costates
         limits = motion.task.problem.motion_limits
         out = Certificate(
             joint_names=self.names,

@@ -26,20 +26,19 @@ LEAST_SHARE = 1e-5
 
 def name_of(motion: Motion, kind: str, subject: int) -> str:
     """Name of the joint, or of the pair, that a limit belongs to."""
-    problem = motion.task.problem
     if kind == "clearance":
-        one, other = problem.checker.pairs[subject]
+        one, other = motion.pairs[subject]
         return f"{one} and {other}"
-    for item in problem.constraints:
+    for item in motion.constraints:
         if item.name == kind:
-            return item.subject
-    return problem.robot.joint_names[subject]
+            return str(item.subject)
+    return motion.task.problem.robot.joint_names[subject]
 
 
 def autonomous(motion: Motion) -> bool:
     """Whether nothing but the state decides what is allowed, so that H is constant."""
-    room = motion.task.room
-    return room is None or not room.moving
+    rooms = (one.task.room for one in motion.segments)
+    return not any(room is not None and room.moving for room in rooms)
 
 
 def conditions_kept(motion: Motion, out: Certificate) -> str:
@@ -188,7 +187,7 @@ class _Failures:
             )
         if kind == GOAL:
             return f"Most of it, {share}, is in where the motion ends."
-        constraints = self.motion.task.problem.constraints
+        constraints = self.motion.constraints
         if kind in {item.name for item in constraints}:
             return (
                 f"Most of it, {share}: the {kind} stays off the limit that its "

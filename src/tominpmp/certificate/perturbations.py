@@ -49,6 +49,8 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
     joined = t.size - 1 > MOST
     if joined:
         jumps = _jumps(trajectory)
+        if trajectory.segment_ends is not None:
+            jumps |= np.isin(t, trajectory.segment_ends)
         kept = [0]
         for k in range(1, t.size - 1):
             if jumps[k] or t[k + 1] - t[kept[-1]] > SHORTEST * T:

@@ -31,6 +31,9 @@ def constraints(motion: Motion) -> list[LimitRows]:
 def _constraint(motion: Motion, index: int) -> LimitRows | None:
     item, changes = motion.task.problem.ready_constraints[index], motion.changes
     at, regular = _looked_at(changes, item.order)
+    first, end = motion.span
+    inside = (at.interval >= first) & (at.interval < end)
+    at, regular = at.kept(inside), regular[inside]
     state = motion.trajectory(at.times(changes))
     values = item.value_rows(state.q, state.v, state.a)
     lower, upper = item.bounds(len(values))

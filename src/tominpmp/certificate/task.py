@@ -131,6 +131,10 @@ class Task:
             half = self.problem.motion_limits.effort_scale * half
         return np.where(half > 0.0, half, 1.0)
 
+    def share_of_effort(self, torque: Array) -> Array:
+        """Torques, shape (..., n) [N m or N], as shares of their limits."""
+        return np.asarray((torque - self.effort_middle) / self.effort_half)
+
     @cached_property
     def step_scale(self) -> Array:
         """Joint displacement that counts as 1 rad, shape (n,): 1, or the reach [m]."""

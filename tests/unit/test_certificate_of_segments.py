@@ -1,0 +1,85 @@
+"""The certificate of motions of several segments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, rod, slide
+
+OPTIONS = {"intervals": 40, "control": "constant"}
+
+
+def on_rail(*segments, **changes):
+    return tm.Problem(
+        make_arm(slide(2.0), effort=10.0), [0.0], segments=segments, **changes
+    )
+
+
+def at(x, **changes):
+    return tm.Segment(tm.JointGoal([x]), **changes)
+
+
+PROBLEMS = {
+    "passed": on_rail(at(0.3), at(1.0)),
+    "stay": on_rail(at(0.3, dwell=0.2), at(1.0)),
+    "there and back": on_rail(at(1.0), at(0.4)),
+    "load": on_rail(at(0.5), at(1.5, payload=tm.Payload(3.0, "tip"))),
+    "slow": on_rail(at(0.5), at(1.0, constraints=(tm.ToolSpeed("tip", 0.5),))),
+}
+
+
+@pytest.fixture(scope="module")
+def solutions():
+    return {name: tm.plan(problem, **OPTIONS) for name, problem in PROBLEMS.items()}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_optimal_motions_are_certified(solutions, name):
+    found = solutions[name].certificate
+    assert found.ok, found.message
+    assert found.stationarity < 0.01
+    stays = sum(segment.dwell for segment in PROBLEMS[name].segments)
+    assert found.t[-1] == pytest.approx(solutions[name].T - stays, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["passed", "load"])
+def test_a_motion_that_stops_for_nothing_is_not(solutions, name):
+    problem = PROBLEMS[name]
+    stopping = [replace(segment, stop=True) for segment in problem.segments]
+    slower = tm.plan(on_rail(*stopping), **OPTIONS)
+    assert slower.success and slower.T > 1.1 * solutions[name].T
+    found = tm.certify(problem, slower.trajectory)
+    assert not found.ok
+    assert found.stationarity > 0.02
+    assert tm.certify(on_rail(*stopping), slower.trajectory).ok
+
+
+def test_what_holds_a_segment_is_named(solutions):
+    active = {item.kind for item in solutions["slow"].certificate.active}
+    assert "speed of frame tip" in active and "effort" in active
+
+
+def test_two_links_that_pick_up_a_load():
+    robot = make_arm(
+        rod(1.0, 0.5), rod(1.0, 0.5), effort=(8.0, 4.0), gravity=(0.0, 0.0, 0.0)
+    )
+    segments = [
+        tm.Segment(tm.PositionGoal("tip", (0.6, -0.5, 0.0))),
+        tm.Segment(tm.JointGoal([-1.57, 0.0]), payload=tm.Payload(0.5, "tip")),
+    ]
+    problem = tm.Problem(robot, [-0.4, 0.3], segments=segments)
+    solution = tm.plan(problem, intervals=40)
+    assert solution.success, solution.message
+    found = solution.certificate
+    assert found.ok, found.message
+    assert np.all(np.isfinite(found.costates))
+    path = solution.trajectory
+    a = None if path.a is None else path.a / 1.05**2
+    ends, t, v = 1.05 * path.segment_ends, 1.05 * path.t, path.v / 1.05
+    slower = replace(path, t=t, v=v, a=a, segment_ends=ends)
+    again = slower.with_torques(path.inverse_dynamics, path.segment_dynamics)
+    assert not tm.certify(problem, again).ok
