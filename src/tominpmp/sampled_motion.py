@@ -126,6 +126,10 @@ def join(
     chosen = samples.interpolation if interpolation is None else interpolation
     check_interpolation(chosen)
     rows = _rows(samples, robot, path)
+    if samples.segment_ends is not None:
+        # With what is carried on each segment, torques are not those of the robot; they
+        # follow from the movement once that is known.
+        rows = rows._replace(u=np.full_like(rows.q, np.nan))
     joined = _joined(rows, robot, path, start, start_velocity, chosen)
     if samples.segment_ends is None:
         return joined

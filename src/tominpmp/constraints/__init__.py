@@ -5,7 +5,7 @@ from __future__ import annotations
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
-from tominpmp.constraints.final import GoalReached
+from tominpmp.constraints.final import GoalReached, Standstill
 from tominpmp.constraints.firm_grasp import FirmGrasp
 from tominpmp.constraints.joint_limits import (
     AccelerationLimit,
@@ -47,6 +47,7 @@ __all__ = [
     "PathConstraint",
     "PositionLimit",
     "StableContact",
+    "Standstill",
     "States",
     "ToolAcceleration",
     "ToolArc",

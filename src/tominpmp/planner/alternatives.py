@@ -8,6 +8,8 @@ import numpy as np
 
 from tominpmp.bounds import lower_bound
 from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.former_segments import former_segments
+from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
@@ -17,7 +19,8 @@ from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-Attempts = Callable[[ProblemFunctions, "WarmStart | None"], Iterator[Attempt | None]]
+Start = WarmStart | SegmentedGuess
+Attempts = Callable[[ProblemFunctions, Start | None], Iterator[Attempt | None]]
 
 
 def attempts_of_alternatives(
@@ -48,17 +51,14 @@ def attempts_of_alternatives(
     parts = problem.alternatives
     if len(parts) == 1:
         system = ProblemFunctions.of(parts[0])
-        start = None if former is None else warm_start(system, former)
+        start = None if former is None else _start(system, former)
         yield from (attempt for attempt in make(system, start) if attempt is not None)
         return
     bounds = [lower_bound(part, quick=True).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
     entered = None
     if former is not None:
-        # Its columns may be in any order, and its velocities be missing.
-        motion = warm_start(ProblemFunctions.of(parts[0]), former).trajectory
-        nearest = problem.alternative_at(motion.q[-1], motion.v[-1])
-        entered = [part.goal is nearest.goal for part in parts].index(True)
+        entered = _entered(problem, former)
         order = [entered, *(i for i in order if i != entered)]
     runs: dict[int, Iterator[Attempt | None]] = {}
     wrong: list[str] = []
@@ -72,7 +72,7 @@ def attempts_of_alternatives(
                 system = ProblemFunctions.of(parts[i])
                 start = None
                 if former is not None and i == entered:
-                    start = warm_start(system, former)
+                    start = _start(system, former)
                 runs[i] = make(system, start)
             try:
                 attempt = next(runs[i])
@@ -91,3 +91,27 @@ def attempts_of_alternatives(
         order = again
     if len(wrong) == len(parts):
         raise ProblemError("; ".join(wrong), "goal")
+
+
+def _start(system: ProblemFunctions, former: Trajectory | Samples) -> Start:
+    """A former motion as the first guess for a problem."""
+    if system.parts:
+        return former_segments(system.problem, former)[0]
+    return warm_start(system, former)
+
+
+def _entered(problem: Problem, former: Trajectory | Samples) -> int:
+    """The alternative of a problem that a former motion is nearest to."""
+    parts = problem.alternatives
+    if problem.segments:
+        nearest = problem.alternative_of(former_segments(problem, former)[1])
+    else:
+        # Its columns may be in any order, and its velocities be missing.
+        motion = warm_start(ProblemFunctions.of(parts[0]), former).trajectory
+        nearest = problem.alternative_at(motion.q[-1], motion.v[-1])
+    goals = [[phase.goal for phase in part.phases] for part in (nearest, *parts)]
+    same = [
+        all(one is other for one, other in zip(goals[0], each, strict=True))
+        for each in goals[1:]
+    ]
+    return same.index(True)

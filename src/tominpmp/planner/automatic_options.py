@@ -66,9 +66,8 @@ def check_segments(problem: Problem, options: Options) -> None:
         return
     known = {
         "method": ("auto", "inverse"),
-        "refine": ("auto", None),
+        "refine": ("auto", "grid", None),
         "slack": (None,),
-        "control_period": (None,),
     }
     for name, allowed in known.items():
         value = getattr(options, name)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.initial_guess.constrained import speed_used
+from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -39,10 +40,18 @@ FEW_ITERATIONS = 12
 
 
 def solve_from_warm_start(
-    system: ProblemFunctions, options: Options, former: WarmStart, progress: Progress
+    system: ProblemFunctions,
+    options: Options,
+    former: WarmStart | SegmentedGuess,
+    progress: Progress,
 ) -> Attempt:
-    """Improve a former motion; it stays as it was if nothing faster is found."""
+    """Improve a former motion.
+
+    That of one segment stays as it was if nothing faster is found.
+    """
     near = replace(options, trust_region=WARM_START_RADIUS * options.trust_region)
+    if isinstance(former, SegmentedGuess):
+        return solve_and_verify(system, near, former, progress)
     if options.control == "auto" and former.continuous:
         near = replace(near, control="linear")
     if options.method in ("adjoint", "penalty"):

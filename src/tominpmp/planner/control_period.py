@@ -13,6 +13,7 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.control_period_outcome import Clocked, failed, succeeded
+from tominpmp.planner.control_period_segments import SegmentTicks, bring_segments
 from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
@@ -279,6 +281,9 @@ def _bring(
     problem: Problem, options: Options, motion: Trajectory, callback: ClockCallback
 ) -> Clocked:
     """Look for a motion on the clock near one without."""
+    if problem.segments:
+        solve = partial(_solve, callback=callback)
+        return bring_segments(problem, options, motion, solve, callback.deadline)
     period = options.control_period
     assert period is not None  # noqa: S101
     complete = ProblemFunctions.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
@@ -320,7 +325,7 @@ def _touches(verification: Verification) -> bool:
 def _solve(
     system: ProblemFunctions,
     options: Options,
-    guess: WarmStart,
+    guess: WarmStart | SegmentTicks,
     ticks: Ticks,
     callback: ClockCallback,
 ) -> tuple[NonlinearProgram, Array | None, SlpResult]:

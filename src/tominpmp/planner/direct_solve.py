@@ -157,7 +157,7 @@ def solve_from_guess(
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
         program, start = _smooth_start(system, options, guess, solve)
     solved = solve_in_rounds(program, start, options, solve, rough=False)
-    if system.parts or (smooth and options.method != "collocation"):
+    if smooth and options.method != "collocation":
         found: tuple[Program, SlpResult]
         found = solved[0], unrefined(options, solved[1])
     else:

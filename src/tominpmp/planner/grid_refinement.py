@@ -173,8 +173,12 @@ def _spline_losses(
 ) -> Array:
     spline = transcription.motion(z)
     h, a = spline.h, spline.a
-    begin = system.torque(spline.q[:-1], spline.v[:-1], a)
-    end = system.torque(spline.q[1:], spline.v[1:], a)
+    begin, end = np.empty_like(a), np.empty_like(a)
+    parts = zip(system.segments, transcription.segments, strict=True)
+    for part, (first, last) in parts:
+        here, there = slice(first, last), slice(first + 1, last + 1)
+        begin[here] = part.torque(spline.q[here], spline.v[here], a[here])
+        end[here] = part.torque(spline.q[there], spline.v[there], a[here])
     # Of a torque that runs to its limit half of the way is missing on the average.
     at_limit = np.maximum(np.abs(begin), np.abs(end)) > 0.98
     missing = np.max(np.where(at_limit, 0.5 * np.abs(end - begin), 0.0), axis=1)

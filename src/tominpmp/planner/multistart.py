@@ -25,7 +25,7 @@ from tominpmp.initial_guess.parallel import (
     run_parallel,
 )
 from tominpmp.initial_guess.path_velocity import guesses_among_moving
-from tominpmp.initial_guess.segments import segmented_guesses
+from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -115,7 +115,7 @@ class Count(NamedTuple):
 
 def make_attempts(
     system: ProblemFunctions,
-    former: WarmStart | None,
+    former: WarmStart | SegmentedGuess | None,
     options: Options,
     progress: Progress,
 ) -> Iterator[Attempt | None]:

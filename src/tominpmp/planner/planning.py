@@ -124,11 +124,6 @@ def _attempts(
 ) -> Iterator[Attempt]:
     """One attempt after the other."""
     former = None if start is None else motion_of(start)
-    if former is not None and problem.segments:
-        raise ProblemError(
-            "start: a motion of several segments does not begin with a former one",
-            "start",
-        )
     make = partial(make_attempts, options=options, progress=progress)
     attempts: list[Attempt] = []
     for attempt in attempts_of_alternatives(problem, make, progress, former):

@@ -60,7 +60,7 @@ class SegmentedCurve:
     @cached_property
     def basis(self) -> Basis:
         """The basis on the knots of the iterate [s]."""
-        return Basis.on(np.concatenate([[0.0], np.cumsum(self.h)]), self.degree)
+        return Basis.on(self.nodes, self.degree)
 
     @cached_property
     def neighbours(self) -> list[tuple[SegmentedCurve, SegmentedCurve, float]]:
@@ -79,17 +79,71 @@ class SegmentedCurve:
             out.append((less, more, 2.0 * float(step[j])))
         return out
 
+    @cached_property
+    def nodes(self) -> Array:
+        """Times of the nodes [s], shape (N + 1,)."""
+        return np.concatenate([[0.0], np.cumsum(self.h)])
+
+    def derivative(self, order: int) -> Array:
+        """Control points of a derivative, shape (M - order, n)."""
+        known = self._derivatives
+        if order not in known:
+            p, t = self.degree - order + 1, self.basis.knots
+            t = t[order - 1 : t.size - order + 1]
+            m = t.size - p - 1
+            span = t[p + 1 : p + m] - t[1:m]
+            before = np.diff(self.derivative(order - 1), axis=0)
+            known[order] = (p / span)[:, None] * before
+        return known[order]
+
+    @cached_property
+    def _derivatives(self) -> dict[int, Array]:
+        """Those that were asked for: they are, again and again."""
+        return {0: self.points}
+
     def weights(self, at: Instants, order: int) -> sp.csr_matrix:
         """Weights of the control points in a derivative at instants."""
         known = self._known.get((at, order))
         if known is None:
-            known = self.basis.at(at.times(self.h), order)
+            p = self.degree - order
+            data, first = self._functions(at, order), at.interval[:, None]
+            columns = (first + np.arange(p + 1)).ravel()
+            starts = np.arange(at.size + 1) * (p + 1)
+            shape = at.size, self.basis.count - order
+            design = sp.csr_matrix((data.ravel(), columns, starts), shape=shape)
+            known = sp.csr_matrix(design @ self.basis.derivative(order))
             self._known[at, order] = known
         return known
 
     def values(self, at: Instants, order: int) -> Array:
         """A derivative at instants, shape (m, n)."""
-        return np.asarray(self.weights(at, order) @ self.points)
+        places = at.interval[:, None] + np.arange(self.degree - order + 1)
+        points = self.derivative(order)[places]
+        return np.asarray(np.einsum("mk,mkn->mn", self._functions(at, order), points))
+
+    def _functions(self, at: Instants, order: int) -> Array:
+        """Basis functions of a derivative that are not zero at instants, (m, p + 1).
+
+        By the recursion of Cox and de Boor, for all instants at once: SciPy's matrices
+        take ten times as long, which is what iterations would take then.
+        """
+        p, t = self.degree - order, self.basis.knots
+        t = t[order : t.size - order]
+        x, span = (
+            self.nodes[at.interval] + at.share * self.h[at.interval],
+            at.interval + p,
+        )
+        left = [x - t[span + 1 - j] for j in range(p + 1)]
+        right = [t[span + j] - x for j in range(p + 1)]
+        found = [np.ones(at.size)]
+        for j in range(1, p + 1):
+            saved = np.zeros(at.size)
+            for r in range(j):
+                part = found[r] / (right[r + 1] + left[j - r])
+                found[r] = saved + right[r + 1] * part
+                saved = left[j - r] * part
+            found.append(saved)
+        return np.stack(found, axis=1)
 
     def changes(self, at: Instants, order: int) -> Array:
         """How a derivative changes with the durations, shape (number, m, n)."""
@@ -218,23 +272,27 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         if scale is None:
             scale = np.ones(self._n)
 
-        def jumps(of: SegmentedCurve) -> sp.csr_matrix:
-            jerk = of.basis.derivative(3)
-            count = jerk.shape[0]
-            step = sp.diags([-1.0, 1.0], [0, 1], shape=(count - 1, count))
-            lasting = float(np.mean(of.h))  # as accelerations, over such an interval
-            return sp.kron(lasting * (step @ jerk), sp.diags(1.0 / scale), format="csr")
+        jerk = curve.basis.derivative(3)
+        count = jerk.shape[0]
+        step = sp.diags([-1.0, 1.0], [0, 1], shape=(count - 1, count))
 
-        points = curve.points.ravel()
-        values = np.asarray(jumps(curve) @ points)
+        def jumps(of: SegmentedCurve) -> Array:
+            # As accelerations, over a mean interval.
+            found = float(np.mean(of.h)) * np.diff(of.derivative(3), axis=0)
+            return (found / scale).ravel()
+
+        values, lasting = jumps(curve), float(np.mean(curve.h))
         by_eta = np.stack(
             [
-                (jumps(more) @ points - jumps(less) @ points) / span
+                (jumps(more) - jumps(less)) / span
                 for less, more, span in curve.neighbours
             ],
             axis=1,
         )
-        full = self.by_unknowns(jumps(curve), by_eta)
+        by_points = sp.kron(
+            lasting * (step @ jerk), sp.diags(1.0 / scale), format="csr"
+        )
+        full = self.by_unknowns(by_points, by_eta)
         return Variation(full, values - np.asarray(full @ z))
 
     def trajectory(self, z: Array) -> Trajectory:
@@ -284,7 +342,9 @@ class SegmentedHull(Hull[SegmentedCurve]):
 
     def values(self, motion: SegmentedCurve) -> Array:
         """Control points of the derivative."""
-        return np.asarray(self._matrix(motion) @ motion.points.ravel())
+        limit = self._limit
+        points = motion.derivative(limit.order)[self._points]
+        return np.asarray(points[:, limit.joints] / limit.scale).ravel()
 
     def jacobian(self, motion: SegmentedCurve) -> sp.csr_matrix:
         """By the unknowns."""

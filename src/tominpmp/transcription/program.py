@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import GoalReached
+from tominpmp.constraints import GoalReached, Standstill
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import (
     Linearization,
@@ -34,6 +34,8 @@ NOT_INTEGRATED = 1e3
 # Instants attain the maximum of a constraint if they come this close to it.
 ATTAINED = 1e-4
 
+# Velocity limits over this time are a measure of accelerations [1/s].
+BRAKING = 10.0
 # Interior-point solvers leave the duration a trace above its bound: by up to this share
 # of it, it is the bound.
 TRACE = 1e-6
@@ -267,4 +269,8 @@ def _goals_on_the_way(of: Transcription[Any]) -> list[Block]:
         goal = GoalReached(part.problem.goal, part.kinematics, scale)
         suffix = f" of segment {number + 1}"
         found.append(Sampled(goal, Instants.end(end), (first, end), suffix))
+        stays = of.system.problem.segments[number].dwell > 0.0
+        if stays and not part.sudden and of.highest > 2:
+            rest = Standstill(BRAKING * part.problem.robot.limits.velocity)
+            found.append(Sampled(rest, Instants.end(end), (first, end), suffix))
     return found
