@@ -15,11 +15,12 @@ from optimum_cases import Case, friction_cases, pendulum_cases, swing_cases
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.clearances import clearances
 from tominpmp.certificate.costates import integrate_costates
 from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.minimum_principle import certify
 from tominpmp.certificate.perturbations import MOST, Perturbations, certificate_grid
 from tominpmp.certificate.state_limits import constraints

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.bulges import bulges
 from tominpmp.certificate.clearances import CLOSE, clearances
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import JointGoal

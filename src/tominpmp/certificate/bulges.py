@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.instants import Instants
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import Linearised, picked
 from tominpmp.dynamics import InverseJacobians
 from tominpmp.motion_limits import EffortCurve

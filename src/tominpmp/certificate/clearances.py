@@ -18,8 +18,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.instants import Instants, local_maxima
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import Linearised, picked
 from tominpmp.certificate.task import Room
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.dual_program import PLACES, DualSolution
+from tominpmp.certificate.dual_program import PLACES
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.friction import overcoming
 from tominpmp.verification.replay import Replay
 

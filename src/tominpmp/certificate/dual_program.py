@@ -11,7 +11,6 @@ have no room.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,12 +18,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.active_limits import LimitRows, Motion
-from tominpmp.certificate.bulges import bulges
-from tominpmp.certificate.clearances import clearances
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.all_limits import limits_of
+from tominpmp.certificate.dual_solution import DualSolution
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.certificate.perturbations import Linearised
-from tominpmp.certificate.state_limits import constraints
 from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
@@ -45,36 +44,6 @@ SMALL = 400
 FAR = RADIUS * (1.0 - 1e-9)
 # Places of an interval at which costates may fall; even, so that one is the middle.
 PLACES = 4
-
-
-@dataclass(frozen=True, eq=False)
-class DualSolution:
-    """Costates and multipliers that the linear program gives for a motion.
-
-    Attributes:
-        costates: Derivatives of the duration by the states just before the nodes 1 to
-            N, shape (N, 2 n).
-        jumps: By how much costates fall at these nodes, where a limit on the state
-            holds, shape (N, 2 n).
-        pushes: By how much they fall inside the intervals, at the places nearest to
-            where a limit on the state holds: k / PLACES of an interval, shape
-            (N, PLACES, 2 n).
-        switching: Derivative of the Hamiltonian by the torques, mean over each
-            interval, in shares of the torque limits, shape (N, n).
-        hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
-        multipliers: Of the limits.
-        promise: Reduction of the duration to first order, as a share of it.
-        state_scale: Changes of the state that the trust region allows, shape (2 n,).
-    """
-
-    costates: Array
-    jumps: Array
-    pushes: Array
-    switching: Array
-    hamiltonian: Array
-    multipliers: Multipliers
-    promise: float
-    state_scale: Array
 
 
 class _Bounds(NamedTuple):
@@ -134,7 +103,7 @@ class _Program:
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
         inertia = mass + drag * self.T / self.N
         self.acceleration_scale = system.effort_half / np.maximum(inertia, 1e-12)
-        self.limits = _limits_of(motion, far)
+        self.limits = limits_of(motion, far)
         self.goal = self._goal()
 
     # -- columns -----------------------------------------------------------------------
@@ -400,35 +369,6 @@ class _Program:
         width = np.append(h, 0.0) + np.append(0.0, h)
         density = at_nodes / width[:, None]
         return np.asarray(-self.T * (density[1:] + density[:-1] + inside / h[:, None]))
-
-
-def _limits_of(motion: Motion, far: float) -> list[LimitRows]:
-    """Rows of all limits, of one segment after the other.
-
-    Args:
-        motion: The motion.
-        far: Torques with more room than this to both limits are left out.
-    """
-    found: list[LimitRows] = []
-    pairs = asked = 0
-    for part in motion.segments:
-        for rows in part.own(part.efforts()):
-            near = np.minimum(-rows.lower, rows.upper) < far
-            whole = rows.kind != "effort" or not np.isfinite(far)
-            found.append(rows if whole else rows.kept(np.flatnonzero(near)))
-        found += part.own([*part.declared(), *bulges(part)])
-        # Those of all segments are counted through.
-        found += [
-            replace(rows, subject=rows.subject + pairs)
-            for rows in part.own(clearances(part))
-        ]
-        found += [
-            replace(rows, subject=rows.subject + asked)
-            for rows in part.own(constraints(part))
-        ]
-        pairs += len(part.task.problem.checker.pairs)
-        asked += len(part.task.problem.constraints)
-    return found
 
 
 def _solve(program: LinearProgram) -> LpSolution | None:

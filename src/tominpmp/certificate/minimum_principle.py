@@ -30,7 +30,8 @@ from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.costates import disagreement, integrate_costates
-from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,

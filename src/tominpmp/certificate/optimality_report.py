@@ -9,7 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import Certificate
-from tominpmp.certificate.dual_program import DualSolution
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.multipliers import GOAL, TRUST
 from tominpmp.options import Tolerances
 from tominpmp.verification.verification import Verification

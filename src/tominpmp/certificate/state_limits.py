@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import BoolArray
-from tominpmp.certificate.active_limits import LimitRows, Motion
+from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.instants import Instants, beside, local_maxima
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import JUST_INSIDE, Perturbations, picked
 
 # Where limits are rows in any case: the middles and the ends of the intervals.
