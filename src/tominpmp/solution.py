@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from tominpmp.bounds.lower_bound import LowerBound
     from tominpmp.certificate.certificate import Certificate
+    from tominpmp.physics.replay import PhysicsReplay
     from tominpmp.verification.clearance import ClearanceProof
     from tominpmp.verification.verification import Verification
 
@@ -343,6 +344,25 @@ class Solution:
         motion, certificate = self._motion(), self.certificate
         assert certificate is not None  # noqa: S101
         return plot_certificate(self.problem, motion, certificate, path=path)
+
+    def replay(self, engine: str = "mujoco", **options: Any) -> PhysicsReplay:
+        """Replay the motion in a simulator that shares no code with the planner.
+
+        Args:
+            engine: "mujoco" (extra ``mujoco``).
+            **options: Passed on, see :func:`tominpmp.physics.replay.replay`.
+
+        Raises:
+            ProblemError: If there is no motion, or no such engine.
+            MissingDependency: If the engine is not installed.
+        """
+        from tominpmp.physics.replay import replay
+
+        if engine != "mujoco":
+            raise ProblemError(
+                f"engine is {brief(engine)}, expected 'mujoco'", "engine"
+            )
+        return replay(self.problem, self._motion(), **options)
 
     def export(
         self,

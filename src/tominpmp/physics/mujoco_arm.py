@@ -1,0 +1,198 @@
+"""A robot as a model of MuJoCo, made from what Pinocchio knows of it.
+
+Bodies, axes, inertias, rotors and friction are written down anew; nothing of the
+algorithms is shared. Contacts and limits of joints are left out: what is asked is
+whether torques move the arm as they are said to.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array
+from tominpmp.exceptions import MissingDependency, ProblemError
+from tominpmp.robot import Robot
+
+# Where viscous friction slows a joint within a step, its integration is implicit.
+STIFF = 0.5
+# What stands for an inertia until it is put in: one that MuJoCo cannot simplify.
+PLACEHOLDER = {
+    "pos": "0.11 0.12 0.13",
+    "quat": "0.8 0.36 0.48 0",
+    "mass": "1",
+    "diaginertia": "1 1.1 1.2",
+}
+
+
+def import_mujoco() -> Any:
+    """The package.
+
+    Raises:
+        MissingDependency: If it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingDependency("mujoco", "mujoco", "replay in MuJoCo") from error
+    return mujoco
+
+
+class MujocoArm:
+    """A robot in MuJoCo.
+
+    Attributes:
+        robot: The robot.
+        model: MuJoCo's model, one body for each joint.
+        data: Its state.
+
+    Raises:
+        ProblemError: If joints follow others, which MuJoCo knows as soft ties only.
+        MissingDependency: If MuJoCo is not installed.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.mujoco = import_mujoco()
+        if robot.model.nv != robot.n:
+            raise ProblemError(
+                "robot has joints that follow others (mimic), expected one whose "
+                "joints all move freely: lock those that lead",
+                "robot",
+            )
+        self.robot = robot
+        self.model = self.mujoco.MjModel.from_xml_string(mjcf(robot))
+        # Where the joints of the robot are among those of the models.
+        order = [int(robot.model.getJointId(name)) - 1 for name in robot.joint_names]
+        self._order = np.array(order)
+        for joint in range(1, robot.model.njoints):
+            self._set_inertia(joint, robot.model.inertias[joint])
+        self.data = self.mujoco.MjData(self.model)
+        self.mujoco.mj_setConst(self.model, self.data)
+
+    def _set_inertia(self, body: int, inertia: pin.Inertia) -> None:
+        """Write mass and moments past the compiler, which refuses some of them."""
+        moments, axes = np.linalg.eigh(inertia.inertia)
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        quaternion = pin.Quaternion(axes)
+        model = self.model
+        model.body_mass[body] = inertia.mass
+        model.body_ipos[body] = inertia.lever
+        model.body_inertia[body] = moments
+        x, y, z, w = quaternion.coeffs().tolist()
+        model.body_iquat[body] = (w, x, y, z)
+
+    def load(self, mass: float, joint: int, point: Array) -> None:
+        """Add a point mass to a body.
+
+        Args:
+            mass: Mass [kg].
+            joint: Joint of the model that moves the body.
+            point: Where, in the axes of the joint, shape (3,) [m].
+        """
+        own = self.robot.model.inertias[joint]
+        added = pin.Inertia(mass, np.asarray(point, dtype=np.float64), np.zeros((3, 3)))
+        self._set_inertia(joint, own + added)
+        self.mujoco.mj_setConst(self.model, self.data)
+
+    def add_friction(self, friction: Array) -> None:
+        """Add dry friction to the joints, shape (n,) [N m or N]."""
+        self.model.dof_frictionloss[self._order] += friction
+
+    def set_state(self, q: Array, v: Array) -> None:
+        """Put the arm somewhere."""
+        self.data.qpos[self._order], self.data.qvel[self._order] = q, v
+        self.data.time = 0.0
+
+    @property
+    def q(self) -> Array:
+        """Positions, shape (n,) [rad or m]."""
+        return np.array(self.data.qpos[self._order])
+
+    @property
+    def v(self) -> Array:
+        """Velocities, shape (n,)."""
+        return np.array(self.data.qvel[self._order])
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Torque for a motion at one instant, all shapes (n,)."""
+        self.set_state(q, v)
+        self.data.qacc[self._order] = a
+        self.mujoco.mj_inverse(self.model, self.data)
+        return np.array(self.data.qfrc_inverse[self._order])
+
+    def masses(self, q: Array) -> Array:
+        """Inertia that each joint sees at a configuration, shape (n,)."""
+        self.set_state(q, np.zeros(self.robot.n))
+        self.mujoco.mj_forward(self.model, self.data)
+        full = np.zeros((self.robot.n, self.robot.n))
+        for i in range(self.robot.n):
+            unit = np.zeros(self.robot.n)
+            unit[i] = 1.0
+            self.mujoco.mj_mulM(self.model, self.data, full[i], unit)
+        return np.array(np.diag(full)[self._order])
+
+    def choose_integrator(self, step: float, q: Array) -> str:
+        """Fourth order, unless friction is stiff; returns its name."""
+        kinds = self.mujoco.mjtIntegrator
+        damping = np.array(self.model.dof_damping[self._order])
+        stiff = bool(np.any(damping * step > STIFF * self.masses(q)))
+        chosen = kinds.mjINT_IMPLICITFAST if stiff else kinds.mjINT_RK4
+        self.model.opt.integrator = chosen
+        return "implicit" if stiff else "Runge-Kutta 4"
+
+    def step(self, torque: Array, seconds: float) -> None:
+        """Move on under a constant torque."""
+        self.model.opt.timestep = seconds
+        self.data.qfrc_applied[self._order] = torque
+        self.mujoco.mj_step(self.model, self.data)
+
+
+def mjcf(robot: Robot) -> str:
+    """The robot in MuJoCo's language, without shapes; inertias are put in later."""
+    model = robot.model
+    root = Element("mujoco", model=robot.name)
+    SubElement(root, "compiler", angle="radian", autolimits="false")
+    option = SubElement(root, "option", gravity=_numbers(robot.gravity))
+    SubElement(option, "flag", contact="disable")
+    bodies = {0: SubElement(root, "worldbody")}
+    index = {name: i for i, name in enumerate(robot.joint_names)}
+    for joint in range(1, model.njoints):
+        place, name = model.jointPlacements[joint], str(model.names[joint])
+        x, y, z, w = pin.Quaternion(place.rotation).coeffs().tolist()
+        body = SubElement(
+            bodies[int(model.parents[joint])],
+            "body",
+            name=f"body{joint}",
+            pos=_numbers(place.translation),
+            quat=_numbers([w, x, y, z]),
+        )
+        SubElement(body, "inertial", PLACEHOLDER)
+        i = index[name]
+        SubElement(
+            body,
+            "joint",
+            _joint_kind(model, joint),
+            name=f"joint{joint}",
+            armature=repr(float(robot.armature[i])),
+            damping=repr(float(robot.damping[i])),
+            frictionloss=repr(float(robot.friction[i])),
+        )
+        bodies[joint] = body
+    return tostring(root, encoding="unicode")
+
+
+def _joint_kind(model: pin.Model, joint: int) -> dict[str, str]:
+    """Kind and axis of a joint, from how it moves."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    motion = np.asarray(data.joints[joint].S).reshape(6, -1)[:, 0]
+    turns = bool(np.any(motion[3:]))
+    axis = motion[3:] if turns else motion[:3]
+    return {"type": "hinge" if turns else "slide", "axis": _numbers(axis)}
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(repr(float(x)) for x in values)

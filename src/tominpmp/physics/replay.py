@@ -1,0 +1,202 @@
+"""Motions replayed in MuJoCo: the torques alone, and with a feedback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record, number_or_nan
+from tominpmp.exceptions import ProblemError, brief
+from tominpmp.physics.mujoco_arm import MujocoArm
+from tominpmp.problem import Problem
+from tominpmp.trajectory import Trajectory
+
+# Steps of the simulator, unless something else is asked for [s].
+STEP = 2e-4
+# How fast the feedback brings errors to zero [1/s].
+BANDWIDTH = 30.0
+MOST_STEPS = 5_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Run(Record):
+    """A motion as the simulator saw it.
+
+    Attributes:
+        feedback: Whether torques were corrected by errors of position and velocity.
+        t: Times [s], shape (m,).
+        q: Positions, shape (m, n) [rad or m].
+        v: Velocities, shape (m, n).
+        u: Torques from each time to the next, shape (m, n); the last row is that of
+            the end.
+        goal_error: Largest distance of a joint from where the motion ends [rad or m].
+        tracking_error: Largest distance of a joint from the motion, at any time.
+        excess: Largest share of its limit by which a torque is beyond it; zero if none.
+    """
+
+    feedback: bool
+    t: Array = field(repr=False)
+    q: Array = field(repr=False)
+    v: Array = field(repr=False)
+    u: Array = field(repr=False)
+    goal_error: float
+    tracking_error: float
+    excess: float
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsReplay(Record):
+    """A motion replayed in another simulator.
+
+    Attributes:
+        engine: Name and version of the simulator.
+        integrator: How it integrates, and its step [s].
+        open_loop: The torques alone.
+        with_feedback: The torques and a feedback.
+        torque_difference: Largest difference of the two inverse dynamics along the
+            motion, as a share of the largest torque of each joint.
+        tolerance: What either may be off by at the goal [rad or m].
+    """
+
+    engine: str
+    integrator: str
+    open_loop: Run
+    with_feedback: Run
+    torque_difference: float
+    tolerance: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the motion with feedback ends where it is to.
+
+        Torques alone may lead astray in long motions of unstable arms, in every
+        simulator; see :mod:`~tominpmp.verification.feedback`.
+        """
+        return self.with_feedback.goal_error <= self.tolerance
+
+    @property
+    def message(self) -> str:
+        """What was found, in a sentence."""
+        alone, fed = self.open_loop, self.with_feedback
+        return (
+            f"{self.engine} ({self.integrator}): the torques alone end "
+            f"{alone.goal_error:.2g} from the goal, with feedback {fed.goal_error:.2g} "
+            f"and never more than {fed.tracking_error:.2g} from the motion (rad or m); "
+            f"the inverse dynamics differ by {self.torque_difference:.1g} of the "
+            "largest torques"
+        )
+
+
+def replay(
+    problem: Problem,
+    trajectory: Trajectory,
+    *,
+    step: float = STEP,
+    bandwidth: float = BANDWIDTH,
+    tolerance: float = 1e-2,
+) -> PhysicsReplay:
+    """Replay a motion in MuJoCo, with its torques alone and with a feedback.
+
+    Args:
+        problem: Robot and loads.
+        trajectory: The motion, with torques.
+        step: Longest step of the simulator [s].
+        bandwidth: How fast the feedback brings errors to zero [1/s]: the gains are
+            those of two poles there, for the inertia that each joint sees.
+        tolerance: What the end may be off by [rad or m].
+
+    Raises:
+        ProblemError: If the robot has joints that follow others, a load changes on the
+            way, or a value is wrong.
+        MissingDependency: If MuJoCo is not installed.
+    """
+    for name, value in (
+        ("step", step), ("bandwidth", bandwidth), ("tolerance", tolerance)
+    ):  # fmt: skip
+        number = number_or_nan(value)
+        if not (np.isfinite(number) and number > 0.0):
+            raise ProblemError(
+                f"{name} is {brief(value)}, expected a positive number", name
+            )
+    if any(segment.payload is not None for segment in problem.segments):
+        raise ProblemError(
+            "segments: a load changes on the way, expected one robot for the whole "
+            "motion; replay the segments by themselves",
+            "segments",
+        )
+    if not np.all(np.isfinite(trajectory.u)):
+        raise ProblemError("trajectory has no torques to replay", "trajectory")
+    if trajectory.duration / step > MOST_STEPS:
+        raise ProblemError(f"step is {step:g} s, too small for the motion", "step")
+    arm = MujocoArm(problem.robot)
+    integrator = arm.choose_integrator(step, trajectory.q[0])
+    return PhysicsReplay(
+        f"MuJoCo {arm.mujoco.__version__}",
+        f"{integrator}, steps of {1e3 * step:.3g} ms",
+        simulate(arm, trajectory, step),
+        simulate(arm, trajectory, step, bandwidth),
+        torque_difference(arm, trajectory),
+        float(tolerance),
+    )
+
+
+def simulate(
+    arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float = 0.0
+) -> Run:
+    """Move an arm by the torques of a motion, and a feedback of some bandwidth."""
+    times = _steps(trajectory, step)
+    middle = 0.5 * (times[:-1] + times[1:])
+    # A torque that is constant on a step is that of its middle.
+    plan, force = trajectory(times), trajectory(middle).u
+    wanted = trajectory(middle)
+    masses = np.array([arm.masses(q) for q in trajectory.q]).max(axis=0)
+    stiffness, damping = bandwidth**2 * masses, 2.0 * bandwidth * masses
+    q, v, u = (np.empty((times.size, arm.robot.n)) for _ in range(3))
+    arm.set_state(plan.q[0], plan.v[0])
+    for k, seconds in enumerate(np.diff(times)):
+        q[k], v[k] = arm.q, arm.v
+        u[k] = force[k]
+        if bandwidth:
+            ahead = q[k] + 0.5 * seconds * v[k]
+            u[k] += stiffness * (wanted.q[k] - ahead) + damping * (plan.v[k] - v[k])
+        arm.step(u[k], float(seconds))
+    q[-1], v[-1], u[-1] = arm.q, arm.v, plan.u[-1]
+    limits = arm.robot.limits
+    span = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
+    beyond = np.maximum(u - limits.effort_upper, limits.effort_lower - u)
+    share = beyond / np.where(span > 0.0, span, 1.0)
+    return Run(
+        bandwidth > 0.0,
+        times,
+        q,
+        v,
+        u,
+        goal_error=float(np.abs(q[-1] - plan.q[-1]).max()),
+        tracking_error=float(np.abs(q - plan.q).max()),
+        excess=max(float(share.max()), 0.0),
+    )
+
+
+def torque_difference(arm: MujocoArm, trajectory: Trajectory) -> float:
+    """Largest difference of MuJoCo's inverse dynamics from the torques of a motion.
+
+    Returns:
+        As a share of the largest torque of each joint. Dry friction, which MuJoCo
+        makes smooth about rest, counts where the joints move.
+    """
+    share = (np.arange(100) + 0.5) / 100
+    state = trajectory(share * trajectory.duration)
+    found = np.array([arm.inverse(*row) for row in zip(*state[:3], strict=True)])
+    largest = np.maximum(np.abs(state.u).max(axis=0), 1e-9)
+    moving = (np.abs(state.v) > 1e-2) | (arm.robot.friction == 0.0)
+    return float(np.max(np.abs(found - state.u) / largest * moving))
+
+
+def _steps(trajectory: Trajectory, step: float) -> Array:
+    """Times of the steps: nodes, and what is between them in equal parts."""
+    parts = [
+        np.linspace(a, b, max(int(np.ceil((b - a) / step - 1e-9)), 1), endpoint=False)
+        for a, b in zip(trajectory.t[:-1], trajectory.t[1:], strict=True)
+    ]
+    return np.concatenate([*parts, trajectory.t[-1:]])
