@@ -18,6 +18,7 @@ from tominpmp.cli.options import (
     PlayOptions,
     ProblemArguments,
     ProblemOptions,
+    ReplayOptions,
     ReportOptions,
     RobotOptions,
     ToleranceOptions,
@@ -129,6 +130,28 @@ def verify(
     return run_verify(
         ProblemArguments(problem, changes, limits), motion, tolerances, args
     )
+
+
+@command(app, short_help=COMMANDS["replay"], epilog=VERIFY_CODES)
+def replay(
+    problem: JudgedProblem,
+    motion: Annotated[
+        Path | None, _argument("MOTION", "File with the motion, as for verify.")
+    ] = None,
+    *,
+    changes: ProblemOptions,
+    limits: LimitOptions,
+    args: ReplayOptions,
+) -> int:
+    """Replay a motion in MuJoCo: by its torques alone, and with a feedback.
+
+    MuJoCo comes with the extra "mujoco". With --robustness, motions are planned with
+    several torque reserves instead, and each is tried with random loads, friction,
+    delays and noise.
+    """
+    from tominpmp.cli.replay import run_replay
+
+    return run_replay(ProblemArguments(problem, changes, limits), motion, args)
 
 
 @command(app, short_help=COMMANDS["play"])

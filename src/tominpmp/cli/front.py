@@ -34,6 +34,7 @@ Examples:
 COMMANDS = {
     "plan": "Plan the fastest motion to a goal and write it to a file.",
     "verify": "Judge a motion from a file, whoever planned it.",
+    "replay": "Replay a motion in MuJoCo, or find the torque reserve that it needs.",
     "play": "Show a motion from a file in the browser.",
     "app": "Open a page in the browser where motions are planned while one drags.",
     "info": "Show the joints, limits and frames of a robot.",

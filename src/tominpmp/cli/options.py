@@ -252,6 +252,28 @@ class AppOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReplayOptions(ReportOptions):
+    """How a motion is replayed in MuJoCo.
+
+    Attributes:
+        step (SECONDS): Longest step of the simulator. Default: 0.0002.
+        goal_tolerance (RAD): What a joint may be off by at the end (rad or m), with
+            feedback. Default: 0.01.
+        robustness: Instead of replaying a motion, plan with several torque reserves
+            and tell which keeps 99 % of random loads, friction, delays and noise near
+            the motion.
+        samples (N): Number of trials for each reserve. Default: 100.
+        seed (N): Of their random numbers.
+    """
+
+    step: float | None = field(default=None, metadata=PLANNING)
+    goal_tolerance: float = field(default=0.01, metadata=PLANNING)
+    robustness: bool = field(default=False, metadata=PLANNING)
+    samples: int = field(default=100, metadata=PLANNING)
+    seed: int = field(default=0, metadata=PLANNING)
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlayOptions(SceneOptions):
     """Whose motion is shown, with what around it, and where.
 

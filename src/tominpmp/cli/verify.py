@@ -40,17 +40,7 @@ def run_verify(
     Raises:
         TominpmpError: If a file is wrong or they do not belong together.
     """
-    args = problem_args.options
-    if (
-        not is_scenario(problem_args.robot)
-        and args.request is None
-        and args.start is None
-    ):
-        raise ProblemError(
-            f"{problem_args.robot!r} is no scenario file (.toml): expected one, or a "
-            "robot with --scene and --request, or with --start and a goal",
-            "scenario",
-        )
+    check_given(problem_args)
     problem, options = load_problem(problem_args, tolerances)
     found = check_file(
         problem,
@@ -60,6 +50,21 @@ def run_verify(
     )
     typer.echo(json_text(_data(found)) if how.json else _text(found))
     return PLANNED if found.ok else NO_PLAN
+
+
+def check_given(problem_args: ProblemArguments) -> None:
+    """Check that there is a problem: in a file, or in options.
+
+    Raises:
+        ProblemError: If there is a robot alone.
+    """
+    args, robot = problem_args.options, problem_args.robot
+    if not is_scenario(robot) and args.request is None and args.start is None:
+        raise ProblemError(
+            f"{robot!r} is no scenario file (.toml): expected one, or a robot with "
+            "--scene and --request, or with --start and a goal",
+            "scenario",
+        )
 
 
 def _data(found: ExportCheck) -> dict[str, Any]:

@@ -1,0 +1,53 @@
+"""The command ``replay``: a motion from a file, in MuJoCo."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from cli_samples import Run
+
+pytest.importorskip("mujoco")
+
+QUICK = ["--intervals", "8", "--planning-effort", "quick", "--starts", "1", "-q"]
+
+
+@pytest.fixture
+def files(run: Run) -> None:
+    ends = ["--start", "0.5", "1.7", "-1.7", "--goal", "0.9", "1.2", "-1"]
+    saved = ["--save-scenario", "s.toml", "-o", "m.csv"]
+    assert run("plan", "planar3r", *ends, *QUICK, *saved).exit_code == 0
+
+
+def test_replay(run: Run, files: None) -> None:
+    result = run("replay", "s.toml", "m.csv", "--step", "0.001")
+    assert result.exit_code == 0, result.stderr
+    assert "The motion in m.csv ends where it is to." in result.stdout
+    data = json.loads(run("replay", "s.toml", "m.csv", "--json").stdout)
+    assert data["ok"] is True
+    assert data["torque_difference"] < 1e-8
+    assert data["open_loop"]["goal_error"] < 1e-4
+    # What nobody can keep is not kept.
+    strict = run("replay", "s.toml", "m.csv", "--goal-tolerance", "1e-15")
+    assert strict.exit_code == 1
+    assert "does not end where it is to" in strict.stdout
+
+
+def test_what_replay_lacks(run: Run, files: None) -> None:
+    result = run("replay", "s.toml")
+    assert result.exit_code == 2
+    assert "a MOTION is missing; or give --robustness" in result.stderr
+    result = run("replay", "planar3r", "m.csv")
+    assert result.exit_code == 2
+    assert "is no scenario file" in result.stderr
+    result = run("replay", "s.toml", "m.csv", "--step", "-1")
+    assert result.exit_code == 2
+    assert "step is -1" in result.stderr
+
+
+def test_reserves(run: Run, files: None) -> None:
+    result = run("replay", "s.toml", "--robustness", "--samples", "1", "--json")
+    data = json.loads(result.stdout)
+    assert result.exit_code in (0, 1)
+    assert data["samples"] == 1
+    assert data["T"] == sorted(data["T"])
