@@ -69,6 +69,12 @@ def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) ->
     return _svg(title, parts)
 
 
+def share_curves(name: str, t: Array, values: Array, largest: Array) -> str:
+    """A panel with values, shape (m, n), as shares of the largest, shape (n,)."""
+    share = values / np.where(largest > 0.0, largest, np.inf)
+    return curves(f"{name} over its limit", t, share, (-1.0, 1.0))
+
+
 def skeletons(title: str, arms: Mapping[str, Array], up: int = 2) -> str:
     """A panel with stick figures.
 

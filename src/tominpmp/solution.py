@@ -20,7 +20,7 @@ from tominpmp.accelerations import (
 )
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
-from tominpmp.notebook import card, curves, table
+from tominpmp.notebook import card, share_curves, table
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
@@ -119,25 +119,18 @@ class Solution:
         """Speeds and torques as shares of their limits, and the outcome; notebooks."""
         rows: list[tuple[str, object]] = [("status", self.status.value)]
         rows += [("message", line) for line in textwrap.wrap(self.message, 60)]
-        rows += [
-            ("T", f"{self.T:.6g} s"),
-            ("planned in", f"{self.planning_time:.3g} s"),
-        ]
+        rows += [("T [s]", self.T), ("planned in [s]", self.planning_time)]
         if self.gap is not None:
             rows.append(("above the lower bound", f"{self.gap:.2%} at most"))
-        parts = [table((), rows)]
-        if self.trajectory is not None:
-            times = np.linspace(0.0, self.trajectory.duration, 200)
-            state, limits = self.trajectory(times), self.problem.robot.limits
-            effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-            for name, values, largest in (
-                ("speed over its limit", state.v, limits.velocity),
-                ("torque over its limit", state.u, effort),
-            ):
-                share = values / np.where(largest > 0.0, largest, np.inf)
-                parts.insert(-1, curves(name, times, share, (-1.0, 1.0)))
         title = "Solution" if self.success else "No motion"
-        return card(f"{title} for {self.problem.robot.name}", *parts)
+        if self.trajectory is None:
+            return card(title, table((), rows))
+        times = np.linspace(0.0, self.trajectory.duration, 200)
+        state, limits = self.trajectory(times), self.problem.robot.limits
+        effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
+        shares = share_curves("speed", times, state.v, limits.velocity)
+        shares += share_curves("torque", times, state.u, effort)
+        return card(title, shares, table((), rows))
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled: all but the callback, which has done its work."""
@@ -341,9 +334,8 @@ class Solution:
         """
         from tominpmp.viz.certificate_plot import plot_certificate
 
-        motion, certificate = self._motion(), self.certificate
-        assert certificate is not None  # noqa: S101
-        return plot_certificate(self.problem, motion, certificate, path=path)
+        motion = self._motion()
+        return plot_certificate(self.problem, motion, self.certificate, path=path)
 
     def replay(self, engine: str = "mujoco", **options: Any) -> PhysicsReplay:
         """Replay the motion in a simulator that shares no code with the planner.
