@@ -128,7 +128,7 @@ def scenario_keys() -> list[str]:
     """Every key of a scenario file."""
     arguments = entries(load_robot.__doc__, "Args")
     own = {
-        "name": arguments["name_or_path"],
+        "name": next(iter(arguments.values())),
         "path": "Path of a URDF file, relative to that of the scenario.",
         "joint_limits": "Path of a `joint_limits.yaml` of MoveIt.",
         "motion_limits": "As the table `[motion_limits]`, but of the robot itself.",

@@ -53,7 +53,6 @@ STYLE: Any = {
 
 LIMIT_COLOR = "#b3312a"
 BEYOND_COLOR = "#f6e3e1"
-OBSTACLE_COLOR = "#d6453a"
 GOAL_COLOR = "#1d8a50"
 
 # Okabe and Ito's colours, which the colour-blind tell apart, without their yellow and

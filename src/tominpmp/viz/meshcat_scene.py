@@ -16,9 +16,12 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.bodies import Body, robot_bodies
+from tominpmp.viz.camera import camera_view, points_in_view
+from tominpmp.viz.roles import obstacle_color, rgb
 from tominpmp.viz.segments import Load, ends_on_the_way, loads, obstacles, there
-from tominpmp.viz.skeleton import Skeleton, View, best_view, end_frame, skeleton
+from tominpmp.viz.skeleton import Skeleton, View, end_frame, end_of, skeleton
 from tominpmp.viz.surfaces import (
+    Surface,
     cylinder,
     moved,
     obstacle_placement,
@@ -28,7 +31,8 @@ from tominpmp.viz.surfaces import (
 )
 from tominpmp.viz.viewer import SetCopies, import_meshcat, node_name, put_body
 
-OBSTACLE_COLOR = (0.84, 0.27, 0.22, 0.62)
+OBSTACLE_OPACITY = 0.62
+TWIN_COLOR = (0.62, 0.67, 0.76, 0.34)
 GOAL_COLOR = (0.13, 0.62, 0.36, 0.75)
 LOAD_COLOR = (0.80, 0.60, 0.35, 1.0)
 END_COLOR = (0.25, 0.30, 0.38, 1.0)
@@ -44,8 +48,8 @@ TRIAD_LENGTH = 0.06
 
 TRAIL_POINTS = 240
 FIELD_OF_VIEW = 40.0  # vertical [deg]
-ASPECT = 1.5  # of the window that the camera is placed for
-MARGIN = 1.3  # share by which the camera stands further off than it must
+ASPECT = 1.3  # of the window that the camera is placed for
+MARGIN = 1.06  # share by which the camera stands further off than it must
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,13 @@ class Appearance:
         fps: Key frames a second; the viewer interpolates between them.
         ghosts: Number of translucent copies of the robot along the motion.
         frame: Frame whose path is drawn; None for that of the goal, else the last.
+        twins: Other motions of the same robot, which pale copies of it show.
     """
 
     fps: float = 60.0
     ghosts: int = 0
     frame: str | None = None
+    twins: Sequence[Trajectory] = ()
 
 
 def draw(
@@ -76,22 +82,25 @@ def draw(
     """
     robot = problem.robot
     frame = appearance.frame or end_frame(problem)
-    times = frame_times(trajectory.duration, appearance.fps)
-    motion = skeleton(robot, trajectory(times).q, frame)
+    duration = max(item.duration for item in (trajectory, *appearance.twins))
+    times = frame_times(duration, appearance.fps)
+    on_the_way = np.minimum(times, trajectory.duration)
+    motion = skeleton(robot, trajectory(on_the_way).q, frame)
     bodies = robot_bodies(robot)
     robot_points = _robot_points(motion, bodies)
     shown = list(obstacles(problem, trajectory))
-    around = _obstacle_points([item for _, item, _ in shown], times[[0, -1]])
-    points = np.concatenate([robot_points, *around])
+    around = [item for _, item, _ in shown]
+    points = points_in_view(robot_points, _obstacle_points(around, times[[0, -1]]))
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-    view = _camera_view(best_view(motion.points), np.ptp(robot_points, axis=0))
+    view = camera_view(robot, around, motion, bodies, times)
     _surroundings(viewer, view, points, size)
     _robot(viewer, robot.model, bodies, motion)
     for name, obstacle, _ in shown:
         node = viewer[_obstacle_path(name)]
-        put_body(node, obstacle_surface(obstacle), OBSTACLE_COLOR)
+        color = (*rgb(obstacle_color(obstacle)), OBSTACLE_OPACITY)
+        put_body(node, obstacle_surface(obstacle), color)
         node.set_transform(obstacle_placement(obstacle))
-    carried = loads(problem, trajectory, times)
+    carried = loads(problem, trajectory, on_the_way)
     for load in carried:
         _load(viewer[_load_path(load)], load)
     _goal(viewer["/meshcat/goal"], problem, size)
@@ -111,12 +120,41 @@ def draw(
         (_joint_path(robot.model, joint), motion.placements[:, joint])
         for joint in range(1, robot.model.njoints)
     ]
+    for number, twin in enumerate(appearance.twins):
+        joints += _twin(viewer, robot, bodies, twin, times, f"/meshcat/twins/{number}")
     seen = {
-        _obstacle_path(name): there(spans, times)
+        _obstacle_path(name): there(spans, on_the_way)
         for name, _, spans in shown
         if not np.array_equal(spans, [[0.0, trajectory.duration]])
     }
     _animate(viewer, times, [*joints, *moving], seen)
+
+
+def _twin(
+    viewer: Any,
+    robot: Robot,
+    bodies: list[Body],
+    twin: Trajectory,
+    times: Array,
+    path: str,
+) -> list[tuple[str, Array]]:
+    """Draw a pale copy of the robot; return its joints and where they are at times."""
+    poses = skeleton(
+        robot, twin(np.minimum(times, twin.duration)).q, end_of(robot)
+    ).placements
+    moving = [body for body in bodies if body.joint]
+    paths = {
+        joint: f"{path}/{node_name(str(robot.model.names[joint]))}"
+        for joint in {body.joint for body in moving}
+    }
+    for body in moving:
+        node = viewer[f"{paths[body.joint]}/{node_name(body.name)}"]
+        surface = Surface(body.surface.vertices, body.surface.faces)
+        put_body(node, surface, TWIN_COLOR)
+        node.set_transform(body.placement)
+    for joint, place in paths.items():
+        viewer[place].set_transform(poses[0, joint])
+    return [(place, poses[:, joint]) for joint, place in sorted(paths.items())]
 
 
 def frame_times(duration: float, fps: float) -> Array:
@@ -298,18 +336,6 @@ def _obstacle_points(shown: Sequence[Obstacle], times: Array) -> list[Array]:
             if obstacle.motion is None:
                 break
     return found
-
-
-def _camera_view(view: View, extent: Array) -> View:
-    """Look at a flat arm squarely, at any other from the side and above."""
-    flat = float(np.abs(view.normal) @ extent) < 0.2 * float(extent.max())
-    if view.planar and flat:
-        return view
-    normal = np.array([0.62, -1.0, 0.5])
-    normal /= np.linalg.norm(normal)
-    right = np.cross([0.0, 0.0, 1.0], normal)
-    right /= np.linalg.norm(right)
-    return View(right, np.cross(normal, right), ("", ""), False)
 
 
 def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:

@@ -15,13 +15,13 @@ from tominpmp.scene import Obstacle, Sphere
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import (
     GOAL_COLOR,
-    OBSTACLE_COLOR,
     add_legend,
     color,
     finish,
     new_figure,
     styled,
 )
+from tominpmp.viz.roles import HAZARD_COLOR, obstacle_color
 from tominpmp.viz.skeleton import (
     Skeleton,
     View,
@@ -40,6 +40,8 @@ INSTANTS = 15
 PATH_POINTS = 300
 PANELS_IN_ROW = 3
 ARM_COLOR = "#12375f"
+# Of several robots, the first one as if it were alone.
+ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
 LIGHTEST = 0.16  # opacity of the first instant; the last one is solid
 
 
@@ -85,7 +87,7 @@ def plot_motion(
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
     resting = problem.scene.resting()
-    outlines = [_outline(obstacle, view) for obstacle in resting]
+    outlines = [(_outline(item, view), obstacle_color(item)) for item in resting]
     passing = [
         [
             _outline(obstacle.frozen(time), view)
@@ -95,17 +97,18 @@ def plot_motion(
         for item in trajectories.values()
     ]
     with styled():
-        everything = [*outlines, *(item for part in passing for item in part)]
+        everything = [item for item, _ in outlines]
+        everything += [*(item for part in passing for item in part)]
         low, high = _window(view, poses, everything, _goal_point(problem, frame))
         figure, axes = _panels(len(trajectories), high - low)
         for panel, (label, trajectory), pose, part in zip(
             axes, trajectories.items(), poses, passing, strict=True
         ):
-            for outline in outlines:
-                _draw_outline(panel, outline)
+            for outline, shown in outlines:
+                _draw_outline(panel, outline, shown)
             shades = np.linspace(LIGHTEST, 1.0, max(len(part), 1)).tolist()
             for outline, shade in zip(part, shades, strict=False):
-                _draw_outline(panel, outline, shade)
+                _draw_outline(panel, outline, HAZARD_COLOR, shade)
             _draw_arm(panel, view, pose)
             times = np.linspace(0.0, trajectory.duration, PATH_POINTS)
             end = skeleton(problem.robot, trajectory(times).q, frame).end
@@ -202,12 +205,15 @@ def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
 
 
 def _draw_outline(
-    panel: Axes, outline: Array | tuple[Array, float], shade: float | None = None
+    panel: Axes,
+    outline: Array | tuple[Array, float],
+    shown: str,
+    shade: float | None = None,
 ) -> None:
     """Draw an outline; a shade is that of what moves, at one instant."""
     from matplotlib.patches import Circle, Patch, Polygon
 
-    look = _obstacle_look()
+    look = _obstacle_look(shown)
     if shade is not None:
         look |= {"facecolor": "none", "alpha": shade}
     shape: Patch
@@ -220,18 +226,18 @@ def _draw_outline(
     panel.add_patch(shape)
 
 
-def _obstacle_look() -> dict[str, Any]:
-    return {"facecolor": OBSTACLE_COLOR + "40", "edgecolor": OBSTACLE_COLOR}
+def _obstacle_look(shown: str) -> dict[str, Any]:
+    return {"facecolor": shown + "40", "edgecolor": shown}
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
     shades = np.linspace(LIGHTEST, 1.0, len(pose.end))
-    for chain in pose.chains:
+    for chain, arm in zip(pose.chains, pose.arms, strict=True):
         for i, joints in enumerate(view.project(chain)):
             last = i == len(pose.end) - 1
             panel.plot(
                 *joints.T,
-                color=ARM_COLOR,
+                color=ARM_COLORS[arm % len(ARM_COLORS)],
                 alpha=float(shades[i]),
                 linewidth=2.0 if last else 1.2,
                 marker="o",
@@ -267,5 +273,7 @@ def _handles(problem: Problem) -> list[Any]:
         Line2D([], [], label="goal", **_goal_look()),
     ]
     if len(problem.scene):
-        handles.append(Patch(label="obstacle", **_obstacle_look()))
+        shown = {obstacle_color(item) for item in problem.scene}
+        look = _obstacle_look(max(shown, key=lambda one: one == HAZARD_COLOR))
+        handles.append(Patch(label="obstacle", **look))
     return handles

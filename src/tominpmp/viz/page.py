@@ -5,12 +5,18 @@ from __future__ import annotations
 import base64
 import html
 import json
+import math
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from tominpmp.exceptions import MissingDependency
+from tominpmp.viz.meshcat_scene import ASPECT, FIELD_OF_VIEW
+from tominpmp.viz.shares import Shares
 from tominpmp.viz.viewer import Command, import_meshcat
 
 # Meshcat's viewer evaluates no strings and loads nothing; the browser is told to see to
@@ -22,7 +28,12 @@ POLICY = (
 
 
 def build_page(
-    commands: Sequence[Command], *, title: str, caption: str, rate: float
+    commands: Sequence[Command],
+    *,
+    title: str,
+    caption: str,
+    rate: float,
+    shares: Shares,
 ) -> str:
     """Build the page.
 
@@ -31,6 +42,7 @@ def build_page(
         title: Title of the page, plain text; also shown above the picture.
         caption: Line below it, plain text.
         rate: Speed at which it plays first; 1 is real time.
+        shares: Speeds and torques over their limits, shown beside the picture.
 
     Raises:
         MissingDependency: If Meshcat is not installed.
@@ -42,6 +54,9 @@ def build_page(
         "TITLE": html.escape(title),
         "CAPTION": html.escape(caption),
         "RATE": json.dumps(float(rate)),
+        "SHARES": _script(_rounded(shares)),
+        "SLOPE": json.dumps(math.tan(math.radians(FIELD_OF_VIEW / 2))),
+        "ASPECT": json.dumps(ASPECT),
         "COMMANDS": json.dumps([_text(command) for command in commands]),
         # Inside a comment, which two hyphens would end.
         "LICENCES": licences.replace("--", "- -"),
@@ -54,6 +69,20 @@ def build_page(
         name, _, text = part.partition("}}")
         pieces += [fields[name], text]
     return "".join(pieces)
+
+
+def _script(value: object) -> str:
+    """JSON that can stand in a script: no name in it ends the element."""
+    return json.dumps(value).replace("</", "<\\/")
+
+
+def _rounded(shares: Shares) -> dict[str, Any]:
+    return {
+        "names": list(shares.joint_names),
+        "t": np.round(shares.t, 5).tolist(),
+        "torque": np.round(shares.torque.T, 3).tolist(),
+        "speed": np.round(shares.speed.T, 3).tolist(),
+    }
 
 
 def _text(command: Command) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.viz.browser import show_page
 from tominpmp.viz.meshcat_scene import Appearance, draw
 from tominpmp.viz.page import build_page
+from tominpmp.viz.shares import shares_of_limits
 from tominpmp.viz.skeleton import check_motion
 from tominpmp.viz.viewer import Recorder, import_meshcat
 
@@ -33,11 +35,14 @@ def play(
     ghosts: int = 0,
     frame: str | None = None,
     title: str | None = None,
+    twins: Mapping[str, Trajectory] | None = None,
 ) -> Any:
     """Show a motion in Meshcat: robot, obstacles, goal, and the path of the end.
 
-    The page plays in real time, with pause, slider and speed; it is one file that needs
-    no network. Its address takes an instant to show, as in ``motion.html#t=0.5``.
+    The page plays in real time, with pause, slider and speed, and shows torques and
+    speeds as shares of their limits; it is one file that needs no network. Its address
+    takes an instant to show, as in ``motion.html#t=0.5``; ``#t=0.5&still`` leaves out
+    what can be clicked.
 
     Args:
         problem: The problem, for robot, obstacles and goal.
@@ -53,6 +58,8 @@ def play(
         ghosts: Number of translucent copies of the robot along the motion.
         frame: Frame whose path is drawn; None for that of the goal, else the last.
         title: Title of the page; None for the robot and T.
+        twins: Other motions of the same robot by their names, which pale copies of it
+            make beside it.
 
     Returns:
         The path of the page, or the viewer if one was given.
@@ -64,11 +71,13 @@ def play(
         ScenarioError: If the page cannot be written.
         MissingDependency: If Meshcat is not installed.
     """
-    check_motion(problem, trajectory)
+    twins = {} if twins is None else twins
+    for motion in (trajectory, *twins.values()):
+        check_motion(problem, motion)
     _check_positive(rate=rate, fps=fps)
     if not isinstance(ghosts, (int, np.integer)) or not 0 <= ghosts <= 100:
         raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
-    appearance = Appearance(fps, int(ghosts), frame)
+    appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
     meshcat = import_meshcat()
     if viewer is not None:
         viewer["/meshcat"].delete()
@@ -80,8 +89,9 @@ def play(
     page = build_page(
         recorder.commands,
         title=title or f"{name}: T = {trajectory.duration:.4g} s",
-        caption=_caption(problem),
+        caption=_caption(problem, twins),
         rate=rate,
+        shares=shares_of_limits(problem, trajectory),
     ).encode("utf-8")
     if path is not None:
         return write_file(path, lambda file: file.write(page))
@@ -105,11 +115,13 @@ def _check_positive(**values: float) -> None:
             )
 
 
-def _caption(problem: Problem) -> str:
+def _caption(problem: Problem, twins: Mapping[str, Trajectory]) -> str:
     joints, obstacles = problem.robot.n, len(problem.scene)
     parts = ["1 joint" if joints == 1 else f"{joints} joints"]
     if problem.segments:
         parts.append(f"{len(problem.segments)} segments")
     if obstacles:
         parts.append("1 obstacle" if obstacles == 1 else f"{obstacles} obstacles")
+    for name, motion in twins.items():
+        parts.append(f"pale: {name}, T = {motion.duration:.4g} s")
     return ", ".join(parts)

@@ -54,12 +54,14 @@ class Skeleton:
         end_frame: Its name.
         chains: Positions of the joints from the base to each end of the robot, the end
             frame last, each of shape (m, k, 3) [m].
+        arms: Number of the robot of a workcell that each chain belongs to, from 0.
     """
 
     placements: Array
     end: Array
     end_frame: str
     chains: tuple[Array, ...]
+    arms: tuple[int, ...] = ()
 
     @property
     def points(self) -> Array:
@@ -89,10 +91,15 @@ def end_frame(problem: Problem) -> str:
     # A goal of the last segment may be on what is carried there only.
     if name is not None and (not problem.segments or name in problem.robot.frame_names):
         return name
-    model = problem.robot.model
+    return end_of(problem.robot)
+
+
+def end_of(robot: Robot) -> str:
+    """Name of the last frame at the end of a robot."""
+    model = robot.model
     depth = [len(model.supports[joint]) for joint in range(model.njoints)]
     last = max(range(model.njoints), key=lambda joint: (depth[joint], joint))
-    return _last_body(problem.robot, last) or str(model.frames[-1].name)
+    return _last_body(robot, last) or str(model.frames[-1].name)
 
 
 def _last_body(robot: Robot, joint: int) -> str | None:
@@ -133,12 +140,32 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         for joint in leaves:
             tip_points[joint][i] = data.oMf[tips[joint]].translation
         end[i] = data.oMf[index].translation
-    chains = []
+    chains, arms = [], []
     for joint in leaves:
         support = list(model.supports[joint])
         origins = placements[:, support][..., :3, 3]
+        arm = arm_of(robot, joint)
+        if arm is not None:
+            # From its own base, not from the origin of the room.
+            origins[:, 0] = _base(robot, arm)
+        arms.append(0 if arm is None else robot.parts.index(arm))
         chains.append(np.concatenate([origins, tip_points[joint][:, None]], axis=1))
-    return Skeleton(placements, end, frame, tuple(chains))
+    return Skeleton(placements, end, frame, tuple(chains), tuple(arms))
+
+
+def arm_of(robot: Robot, joint: int) -> str | None:
+    """Name of the robot of a workcell that a joint belongs to; None if there is one."""
+    name = str(robot.model.names[joint])
+    own = [part for part in robot.parts if name.startswith(f"{part}/")]
+    return max(own, key=len, default=None)
+
+
+def _base(robot: Robot, arm: str) -> Array:
+    """Where a robot of a workcell stands [m]; on another one: the origin."""
+    for frame in robot.model.frames:
+        if frame.parentJoint == 0 and str(frame.name).startswith(f"{arm}/"):
+            return np.array(frame.placement.translation)
+    return np.zeros(3)
 
 
 def _tip(robot: Robot, joint: int) -> int:

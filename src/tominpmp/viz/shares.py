@@ -1,0 +1,62 @@
+"""Speeds and torques of a motion as shares of their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.problem import Problem
+from tominpmp.trajectory import Trajectory
+
+# Instants of a motion, jumps at its nodes not counted.
+INSTANTS = 160
+# At so large a share something is at its limit.
+AT_LIMIT = 0.985
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """How much of its limits a motion uses.
+
+    Attributes:
+        joint_names: Names of the joints, in column order.
+        t: Times [s], shape (m,).
+        torque: Torques from -1 at the lower limit to 1 at the upper one, shape (m, n);
+            0 for joints without a motor.
+        speed: Velocities over their limits, shape (m, n); 0 where there is none.
+    """
+
+    joint_names: tuple[str, ...]
+    t: Array
+    torque: Array
+    speed: Array
+
+    @property
+    def busiest(self) -> float:
+        """Share of the time in which something is at its limit."""
+        most = np.maximum(np.abs(self.torque), np.abs(self.speed)).max(axis=1)
+        held = np.minimum(most[1:], most[:-1]) >= AT_LIMIT
+        return float(np.diff(self.t)[held].sum() / (self.t[-1] - self.t[0]))
+
+
+def shares_of_limits(problem: Problem, trajectory: Trajectory) -> Shares:
+    """Compare a motion with the limits of its problem.
+
+    The share of the torque that ``effort_scale`` leaves to motions counts as all of it.
+    """
+    limits, motion_limits = problem.robot.limits, problem.motion_limits
+    scale = 1.0 if motion_limits is None else motion_limits.effort_scale
+    times = np.linspace(0.0, trajectory.duration, INSTANTS)
+    # Both sides of a jump at a node.
+    nodes = trajectory.t[1:-1]
+    times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
+    state = trajectory(times)
+    middle = 0.5 * (limits.effort_upper + limits.effort_lower)
+    half = 0.5 * scale * (limits.effort_upper - limits.effort_lower)
+    driven = half > 0.0
+    torque = np.where(driven, (state.u - middle) / np.where(driven, half, 1.0), 0.0)
+    return Shares(
+        trajectory.joint_names, times, torque, np.asarray(state.v / limits.velocity)
+    )

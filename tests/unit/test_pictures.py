@@ -1,0 +1,135 @@
+"""Pictures show the motion from its good side, furniture grey, several arms apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals import JointGoal
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.problem import Problem
+from tominpmp.robot import load_robot
+from tominpmp.scene import Box, ConstantVelocity, Cylinder, Sphere
+from tominpmp.trajectory import Trajectory
+from tominpmp.viz.bodies import robot_bodies
+from tominpmp.viz.camera import camera_view, points_in_view
+from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
+from tominpmp.viz.playback import play
+from tominpmp.viz.roles import FURNITURE_COLOR, HAZARD_COLOR, obstacle_color, rgb
+from tominpmp.viz.shares import shares_of_limits
+from tominpmp.viz.skeleton import skeleton
+from tominpmp.workcell import Workcell
+
+START, END = np.array([0.5, 1.7, -1.7]), np.array([0.9, -1.2, -0.9])
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return Problem(load_robot("planar3r"), START, JointGoal(END))
+
+
+def straight(problem: Problem, q_end: np.ndarray, duration: float = 1.0) -> Trajectory:
+    """From rest to rest by a cubic."""
+    q = np.stack([problem.q_start, q_end])
+    zero = np.zeros_like(q)
+    return Trajectory(
+        problem.robot.joint_names, np.array([0.0, duration]), q, zero, zero
+    )
+
+
+def test_furniture_is_grey_and_hazards_are_red() -> None:
+    table = Box("table", size=(1.0, 1.0, 0.05))
+    post = Box("post", size=(0.1, 0.1, 1.0))
+    gate = Box("gate", size=(2, 0.1, 1), motion=ConstantVelocity((0, 0.5, 0)))
+    assert obstacle_color(table) == FURNITURE_COLOR
+    for hazard in (
+        post,
+        gate,
+        Sphere("ball", radius=0.1),
+        Cylinder("can", radius=0.1, length=1),
+    ):
+        assert obstacle_color(hazard) == HAZARD_COLOR
+    assert rgb("#ff0080") == (1.0, 0.0, 128 / 255)
+
+
+def view_past(obstacles: list[Box]) -> np.ndarray:
+    """Where a UR5-like reach along x is looked at from, unit vector."""
+    arm = load_robot("panda", group="panda_arm")
+    q = np.array([[0.2 * i - 0.4, 0.3, 0.0, -1.8, 0.0, 2.0, 0.8] for i in range(5)])
+    motion = skeleton(arm, q, "panda_hand")
+    view = camera_view(
+        arm, obstacles, motion, robot_bodies(arm), np.linspace(0.0, 1.0, 5)
+    )
+    return view.normal
+
+
+def test_the_camera_stands_where_nothing_hides_the_hand() -> None:
+    free = view_past([])
+    side = np.sign(free[1])
+    wall = Box("wall", size=(9.0, 0.05, 9.0), position=(0.0, 0.9 * side, 1.0))
+    past = view_past([wall])
+    assert past @ free < 0.9
+    assert past[1] * side < 0.1
+    assert past[2] > 0.0
+
+
+def test_a_table_does_not_fill_the_picture() -> None:
+    robot = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]])
+    table = np.array([[-5.0, -5.0, -0.1], [5.0, 5.0, 0.0]])
+    far = table + np.array([0.0, 0.0, 20.0])
+    points = points_in_view(robot, [table, far])
+    assert np.ptp(points, axis=0).max() < 1.6
+    assert points[:, 2].min() == pytest.approx(-0.1)
+    assert points[:, 2].max() == pytest.approx(1.0)
+
+
+def test_two_arms_are_drawn_as_two() -> None:
+    arm = load_robot("planar3r")
+    turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([14.0, 0.0, 0.0]))
+    cell = Workcell({"a": (arm, (0, 0, 0)), "b": (arm, turned)})
+    found = skeleton(cell.robot, np.zeros((1, 6)), "a/tip")
+    assert found.arms == (0, 1)
+    np.testing.assert_allclose(found.chains[0][0, 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.chains[1][0, 0], [14.0, 0.0, 0.0], atol=1e-12)
+    both = cell.problem(
+        start={"a": START, "b": START},
+        goal={"a": JointGoal(END), "b": JointGoal(END)},
+    )
+    motion = straight(both, np.tile(END, 2))
+    (panel,) = plot_motion(both, {"both": motion}, instants=2).axes
+    colors = {line.get_color() for line in panel.lines}
+    assert set(ARM_COLORS[:2]) <= colors
+
+
+def test_shares_of_limits(problem: Problem) -> None:
+    motion = straight(problem, END)
+    shares = shares_of_limits(problem, motion)
+    fastest = 1.5 * np.abs(END - START) / problem.robot.limits.velocity
+    np.testing.assert_allclose(np.abs(shares.speed).max(axis=0), fastest, rtol=1e-3)
+    half = Problem(
+        problem.robot,
+        START,
+        JointGoal(END),
+        motion_limits=MotionLimits(effort_scale=0.5),
+    )
+    tight = shares_of_limits(half, motion)
+    np.testing.assert_allclose(tight.torque, 2.0 * shares.torque)
+    assert 0.0 <= shares.busiest <= 1.0
+
+
+def test_a_pale_twin_plays_along(problem: Problem, tmp_path: Path) -> None:
+    path = tmp_path / "motion.html"
+    slow = straight(problem, END, 2.0)
+    play(problem, straight(problem, END), path=path, twins={"slow": slow}, fps=10.0)
+    assert "pale: slow, T = 2 s" in path.read_text("utf-8")
+    other = Problem(
+        load_robot("planar3r", locked_joints={"joint3": 0.0}),
+        END[:2],
+        JointGoal(START[:2]),
+    )
+    with pytest.raises(ProblemError, match="joint"):
+        play(problem, slow, path=path, twins={"wrong": straight(other, START[:2])})
