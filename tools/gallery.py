@@ -14,8 +14,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import tominpmp as tm
 
@@ -133,6 +136,39 @@ def planned(item: Item, folder: Path) -> tm.Solution:
     return solution
 
 
+def twin(item: Item, solution: tm.Solution, folder: Path) -> dict[str, tm.Trajectory]:
+    """The same task by a sampled path, simplified, and TOPP-RA; none if it cannot be.
+
+    To the configuration that the plan has found, where the goal leaves a choice.
+    """
+    if not item.twin or find_spec("toppra") is None or find_spec("ompl") is None:
+        return {}
+    path = folder / f"{item.name}_twin.pickle"
+    if not path.is_file():
+        from benchmarks.rivals.arm import Arm
+        from benchmarks.rivals.rrt_toppra import solve
+
+        problem, motion = solution.problem, solution.trajectory
+        if motion is None:
+            return {}
+        checker, room = problem.checker, problem.margins
+
+        def clear(q: np.ndarray) -> bool:
+            return bool(np.all(checker.distances(np.atleast_2d(q)) > room))
+
+        found = solve(
+            Arm.of(problem.robot), motion.q[0], motion.q[-1], clear, clear, seed=1
+        )
+        t = np.linspace(0.0, found.T, 400)
+        q, v, _ = found.motion(t) if found.motion is not None else (None, None, None)
+        path.write_bytes(pickle.dumps((t, q, v)))
+    t, q, v = pickle.loads(path.read_bytes())
+    if q is None:
+        return {}
+    names = solution.problem.robot.joint_names
+    return {"RRT-Connect and TOPP-RA": tm.Trajectory(names, t, q, v, 0.0 * q)}
+
+
 def make_pages(folder: Path, names: Sequence[str] = ()) -> None:
     """Write the pages into a folder.
 
@@ -147,7 +183,8 @@ def make_pages(folder: Path, names: Sequence[str] = ()) -> None:
             continue
         solution = planned(item, folder)
         page = pages / f"{item.name}.html"
-        solution.play(page, title=f"{item.title}: T = {solution.T:.3f} s")
+        title = f"{item.title}: T = {solution.T:.3f} s"
+        solution.play(page, title=title, twins=twin(item, solution, folder))
         sys.stdout.write(f"{page}\n")
 
 
