@@ -1,0 +1,110 @@
+"""Stills and the animation of README and gallery, taken from playback pages.
+
+    python -m tools.gallery build            # the pages
+    python -m tools.stills build/extra/playback docs/figures
+
+Needs a Chromium on the path and Pillow, which comes with matplotlib.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--virtual-time-budget=4000",
+)
+WIDTH, HEIGHT = 1080, 600
+# Page and time [s] of each still.
+STILLS = {
+    "panda_shelf": 0.62,
+    "ur5_post": 0.35,
+    "two_ur5": 0.16,
+    "pick_and_place": 0.5,
+    "payload": 0.4,
+    "conveyor": 0.3,
+    "swinging_gate": 1.9,
+}
+# The animation: its page, its times [s], and how long a picture stays [ms].
+FILM, BEGIN, END, FRAMES, PAUSE = "payload", 0.0, 1.65, 34, 60
+FILM_WIDTH, COLORS, LAST = 640, 80, 900
+
+
+def picture(browser: str, page: Path, time: float, path: Path) -> None:
+    """Take a picture of a page at a time of its motion."""
+    with tempfile.TemporaryDirectory() as profile:
+        subprocess.run(
+            [
+                browser,
+                *FLAGS,
+                f"--user-data-dir={profile}",
+                f"--window-size={WIDTH},{HEIGHT}",
+                f"--screenshot={path}",
+                f"{page.resolve().as_uri()}#t={time}&still",
+            ],
+            check=True,
+            capture_output=True,
+        )
+
+
+def small(path: Path, width: int, colors: int) -> Image.Image:
+    """A picture, smaller and of few colours."""
+    with Image.open(path) as image:
+        height = round(image.height * width / image.width)
+        reduced = image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
+    return reduced.quantize(colors, dither=Image.Dither.NONE)
+
+
+def film(browser: str, page: Path, path: Path) -> None:
+    """Write the animation."""
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = []
+        for number in range(FRAMES):
+            time = BEGIN + (END - BEGIN) * number / (FRAMES - 1)
+            shot = Path(folder) / f"{number}.png"
+            picture(browser, page, time, shot)
+            pictures.append(small(shot, FILM_WIDTH, COLORS))
+    pauses = [PAUSE] * (FRAMES - 1) + [LAST]
+    first, *rest = pictures
+    first.save(
+        path, save_all=True, append_images=rest, duration=pauses, loop=0, optimize=True
+    )
+
+
+def main() -> int:
+    """Take all pictures, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pages", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("names", nargs="*", choices=[*STILLS, "film"])
+    arguments = parser.parse_args()
+    browser = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if browser is None:
+        parser.error(f"none of {', '.join(NAMES)} is on the path")
+    for name, time in STILLS.items():
+        if arguments.names and name not in arguments.names:
+            continue
+        path = arguments.out / f"{name}.png"
+        picture(browser, arguments.pages / f"{name}.html", time, path)
+        small(path, 900, 128).save(path, optimize=True)
+    if not arguments.names or "film" in arguments.names:
+        film(browser, arguments.pages / f"{FILM}.html", arguments.out / "motion.gif")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
