@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from tominpmp.bounds.lower_bound import LowerBound
     from tominpmp.certificate.certificate import Certificate
     from tominpmp.physics.replay import PhysicsReplay
+    from tominpmp.sensitivities.records import Sensitivities
     from tominpmp.verification.clearance import ClearanceProof
     from tominpmp.verification.verification import Verification
 
@@ -240,6 +241,20 @@ class Solution:
             message="This is about the duration alone, some of which the motion gives "
             f"away for less energy. {found.message}",
         )
+
+    @cached_property
+    def sensitivities(self) -> Sensitivities:
+        """What holds the motion back: how T changes with every limit of the problem.
+
+        They come from the multipliers of the certificate, without another plan, when
+        they are first asked for; see ``docs/sensitivities.md``.
+
+        Raises:
+            ProblemError: If there is no motion, or it has several segments.
+        """
+        from tominpmp.sensitivities.analysis import analyse
+
+        return analyse(self.problem, self._motion())
 
     def prove_clearance(self) -> ClearanceProof:
         """Prove that the motion keeps its clearance at all times, not at samples only.

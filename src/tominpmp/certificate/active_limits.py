@@ -287,6 +287,7 @@ class Motion:
                             np.maximum(room / half[joint], 0.0),
                             np.arange(N),
                             np.full(N, joint),
+                            float(end),
                         )
                     )
         return out

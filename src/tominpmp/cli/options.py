@@ -202,6 +202,8 @@ class PlanOptions(ReportOptions):
         certificate (FILE): Plot torques, switching functions, active limits and the
             Hamiltonian, and report how far the motion is from optimal to first order:
             .png, .pdf or .svg.
+        sensitivities (FILE): Plot by how much T changes with each limit, and report it:
+            .png, .pdf or .svg.
         save_scenario (FILE): Write the problem and the options as a scenario: .toml.
         quiet: No progress and no report, only warnings and errors.
         verbose: Show the log too.
@@ -216,6 +218,7 @@ class PlanOptions(ReportOptions):
     plot: Path | None = None
     html: Path | None = None
     certificate: Path | None = None
+    sensitivities: Path | None = None
     save_scenario: Path | None = None
     quiet: bool = field(default=False, metadata={"flags": ("--quiet", "-q")})
     verbose: bool = field(default=False, metadata={"flags": ("--verbose", "-v")})

@@ -32,6 +32,7 @@ FILES = {
     "plot": PLOT_ENDINGS,
     "html": PAGE_ENDINGS,
     "certificate": PLOT_ENDINGS,
+    "sensitivities": PLOT_ENDINGS,
 }
 
 
@@ -98,6 +99,7 @@ class OutputFiles:
             "plot": args.plot,
             "page": args.html,
             "certificate plot": args.certificate,
+            "sensitivities plot": args.sensitivities,
         }
         if self.motion is not None:
             with self._rescued(solution, self.motion):
@@ -111,6 +113,8 @@ class OutputFiles:
             solution.play(args.html)
         if args.certificate is not None:
             solution.plot_certificate(args.certificate)
+        if args.sensitivities is not None:
+            solution.sensitivities.plot(args.sensitivities)
         return {k: str(path) for k, path in files.items() if path is not None}, found
 
     @contextmanager

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # A torque or speed this close to its limit, as a share of it, is at the limit.
 CLOSE = 0.01
+# So many of the limits that hold a motion are shown.
+SHOWN = 8
 
 
 def limit_shares(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
@@ -83,11 +85,32 @@ def report_data(
     if "certificate plot" in files and solution.certificate is not None:
         data["certified"] = solution.certificate.ok
         data["certificate"] = solution.certificate.message
+    if "sensitivities plot" in files:
+        data["sensitivities"] = sensitivities_data(solution)
     data["files"] = files
     if file is not None:
         data |= {"file_holds": file.ok, "file_joined": file.joined}
         data |= {"file_message": file.message, "file_notes": file.notes}
     return cast("dict[str, Any]", plain(data))
+
+
+def sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
+    """What there is to report of what holds a motion, the largest effect first."""
+    return [
+        {
+            "kind": item.kind,
+            "joint": item.joint,
+            "subject": item.subject,
+            "value": item.value,
+            "unit": item.unit,
+            "limit": item.limit,
+            "limit_unit": item.limit_unit,
+            "vector": item.vector,
+            "text": f"{item.label}, {item.more} more: "
+            f"{1e3 * item.effect * solution.T:+.3g} ms",
+        }
+        for item in solution.sensitivities
+    ]
 
 
 def segments_data(solution: Solution) -> list[dict[str, Any]]:
@@ -154,6 +177,8 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("lower bound", bound))
     if "certificate" in data:
         rows.append(("certificate", data["certificate"]))
+    for item in data.get("sensitivities", ())[:SHOWN]:
+        rows.append(("held by", item["text"]))
     if data["violations"]:
         worst = data["violations"].items()
         texts = (

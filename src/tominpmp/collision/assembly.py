@@ -78,11 +78,16 @@ class Assembly:
         joint = np.array([body.joint for body in bodies], dtype=np.int64)
         return cls(links, pairs, obstacle_pairs, first, second, joint, narrow, query)
 
-    def derivatives(
+    def witnesses(
         self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
     ) -> tuple[Array, Array]:
-        """As the checker's, by the coordinates of the model, shape (k, nv)."""
-        k, obstacles = len(pairs), self.query.obstacles
+        """Normals and witness points of pairs at instants of configurations.
+
+        Returns:
+            Unit normals from the first body to the second, shape (k, 3), and the
+            points on both [m], shape (2, k, 3), in the world.
+        """
+        k = len(pairs)
         normal, points = np.empty((k, 3)), np.empty((2, k, 3))
         order = np.argsort(instants, kind="stable")
         starts = np.flatnonzero(np.diff(instants[order], prepend=-1))
@@ -92,10 +97,18 @@ class Assembly:
             found = self.narrow.witnesses(pairs[chosen].tolist())
             normal[chosen] = found.normal
             points[0, chosen], points[1, chosen] = found.first, found.second
+        return normal, points
+
+    def derivatives(
+        self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
+    ) -> tuple[Array, Array]:
+        """As the checker's, by the coordinates of the model, shape (k, nv)."""
+        obstacles = self.query.obstacles
+        normal, points = self.witnesses(rows, instants, pairs, times)
         placements = self.query.placements
         R, t = placements.joints(rows)
         placed = R[instants], t[instants]
-        out = np.zeros((k, rows.shape[1]))
+        out = np.zeros((len(pairs), rows.shape[1]))
         for bodies, point, sign in (
             (self.first, points[0], -1.0),
             (self.second, points[1], 1.0),

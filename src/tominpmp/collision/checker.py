@@ -289,6 +289,23 @@ class CollisionChecker:
         gradients, rates = self._parts.derivatives(rows, instants, pairs, times)
         return Derivatives(self.robot.reduce_tangent(gradients), rates)
 
+    def witnesses(self, q: Array, pairs: IntArray, times: Array) -> tuple[Array, Array]:
+        """Where pairs are nearest, at a configuration each.
+
+        Args:
+            q: Configurations, shape (k, n) [rad or m].
+            pairs: Index of the pair at each, shape (k,).
+            times: Times [s], shape (k,), for obstacles that move.
+
+        Returns:
+            Unit normals in the world from the link to the other body, along which the
+            distance grows, shape (k, 3), and the points of the other bodies [m],
+            shape (k, 3).
+        """
+        rows, instants = self.robot.expand(q), np.arange(len(pairs))
+        normal, points = self._parts.witnesses(rows, instants, pairs, times)
+        return normal, points[1]
+
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
         """Bounds on the speed of all points of the other body of each pair.
 

@@ -1,0 +1,138 @@
+r"""How the duration of a motion changes with every limit of its problem.
+
+The duration is the minimum of a program whose limits :math:`g_i(z, p) \le 0` depend on
+numbers p: speeds, torques, margins, masses. By the envelope theorem
+
+.. math:: \frac{dT}{dp} = \sum_i \lambda_i \frac{\partial g_i}{\partial p}
+
+at the optimum, with the motion z as it is: no plan is made again. The multipliers
+:math:`\lambda_i` are those of the certificate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.task import Task
+from tominpmp.exceptions import ProblemError, expect
+from tominpmp.kinematics import prismatic_joints
+from tominpmp.problem import Problem
+from tominpmp.sampled_motion import checked_motion
+from tominpmp.samples import Samples
+from tominpmp.sensitivities.limits import LimitValues
+from tominpmp.sensitivities.places import PlaceValues
+from tominpmp.sensitivities.records import Sensitivities, Sensitivity
+from tominpmp.sensitivities.torques import TorqueWeights
+from tominpmp.trajectory import Trajectory
+
+
+def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities:
+    """Say what holds a motion back: how T changes with each limit of its problem.
+
+    Args:
+        problem: What the motion solves.
+        trajectory: The motion, of whatever origin; the nearer it is to an optimum the
+            more the values mean, see :attr:`Sensitivities.promise`.
+
+    Returns:
+        The sensitivities.
+
+    Raises:
+        ProblemError: If the motion is one of other joints, has no numbers or no
+            multipliers, or the problem has several segments.
+    """
+    expect(problem, Problem, "problem", "a Problem")
+    if problem.segments:
+        raise ProblemError(
+            f"problem has {len(problem.segments)} segments, expected one: motions of "
+            "several have no sensitivities yet",
+            "segments",
+        )
+    given = checked_motion(trajectory, problem.robot, problem.q_start, problem.v_start)
+    found = None
+    try:
+        with np.errstate(all="ignore"):
+            motion = Motion.of(Task.of(problem), given)
+            found = solve_dual_program(motion)
+    except np.linalg.LinAlgError:
+        pass
+    if found is None:
+        raise ProblemError(
+            f"trajectory of {given.duration:.4g} s has no multipliers, expected a "
+            "motion whose linear program of small changes can be solved",
+            "trajectory",
+        )
+    return _read(motion, found)
+
+
+def _read(motion: Motion, found: DualSolution) -> Sensitivities:
+    """Sensitivities from the multipliers of a motion."""
+    torques = TorqueWeights.of(motion, found)
+    places = PlaceValues(motion, found, torques)
+    records = [
+        *LimitValues(motion, found).records(),
+        *_of_forces(motion, torques, places),
+        *places.records(),
+    ]
+    T = float(motion.changes.t[-1])
+    return Sensitivities(T, tuple(records), found.promise, places.base)
+
+
+def _of_forces(
+    motion: Motion, torques: TorqueWeights, places: PlaceValues
+) -> Iterator[Sensitivity]:
+    """Gravity, loads and friction."""
+    robot = motion.task.problem.robot
+    by_gravity = torques.by_gravity(robot)
+    size = float(np.linalg.norm(robot.gravity))
+    yield Sensitivity(
+        "gravity",
+        None,
+        "",
+        float(by_gravity @ robot.gravity) + places.by_gravity(),
+        limit=size,
+        limit_unit="m/s^2",
+        vector=by_gravity,
+    )
+    for load in robot.payloads:
+        worth = torques.by_mass(robot, load)
+        heavy = load.mass > 0.0
+        yield Sensitivity(
+            "payload",
+            None,
+            load.name,
+            worth * load.mass if heavy else worth,
+            "" if heavy else "1/kg",
+            load.mass,
+            "kg",
+        )
+    slides = prismatic_joints(robot)
+    viscous = np.where(slides, "N s/m", "N m s/rad").tolist()
+    dry = np.where(slides, "N", "N m").tolist()
+    for kind, given, torque, units in (
+        ("damping", robot.damping, robot.damping * torques.v, viscous),
+        ("friction", robot.friction, robot.friction * torques.way, dry),
+    ):
+        yield from _by_joint(kind, robot.joint_names, given, torques, torque, units)
+
+
+def _by_joint(
+    kind: str,
+    names: tuple[str, ...],
+    given: Array,
+    torques: TorqueWeights,
+    torque: Array,
+    units: list[str],
+) -> Iterator[Sensitivity]:
+    """Records of joints that have some of a friction."""
+    worth = torques.by_joint(torque)
+    for joint in np.flatnonzero(given).tolist():
+        name, value = names[joint], float(worth[joint])
+        yield Sensitivity(
+            kind, name, name, value, "", float(given[joint]), units[joint]
+        )

@@ -1,0 +1,277 @@
+"""Records of how the duration of a motion changes with the limits of its problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record, frozen_array
+from tominpmp.exceptions import ProblemError, brief, expect
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# With time stretched by a factor, a quantity falls by this power of it.
+POWERS = {
+    "velocity": 1,
+    "effort": 2,
+    "acceleration": 2,
+    "jerk": 3,
+    "effort rate": 3,
+    "gravity": 2,
+    "friction": 2,
+    "damping": 1,
+    "effort over speed": 2,
+    "speed of effort curve": 1,
+}
+# One per cent of a limit, a millimetre, a milliradian or a gram: what tables count in.
+SHARE, SMALL_UNIT = 0.01, 1e-3
+# What is looked at of those that are kinds of bodies.
+SHOWN = {"payload": "mass", "obstacle": "position"}
+# Effects below this share of T are left out of tables and pictures.
+LEAST = 1e-6
+SMALL_NAMES = {"1/m": "1 mm", "1/rad": "1 mrad", "1/kg": "1 g"}
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity(Record):
+    """How the duration changes with one limit, or with one number of the problem.
+
+    Attributes:
+        kind: "velocity", "effort", "acceleration", "jerk", "effort rate", "effort over
+            speed", "position", "clearance", "margin", "gravity", "payload", "damping",
+            "friction", "goal", "obstacle", or the name of a constraint.
+        joint: The joint; None where it is of no joint.
+        subject: What it is about: the joint, obstacle, pair of links, payload, frame.
+        value: d ln T / d ln limit: by so many per cent T changes where the limit grows
+            by one; below zero where more of it makes the motion faster. Where the
+            logarithm of a limit makes no sense, d ln T / d limit.
+        unit: Unit of the value: empty for shares of shares, else "1/m", "1/rad" or
+            "1/kg".
+        limit: The limit as it is [SI]; None where it is no number.
+        limit_unit: Its unit.
+        vector: d ln T by the coordinates of a place in the world, shape (3,) [1/m], or
+            by those of gravity [s^2/m]; its length is the value of a place. None else.
+    """
+
+    kind: str
+    joint: str | None
+    subject: str
+    value: float
+    unit: str = ""
+    limit: float | None = None
+    limit_unit: str = ""
+    vector: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Make the vector read-only."""
+        if self.vector is not None:
+            object.__setattr__(self, "vector", frozen_array(self.vector))
+
+    @property
+    def step(self) -> float:
+        """What tables count in: one per cent; where there is a unit, a thousandth."""
+        return SMALL_UNIT if self.unit else SHARE
+
+    @property
+    def more(self) -> str:
+        """The step in words."""
+        return SMALL_NAMES.get(self.unit, "1 %")
+
+    @property
+    def effect(self) -> float:
+        """Share of T that one such step adds, to first order."""
+        return self.value * self.step
+
+    @property
+    def label(self) -> str:
+        """What it is about, and which limit of it."""
+        if self.subject == "" or self.subject in self.kind:
+            return self.kind
+        return f"{self.subject}: {SHOWN.get(self.kind, self.kind)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivities(Record):
+    """How the duration of a motion changes with everything that may hold it.
+
+    An iterable of records, those with the largest effect first.
+
+    Attributes:
+        T: Duration of the motion [s].
+        records: The records.
+        promise: What small changes of the motion itself promise still, as a share of T:
+            the values hold for an optimum, and are the less exact the larger this is.
+        base: d ln T by a displacement of the robot's base: three translations along the
+            axes of the world [1/m] and three rotations about them, at its origin
+            [1/rad], shape (6,).
+    """
+
+    T: float
+    records: tuple[Sensitivity, ...]
+    promise: float
+    base: Array
+
+    def __post_init__(self) -> None:
+        """Put the records into order."""
+        found = sorted(self.records, key=lambda item: -abs(item.effect))
+        object.__setattr__(self, "records", tuple(found))
+        object.__setattr__(self, "base", frozen_array(self.base))
+
+    def __iter__(self) -> Iterator[Sensitivity]:
+        """Iterate over the records."""
+        return iter(self.records)
+
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self.records)
+
+    def __getitem__(self, index: int) -> Sensitivity:
+        """One of the records."""
+        return self.records[index]
+
+    def __repr__(self) -> str:
+        """How many there are, and the largest, on one line."""
+        first = f", first {self.records[0].label}" if self.records else ""
+        return f"<Sensitivities of T = {self.T:.6g} s: {len(self)} records{first}>"
+
+    def of(
+        self, kind: str | None = None, subject: str | None = None
+    ) -> tuple[Sensitivity, ...]:
+        """Records of a kind, or about a joint, an obstacle or whatever it is."""
+        return tuple(
+            item
+            for item in self.records
+            if kind in (None, item.kind) and subject in (None, item.subject)
+        )
+
+    def total(self, kind: str) -> float:
+        """Sum of the values of a kind: all its limits changed by one share."""
+        return math.fsum(item.value for item in self.of(kind))
+
+    @property
+    def balance(self) -> float:
+        """What time scaling leaves over, zero for a motion from rest to rest.
+
+        S_velocity + 2 S_effort + 2 S_acceleration + 3 S_jerk + 3 S_effort-rate + 2
+        S_gravity + S_damping + 2 S_friction = -1 where nothing else depends on time:
+        with every speed limit twice, and every torque limit four times as large (and
+        gravity, too), the same path takes half the time. Obstacles that move, ends that
+        move and constraints of other kinds on the way add to it.
+        """
+        return 1.0 + math.fsum(
+            power * self.total(kind) for kind, power in POWERS.items()
+        )
+
+    @classmethod
+    def of_cycle(
+        cls,
+        parts: Iterable[Sensitivities],
+        T: float | None = None,
+        names: Sequence[str] | None = None,
+    ) -> Sensitivities:
+        """Those of several motions, one after the other.
+
+        Args:
+            parts: Of each motion.
+            T: Duration of the whole [s], with what passes between the motions; None for
+                the sum of theirs.
+            names: Names of their goals, one each; None numbers them. The others are
+                taken for the same where they are about the same.
+
+        Raises:
+            ProblemError: If there are none, or the duration is less than theirs.
+        """
+        items = list(parts)
+        goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
+        for item in items:
+            expect(item, Sensitivities, "parts", "Sensitivities of motions")
+        total = math.fsum(item.T for item in items)
+        whole = total if T is None else T
+        if not items or not whole >= total * (1.0 - 1e-9):
+            raise ProblemError(
+                f"T is {brief(T)} for {len(items)} motions that take {total:.4g} s, "
+                "expected at least as much, and one motion or more",
+                "T",
+            )
+        sums: dict[tuple[str, str, str], Sensitivity] = {}
+        for part, goal in zip(items, goals, strict=True):
+            for record in part:
+                own = record.kind == "goal" and record.joint is None
+                mine = replace(record, subject=goal) if own else record
+                key = mine.kind, mine.subject, mine.unit
+                sums[key] = _added(sums.get(key), mine, part.T / whole)
+        base = sum(item.base * (item.T / whole) for item in items)
+        promise = math.fsum(item.promise * item.T for item in items) / whole
+        return cls(whole, tuple(sums.values()), promise, np.asarray(base))
+
+    def table(self, most: int | None = None) -> str:
+        """What holds the motion, as text, one line a record, the largest first.
+
+        Args:
+            most: Largest number of lines; None for all that have an effect.
+        """
+        shown = [item for item in self.records if abs(item.effect) >= LEAST]
+        rows = [_row(item, self.T) for item in shown[:most]]
+        head = ("what", "limit", "more by", "changes T by", "d ln T / d ln")
+        widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+        lines = [
+            "  ".join(
+                cell.ljust(width) if i < 2 else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ).rstrip()
+            for row in (head, *rows)
+        ]
+        left = len(shown) - len(rows)
+        if left:
+            lines.append(f"and {left} more of less effect")
+        return "\n".join(lines)
+
+    def plot(self, path: str | Path | None = None, *, most: int = 20) -> Figure:
+        """Draw what holds the motion as bars, the largest first.
+
+        Args:
+            path: File to write (PNG, PDF or SVG by its ending), if any.
+            most: Largest number of bars.
+
+        Returns:
+            The figure.
+
+        Raises:
+            ProblemError: If the ending of the path is unknown.
+            MissingDependency: If matplotlib is not installed.
+        """
+        from tominpmp.viz.sensitivity_plot import plot_sensitivities
+
+        return plot_sensitivities(self, path=path, most=most)
+
+
+def _added(sum_: Sensitivity | None, item: Sensitivity, share: float) -> Sensitivity:
+    """A record with that of another motion added."""
+    value = share * item.value
+    vector = None if item.vector is None else share * item.vector
+    if sum_ is None:
+        return replace(item, value=value, vector=vector)
+    if vector is not None and sum_.vector is not None:
+        vector = vector + sum_.vector
+        if item.kind in ("goal", "obstacle"):
+            return replace(sum_, value=float(np.linalg.norm(vector)), vector=vector)
+    return replace(sum_, value=sum_.value + value, vector=vector)
+
+
+def _row(item: Sensitivity, T: float) -> Sequence[str]:
+    """Cells of a line of the table."""
+    limit = "" if item.limit is None else f"{item.limit:.4g} {item.limit_unit}".strip()
+    change = f"{1e3 * item.effect * T:+.3g} ms"
+    return (
+        item.label,
+        limit,
+        item.more,
+        change,
+        f"{item.value:+.4f} {item.unit}".strip(),
+    )

@@ -1,0 +1,216 @@
+"""What limits are worth: time scaling, plans made again, and what is said of it."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from tominpmp.cli.app import app
+from tominpmp.sensitivities import Sensitivities, Sensitivity, analyse
+from tominpmp.sensitivities.places import PlaceValues, _displaced
+from tominpmp.sensitivities.torques import TorqueWeights
+
+ROOT = str(Path(__file__).resolve().parents[2])
+if ROOT not in sys.path:
+    sys.path.insert(0, ROOT)
+
+from benchmarks.sensitivities import FINE, difference  # noqa: E402
+
+START = (0.5, 1.7, -1.7)
+JOINTS = tm.JointGoal([1.2, 0.8, -0.4])
+TIP = tm.PositionGoal("tip", (4, 1, 0))
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))])
+CONTROLLER = tm.MotionLimits(acceleration=20.0, jerk=300.0, effort_rate=300.0)
+CURVE = tm.MotionLimits(effort_curves={"joint3": tm.EffortCurve.droop(2.5, 4.0)})
+
+
+@cache
+def arm(**changes: Any) -> tm.Robot:
+    return tm.load_robot("planar3r").with_changes(**changes)
+
+
+@cache
+def planned(case: str) -> tm.Solution:
+    weightless = {"gravity": (0.0, 0.0, 0.0)}
+    free = arm(damping=0.0, **weightless)
+    loaded = arm().with_payload(tm.Payload(0.02, "tip", com=(0.1, 0.0, 0.0)))
+    problems: dict[str, Any] = {
+        "free": lambda: tm.Problem(free, START, JOINTS),
+        "slow": lambda: tm.Problem(
+            arm(damping=0.0, velocity=1.0, **weightless), START, JOINTS
+        ),
+        "controller": lambda: tm.Problem(free, START, JOINTS, motion_limits=CONTROLLER),
+        "gravity": lambda: tm.Problem(arm(damping=0.0), START, JOINTS),
+        "damped": lambda: tm.Problem(arm(), START, JOINTS, motion_limits=CONTROLLER),
+        "rubbing": lambda: tm.Problem(arm(friction=0.3), START, JOINTS),
+        "curve": lambda: tm.Problem(arm(), START, JOINTS, motion_limits=CURVE),
+        "loaded": lambda: tm.Problem(loaded, START, JOINTS),
+        "obstacle": lambda: tm.Problem(arm(**weightless), START, TIP, OBSTACLE, 0.1),
+    }
+    fine = {**FINE, "intervals": 32}
+    return tm.plan(problems[case](), **fine).raise_if_failed()
+
+
+def values(case: str, kind: str) -> dict[str, float]:
+    return {s.subject: s.value for s in planned(case).sensitivities.of(kind)}
+
+
+@pytest.mark.parametrize("case", ["free", "slow", "controller"])
+def test_time_scaling(case: str) -> None:
+    found = planned(case).sensitivities
+    powers = {"velocity": 1, "effort": 2, "acceleration": 2, "jerk": 3}
+    powers["effort rate"] = 3
+    total = sum(power * found.total(kind) for kind, power in powers.items())
+    assert total == pytest.approx(-1.0, abs=1e-6)
+    assert found.balance == pytest.approx(0.0, abs=1e-6)
+    worth = [s.value for kind in powers for s in found.of(kind)]
+    assert max(worth) <= 1e-6 and min(worth) < -0.1
+
+
+@pytest.mark.parametrize("case", ["gravity", "damped", "rubbing", "curve", "loaded"])
+def test_time_scaling_of_what_makes_torques(case: str) -> None:
+    found = planned(case).sensitivities
+    assert found.balance == pytest.approx(0.0, abs=1e-6)
+    parts = {"gravity": "gravity", "damped": "damping", "rubbing": "friction"}
+    parts |= {"curve": "speed of effort curve", "loaded": "gravity"}
+    assert abs(found.total(parts[case])) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("case", "kind", "subject", "steps"),
+    [
+        ("loaded", "effort", "joint3", 1.0),
+        ("loaded", "payload", "payload", 10.0),
+        ("obstacle", "obstacle", "O", 1.0),
+        ("obstacle", "goal", "frame tip", 1.0),
+        ("obstacle", "margin", "", 1.0),
+        ("slow", "velocity", "joint3", 1.0),
+    ],
+)
+def test_differences_of_plans(case: str, kind: str, subject: str, steps: float) -> None:
+    solution = planned(case)
+    (item,) = solution.sensitivities.of(kind, subject)
+    by_plans = difference(solution.problem, solution, item, steps)
+    assert by_plans is not None
+    assert item.value == pytest.approx(by_plans, rel=0.05)
+
+
+def test_clearance_is_that_of_the_obstacle() -> None:
+    found = planned("obstacle").sensitivities
+    (clearance,), (margin,) = found.of("clearance", "O"), found.of("margin")
+    assert clearance.value > 0.01
+    assert margin.value == pytest.approx(0.1 * clearance.value)
+
+
+def test_a_margin_of_nothing_is_by_its_unit() -> None:
+    problem = replace(planned("obstacle").problem, margin=0.0)
+    found = analyse(problem, planned("obstacle").trajectory)
+    assert [s.unit for s in found.of("margin")] == ["1/m"]
+
+
+def test_moving_the_base_moves_all_else_the_other_way() -> None:
+    found = planned("obstacle").sensitivities
+    (goal,), (obstacle,) = found.of("goal"), found.of("obstacle")
+    together = np.array(goal.vector) + np.array(obstacle.vector)
+    assert np.linalg.norm(together) > 0.01
+    np.testing.assert_allclose(found.base[:3], -together, atol=1e-6)
+
+
+def test_a_base_that_turns_takes_gravity_along() -> None:
+    solution = planned("gravity")
+    from tominpmp.certificate.active_limits import Motion
+    from tominpmp.certificate.dual_program import solve_dual_program
+    from tominpmp.certificate.task import Task
+    from tominpmp.dynamics import RobotDynamics
+
+    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
+    dual = solve_dual_program(motion)
+    weights = TorqueWeights.of(motion, dual)
+    step, robot = 1e-5, solution.problem.robot
+    costs = []
+    for sign in (-1.0, 1.0):
+        turned = _displaced(robot, sign * step * np.eye(6)[5])
+        states = weights.q, weights.v, weights.a
+        costs.append(weights.against(RobotDynamics(turned).inverse(*states)))
+    expected = (costs[1] - costs[0]) / (2.0 * step)
+    base = PlaceValues(motion, dual, weights).base
+    assert abs(expected) > 1e-3
+    assert base[5] == pytest.approx(expected, rel=1e-6)
+
+
+def test_tables_and_pictures(tmp_path: Path) -> None:
+    found = planned("obstacle").sensitivities
+    lines = found.table(3).splitlines()
+    assert len(lines) == 5 and "more of less effect" in lines[-1]
+    assert lines[1].startswith(found[0].label)
+    effects = [abs(item.effect) for item in found]
+    assert effects == sorted(effects, reverse=True)
+    pytest.importorskip("matplotlib")
+    figure = found.plot(tmp_path / "bars.png", most=4)
+    assert (tmp_path / "bars.png").stat().st_size > 1000
+    assert len(figure.axes[0].patches) == 4
+    with pytest.raises(tm.ProblemError, match="most is 0"):
+        found.plot(most=0)
+
+
+def test_a_cycle_is_the_sum_of_its_motions() -> None:
+    one, other = (planned(case).sensitivities for case in ("free", "slow"))
+    cycle = Sensitivities.of_cycle([one, other])
+    assert cycle.T == pytest.approx(one.T + other.T)
+    assert cycle.balance == pytest.approx(0.0, abs=1e-6)
+    expected = one.T * one.total("effort") + other.T * other.total("effort")
+    assert cycle.total("effort") == pytest.approx(expected / cycle.T)
+    longer = Sensitivities.of_cycle([one], 2.0 * one.T)
+    assert longer.total("effort") == pytest.approx(0.5 * one.total("effort"))
+    with pytest.raises(tm.ProblemError, match="expected at least as much"):
+        Sensitivities.of_cycle([one], 0.5 * one.T)
+    with pytest.raises(tm.ProblemError, match="one motion or more"):
+        Sensitivities.of_cycle([])
+    with pytest.raises(tm.ProblemError, match="parts is"):
+        Sensitivities.of_cycle([1.0])  # type: ignore[list-item]
+
+
+def test_goals_of_a_cycle_stay_apart() -> None:
+    one = planned("obstacle").sensitivities
+    cycle = Sensitivities.of_cycle([one, one], names=["pick", "place"])
+    assert {s.subject for s in cycle.of("goal")} == {"pick", "place"}
+    (obstacle,), (single,) = cycle.of("obstacle"), one.of("obstacle")
+    assert obstacle.value == pytest.approx(single.value)
+
+
+def test_wrong_arguments() -> None:
+    solution = planned("free")
+    with pytest.raises(tm.ProblemError, match="problem is 3"):
+        analyse(3, solution.trajectory)  # type: ignore[arg-type]
+    segments = [tm.Segment(JOINTS), tm.Segment(tm.JointGoal(START))]
+    several = tm.Problem(arm(), START, segments=segments)
+    with pytest.raises(tm.ProblemError, match="2 segments"):
+        analyse(several, solution.trajectory)
+    failed = replace(solution, trajectory=None, feasible=False)
+    with pytest.raises(tm.ProblemError, match="there is no motion"):
+        _ = failed.sensitivities
+
+
+def test_records_are_data() -> None:
+    item = planned("free").sensitivities[0]
+    assert isinstance(item, Sensitivity) and item == replace(item)
+    assert item.joint == item.subject and item.limit and item.limit_unit
+
+
+def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    words = "plan planar3r --start 0.5 1.7 -1.7 --goal 1.2 0.8 -0.4 --no-output"
+    words += " --intervals 8 --refine none --starts 1 --sensitivities"
+    picture = tmp_path / "bars.svg"
+    result = CliRunner().invoke(app, [*words.split(), str(picture)])
+    assert result.exit_code == 0, result.output
+    assert "held by" in result.output and "effort, 1 % more: -" in result.output
+    assert picture.stat().st_size > 1000
