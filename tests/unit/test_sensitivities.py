@@ -214,3 +214,17 @@ def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "held by" in result.output and "effort, 1 % more: -" in result.output
     assert picture.stat().st_size > 1000
+
+
+def test_constraints_on_the_way_have_records() -> None:
+    solution = planned("free")
+    assert solution.trajectory is not None
+    state = solution.trajectory(np.linspace(0.0, solution.T, 200))
+    ready = tm.ToolSpeed("tip", 1.0).on(solution.problem.robot)
+    fastest = float(np.max(ready.measure_rows(state.q, state.v, state.a)))
+    limit = tm.ToolSpeed("tip", fastest)
+    problem = replace(solution.problem, constraints=(limit,))
+    found = analyse(problem, solution.trajectory)
+    (record,) = found.of("speed of frame tip")
+    assert record.unit == "" and record.limit == fastest
+    assert record.value <= 0.0 and np.all(np.isfinite(found.base))

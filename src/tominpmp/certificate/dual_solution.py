@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.multipliers import Multipliers
 
 
@@ -26,6 +27,8 @@ class DualSolution:
         multipliers: Of the limits.
         promise: Reduction of the duration to first order, as a share of it.
         state_scale: Changes of the state that the trust region allows, shape (2 n,).
+        rows: The limits that are rows, with their multipliers in shares of the
+            duration, positive where the upper side holds.
     """
 
     costates: Array
@@ -36,3 +39,4 @@ class DualSolution:
     multipliers: Multipliers
     promise: float
     state_scale: Array
+    rows: tuple[tuple[LimitRows, Array], ...]

@@ -27,6 +27,8 @@ class LimitRows:
         speed_slopes: Derivatives by the velocities there, likewise.
         unit: A unit of the rows in units of the limit: the reach for clearances [m];
             one for all, or shape (m,).
+        component: Which value of its constraint each row is, shape (m,), of those that
+            problems ask for.
     """
 
     kind: str
@@ -40,6 +42,7 @@ class LimitRows:
     slopes: Array | None = None
     speed_slopes: Array | None = None
     unit: Array | float = 1.0
+    component: IntArray | None = None
 
     @property
     def end(self) -> int | None:
@@ -61,6 +64,7 @@ class LimitRows:
             slopes=None if self.slopes is None else self.slopes[rows],
             speed_slopes=None if self.speed_slopes is None else self.speed_slopes[rows],
             unit=_some(self.unit, rows),
+            component=None if self.component is None else self.component[rows],
         )
 
 

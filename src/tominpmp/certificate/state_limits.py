@@ -68,6 +68,7 @@ def _constraint(motion: Motion, index: int) -> LimitRows | None:
         slopes=slopes[0],
         speed_slopes=slopes[1],
         unit=item.scale,
+        component=which,
     )
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.task import Task
 from tominpmp.exceptions import ProblemError, expect
 from tominpmp.kinematics import prismatic_joints

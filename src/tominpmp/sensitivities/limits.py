@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.certificate.active_limits import LimitRows, Motion
-from tominpmp.certificate.dual_program import DualSolution
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.limit_rows import LimitRows
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.sensitivities.records import Sensitivity

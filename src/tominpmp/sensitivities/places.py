@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.dual_program import DualSolution
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.multipliers import GOAL
 from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
@@ -172,34 +172,32 @@ class PlaceValues:
         return (more - less) / (2.0 * GRAVITY_STEP)
 
     @cached_property
-    def _constrained(self) -> list[tuple[int, Array, IntArray]]:
-        """Constraints with the times and multipliers of their rows."""
+    def _constrained(self) -> list[tuple[int, Array, IntArray, Array]]:
+        """Constraints with the times, components and multipliers of their rows."""
         names = {item.name for item in self.motion.task.problem.constraints}
         found, changes = [], self.motion.changes
         for rows, y in self.found.rows:
-            if rows.kind not in names:
+            if rows.kind not in names or rows.component is None:
                 continue
-            held = y > NOTHING
+            held = np.abs(y) > NOTHING
             share = np.broadcast_to(np.asarray(rows.share, dtype=float), y.shape)[held]
             interval = rows.interval[held]
             inside = np.minimum(share, 1.0 - JUST_INSIDE)
             time = changes.t[interval] + inside * changes.h[interval]
             for index in np.unique(rows.subject[held]).tolist():
                 own = rows.subject[held] == index
-                found.append((index, time[own], y[held][own]))
+                which = rows.component[held][own]
+                found.append((index, time[own], which, y[held][own]))
         return found
 
     def _asked(self, robot: Robot) -> float:
         """Values of the constraints for another robot, weighted by multipliers."""
         total = 0.0
-        for index, times, y in self._constrained:
+        for index, times, which, y in self._constrained:
             item = self.motion.task.problem.constraints[index].on(robot)
             state = self.motion.trajectory(times)
-            values = [
-                item.value(*row)[0]
-                for row in zip(state.q, state.v, state.a, strict=True)
-            ]
-            total += float(y @ np.array(values))
+            values = item.value_rows(state.q, state.v, state.a)
+            total += float(y @ values[np.arange(y.size), which])
         return total
 
 

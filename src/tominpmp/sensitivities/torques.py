@@ -15,8 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.certificate.active_limits import LimitRows, Motion
-from tominpmp.certificate.dual_program import DualSolution
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.limit_rows import LimitRows
+from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.payload import Payload
 from tominpmp.robot import Robot
