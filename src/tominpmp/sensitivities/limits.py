@@ -10,8 +10,8 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.dual_solution import DualSolution
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.sensitivities.records import Sensitivity

@@ -16,8 +16,8 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.dual_solution import DualSolution
+from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.payload import Payload
 from tominpmp.robot import Robot
