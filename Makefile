@@ -30,8 +30,12 @@ demo: setup ## Plan the paper's example; figures and an animation go to out/
 	@$(BIN)/python examples/paper_demo.py
 
 .PHONY: test
-test: setup ## Run all tests (PYTEST_ARGS="-k lp -x" to choose)
+test: setup ## Run the tests (PYTEST_ARGS="-k lp -x" to choose)
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+.PHONY: test-all
+test-all: setup ## Run all tests, with those that take minutes
+	@$(BIN)/python -m pytest -m 'nightly or not nightly' $(PYTEST_ARGS)
 
 .PHONY: check
 check: lint types layers spelling ## Lint, formatting, types, import layers, spelling

@@ -117,6 +117,7 @@ COMMAND = """
     main()
 """
 PLAN = "plan planar3r --start 0.5 1.7 -1.7 --goal 2 -1 0.5 -o motion.csv".split()
+PLAN += ["--planning-effort", "quick"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

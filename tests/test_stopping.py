@@ -75,7 +75,9 @@ def test_an_exception_of_the_callback_keeps_the_motion():
     def raising():
         raise KeyboardInterrupt
 
-    solution = tm.plan(reach(), tm.Options(callback=Interrupter(2, raising)))
+    solution = tm.plan(
+        reach(), tm.Options(effort="quick", callback=Interrupter(2, raising))
+    )
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok
 
@@ -86,7 +88,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
         stopping.check()
 
     monkeypatch.setattr("tominpmp.planner.multistart.initial_guesses", pressed)
-    solution = tm.plan(reach())
+    solution = tm.plan(reach(), effort="quick")
     assert solution.status is tm.Status.INTERRUPTED
     assert not solution.success and solution.trajectory is None
 
@@ -106,7 +108,7 @@ def test_interrupted_in_a_later_stage(monkeypatch, stage):
         return usual(*arguments, **named)
 
     monkeypatch.setattr(module, pressed)
-    solution = tm.plan(reach())
+    solution = tm.plan(reach(), effort="quick")
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok
 
@@ -119,11 +121,11 @@ def test_interrupted_while_torques_are_made_quiet(monkeypatch):
         return usual(self, *arguments)
 
     monkeypatch.setattr(TorqueVariationSolver, "step", pressed)
-    solution = tm.plan(reach(), tm.Options(slack=0.02))
+    solution = tm.plan(reach(), tm.Options(effort="quick", slack=0.02))
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok
     assert "left as they are" in solution.message
-    done = tm.plan(reach())
+    done = tm.plan(reach(), effort="quick")
     again = tm.smooth(done)
     assert again.status is tm.Status.INTERRUPTED and again.T == done.T
 
@@ -151,11 +153,11 @@ def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
         return usual(*arguments)
 
     monkeypatch.setattr(guessed, "solve_from_guess", failing)
-    assert tm.plan(reach(), tm.Options(starts=2)).success
+    assert tm.plan(reach(), tm.Options(effort="quick", starts=2)).success
     monkeypatch.setattr(guessed, "solve_from_guess", lambda *a: 1 / 0)
     far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
     with pytest.raises(ZeroDivisionError):
-        tm.plan(reach(scene=far), tm.Options(starts=2))
+        tm.plan(reach(scene=far), tm.Options(effort="quick", starts=2))
 
 
 def test_time_used_up_within_the_first_solve_leaves_a_verified_motion():
@@ -163,7 +165,9 @@ def test_time_used_up_within_the_first_solve_leaves_a_verified_motion():
         if record.violation <= 1e-6:
             time.sleep(5.0)
 
-    options = tm.Options(max_planning_time=5.0, tolerance=1e-9, callback=slow)
+    options = tm.Options(
+        effort="quick", max_planning_time=5.0, tolerance=1e-9, callback=slow
+    )
     solution = tm.plan(reach(), options)
     assert solution.status is tm.Status.TIME_LIMIT
     assert solution.iterations >= 1

@@ -46,7 +46,13 @@ def least_time(
         scene=tm.Scene() if scene is None else scene,
         v_start=v_start,
     )
-    options = tm.Options(method=method, intervals=INTERVALS, grid="uniform")
+    options = tm.Options(
+        method=method,
+        intervals=INTERVALS,
+        grid="uniform",
+        effort="quick",
+        refine=None,
+    )
     solution = tm.plan(problem, options)
     assert solution.status is tm.Status.CONVERGED, solution.message
     return solution.T

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,9 @@ from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
+
+# The search for the best motion is looked at elsewhere.
+plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START = (0.5, 1.7, -1.7)
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
@@ -110,7 +115,9 @@ def jerk_limited_time(distance, velocity, acceleration, jerk):
 def test_jerk_limited_rail_against_the_closed_form(acceleration, jerk, rail):
     limits = MotionLimits(acceleration=acceleration, jerk=jerk)
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), motion_limits=limits)
-    solution = tm.plan(problem, tm.Options(intervals=60, grid="uniform", smoothing=0.0))
+    solution = plan_quickly(
+        problem, tm.Options(intervals=60, grid="uniform", smoothing=0.0)
+    )
     best = jerk_limited_time(1.0, np.inf, min(acceleration, 1e3), jerk)
     assert solution.success
     assert best * (1 - 1e-6) < solution.T < best * 1.004
@@ -124,13 +131,13 @@ def test_torque_rate_is_kept_and_costs_time(rail):
     for rate in (np.inf, 400.0, 40.0):
         limits = MotionLimits(effort_rate=rate)
         problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), motion_limits=limits)
-        solution = tm.plan(problem)
+        solution = plan_quickly(problem)
         assert solution.success
         u = solution.trajectory.sample(1e-3).u[:-1]
         assert np.max(np.abs(np.diff(u, axis=0))) < rate * 1e-3 * 1.01
         times.append(solution.T)
     assert times[0] < times[1] < times[2]
-    free = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([1.0]))).T
+    free = plan_quickly(tm.Problem(rail, [0.0], tm.JointGoal([1.0]))).T
     assert times[0] > free * (1 - 1e-4)  # a relaxed problem is no slower
 
 
@@ -138,17 +145,19 @@ def test_torque_over_speed_is_kept(rail):
     curve = EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([10.0, 6.0, 0.0]))
     limits = MotionLimits(effort_curves={rail.joint_names[0]: curve})
     problem = tm.Problem(rail, [0.0], tm.JointGoal([2.0]), motion_limits=limits)
-    solution = tm.plan(problem)
+    solution = plan_quickly(problem)
     dense = solution.trajectory.sample(1e-3)
     assert solution.success
     assert np.all(np.abs(dense.u) <= curve(dense.v)[0] + 0.02)
-    assert solution.T > tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([2.0]))).T
+    assert solution.T > plan_quickly(tm.Problem(rail, [0.0], tm.JointGoal([2.0]))).T
 
 
 def test_effort_scale_leaves_a_reserve(rail):
-    full = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([0.2])))
+    full = plan_quickly(tm.Problem(rail, [0.0], tm.JointGoal([0.2])))
     limits = MotionLimits(effort_scale=0.81)
-    part = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([0.2]), motion_limits=limits))
+    part = plan_quickly(
+        tm.Problem(rail, [0.0], tm.JointGoal([0.2]), motion_limits=limits)
+    )
     top = rail.limits.effort_upper[0]
     assert np.max(np.abs(part.trajectory.u)) <= 0.81 * top * (1 + 1e-5)
     assert part.T / full.T == pytest.approx(1 / 0.9, rel=1e-3)
@@ -157,9 +166,9 @@ def test_effort_scale_leaves_a_reserve(rail):
 @pytest.mark.parametrize("control", ["linear", "spline"])
 def test_smooth_controls_converge_faster_with_the_grid(control):
     # The same problem in each control: constant accelerations are of first order only.
-    fine = tm.plan(planar(), tm.Options(method="collocation", intervals=80)).T
-    constant = tm.plan(planar(), tm.Options(control="constant"))
-    smooth = tm.plan(planar(), tm.Options(control=control))
+    fine = plan_quickly(planar(), tm.Options(method="collocation", intervals=80)).T
+    constant = plan_quickly(planar(), tm.Options(control="constant"))
+    smooth = plan_quickly(planar(), tm.Options(control=control))
     assert smooth.success
     assert fine * (1 - 5e-3) < smooth.T < fine * 1.01
     assert smooth.T < constant.T
@@ -206,6 +215,6 @@ def test_curves_are_checked():
 def test_methods_that_cannot_keep_the_limits_say_so():
     problem = planar(motion_limits=MotionLimits(jerk=100.0))
     with pytest.raises(OptionsError, match="inverse"):
-        tm.plan(problem, tm.Options(method="collocation"))
+        plan_quickly(problem, tm.Options(method="collocation"))
     with pytest.raises(OptionsError, match="continuous"):
-        tm.plan(problem, tm.Options(control="constant"))
+        plan_quickly(problem, tm.Options(control="constant"))

@@ -22,6 +22,9 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError
 from tominpmp.verification.replay import Integration
 
+# The search for the best motion is looked at elsewhere.
+plan_quickly = partial(tm.plan, effort="quick", refine=None)
+
 MASS, FORCE, FRICTION, WAY = 2.0, 10.0, 3.0, 1.2
 
 
@@ -106,7 +109,8 @@ METHODS: dict[str, dict[str, str]] = {
 def slid(case: Case, **options: object) -> tm.Solution:
     """Plan a case."""
     problem = tm.Problem(case[0](), [0.0], tm.JointGoal([case[1]]))
-    return tm.plan(problem, tm.Options(**options))  # type: ignore[arg-type]
+    chosen = {"effort": "quick", "refine": None, **options}
+    return tm.plan(problem, tm.Options(**chosen))  # type: ignore[arg-type]
 
 
 def by_hand(solution: tm.Solution, gravity: float = 0.0) -> tuple[float, float]:
@@ -170,7 +174,7 @@ def test_another_integration_ends_at_the_goal(name: str, method: str) -> None:
 def test_too_little_force_to_move_is_said() -> None:
     robot = make_arm(SLIDE, effort=FORCE, friction=12.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([WAY]))
-    solution = tm.plan(problem, tm.Options(starts=1))
+    solution = plan_quickly(problem, tm.Options(starts=1))
     assert not solution.success
     assert "cannot overcome its dry friction of 12 N" in solution.message
 
@@ -290,7 +294,7 @@ def test_joints_that_turn_keep_their_limits() -> None:
     )
     for method in METHODS.values():
         problem = tm.Problem(robot, [0.0, 0.5], tm.JointGoal([2.0, 0.5]))
-        solution = tm.plan(problem, tm.Options(**method))  # type: ignore[arg-type]
+        solution = plan_quickly(problem, tm.Options(**method))  # type: ignore[arg-type]
         assert solution.success, solution.message
         motion = solution.trajectory
         assert motion is not None
@@ -305,7 +309,7 @@ def test_without_friction_nothing_changes() -> None:
     robot = make_arm(rod(2.0, 1.0), rod(1.0, 0.8), effort=[20.0, 6.0])
     motions = []
     for arm in (robot, robot.with_changes(friction=0.0)):
-        found = tm.plan(tm.Problem(arm, [0.0, 0.5], tm.JointGoal([1.0, 0.2])))
+        found = plan_quickly(tm.Problem(arm, [0.0, 0.5], tm.JointGoal([1.0, 0.2])))
         assert found.trajectory is not None
         motions.append(found.trajectory)
     assert motions[0] == motions[1]
@@ -336,7 +340,7 @@ def test_two_arms_in_one_cell_have_the_friction_of_each() -> None:
     robot = combine_robots(parts)
     assert robot.friction.tolist() == [FRICTION, 1.0]
     problem = tm.Problem(robot, [0.0, 0.0], tm.JointGoal([WAY, WAY]))
-    solution = tm.plan(problem)
+    solution = plan_quickly(problem)
     assert solution.success
     assert solution.T == pytest.approx(CASES["rail"][2], rel=5e-3)
 
@@ -357,7 +361,7 @@ def test_a_joint_that_follows_passes_its_friction_on(tmp_path: Path) -> None:
     robot = tm.load_robot(path)
     assert robot.friction.tolist() == [pytest.approx(0.2 + 2.0 * 0.2)]
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
-    solution = tm.plan(problem)
+    solution = plan_quickly(problem)
     assert solution.success, solution.message
 
 
@@ -366,7 +370,7 @@ def test_a_motion_of_torques_can_be_begun_with() -> None:
     case = CASES["rail"]
     for method in ("inverse", "collocation", "adjoint"):
         first = slid(case, method=method)
-        again = tm.plan(first.problem, tm.Options(method=method), start=first)
+        again = plan_quickly(first.problem, tm.Options(method=method), start=first)
         assert again.success, again.message
         assert again.T == pytest.approx(first.T, rel=1e-3)
 

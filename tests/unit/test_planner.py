@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +15,9 @@ import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner.automatic_options import resolve_options
+
+# The search for the best motion is looked at elsewhere.
+plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START = (0.5, 1.7, -1.7)
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
@@ -84,7 +88,7 @@ def test_at_every_time_a_motor_is_saturated(planar3r):
     """Sontag and Sussmann's result, which the paper quotes."""
     free = planar3r.with_changes(position_lower=-20, position_upper=20)
     options = tm.Options(intervals=75, smoothing=0.0, starts=1)
-    solution = tm.plan(tm.Problem(free, START, REACH), options)
+    solution = plan_quickly(tm.Problem(free, START, REACH), options)
     motion = solution.trajectory
     middles = 0.5 * (motion.t[1:] + motion.t[:-1])
     ends = np.stack([motion.t[:-1], middles, motion.t[1:] - 1e-12])
@@ -104,7 +108,7 @@ def test_at_every_time_a_motor_is_saturated(planar3r):
 def test_moving_start_and_goal(planar3r, goal):
     v_start = (0.3, -0.2, 0.1)
     problem = tm.Problem(planar3r, START, goal, v_start=v_start)
-    solution = tm.plan(problem, tm.Options(starts=1))
+    solution = plan_quickly(problem, tm.Options(starts=1))
     assert solution.success, solution.message
     motion = solution.trajectory
     np.testing.assert_allclose(motion.v[0], v_start)
@@ -116,7 +120,7 @@ def test_pose_goal():
     robot = tm.load_robot("ur5")
     start = np.array([0.0, -1.2, 1.2, -0.5, -0.8, 0.3])
     pose = RobotKinematics(robot).placement(start + 0.4, "tool0")
-    solution = tm.plan(
+    solution = plan_quickly(
         tm.Problem(robot, start, tm.PoseGoal("tool0", pose)), tm.Options(starts=2)
     )
     assert solution.success, solution.message
@@ -139,7 +143,7 @@ def test_smoothing_quiets_the_controls(planar3r):
 
     def variation(smoothing):
         options = tm.Options(control="constant", smoothing=smoothing)
-        solution = tm.plan(problem, options)
+        solution = plan_quickly(problem, options)
         return np.abs(np.diff(solution.trajectory.a, axis=0)).sum(), solution.T
 
     rough, fastest = variation(0.0)
@@ -150,7 +154,7 @@ def test_smoothing_quiets_the_controls(planar3r):
 
 def test_same_seed_same_motion(planar3r):
     problem = tm.Problem(planar3r, START, REACH)
-    one, two = (tm.plan(problem, tm.Options(starts=2, seed=3)) for _ in range(2))
+    one, two = (plan_quickly(problem, tm.Options(starts=2, seed=3)) for _ in range(2))
     np.testing.assert_array_equal(one.trajectory.q, two.trajectory.q)
 
 
@@ -162,7 +166,7 @@ def test_callback_sees_progress_and_can_stop(planar3r):
         return len(records) >= 10
 
     problem = tm.Problem(planar3r, START, tm.JointGoal((2.5, -1.0, 1.0)))
-    solution = tm.plan(problem, tm.Options(callback=stop, tolerance=1e-9))
+    solution = plan_quickly(problem, tm.Options(callback=stop, tolerance=1e-9))
     assert solution.status is tm.Status.INTERRUPTED
     assert len(records) == 10 == solution.iterations
     assert solution.success  # a coarse motion is one, too
@@ -175,7 +179,7 @@ def test_time_limit_returns_the_best_so_far(planar3r):
 
     problem = tm.Problem(planar3r, START, REACH, scene=OBSTACLE)
     options = tm.Options(max_planning_time=5.0, tolerance=1e-9, callback=slow)
-    solution = tm.plan(problem, options)
+    solution = plan_quickly(problem, options)
     assert solution.status is tm.Status.TIME_LIMIT
     assert solution.iterations == 1
     assert solution.trajectory is not None
@@ -187,7 +191,7 @@ def test_time_limit_returns_the_best_so_far(planar3r):
 
 def test_no_time_at_all_is_told():
     problem = tm.Problem(tm.load_robot("planar3r"), START, REACH, scene=OBSTACLE)
-    solution = tm.plan(problem, tm.Options(max_planning_time=1e-6))
+    solution = plan_quickly(problem, tm.Options(max_planning_time=1e-6))
     assert solution.status is tm.Status.TIME_LIMIT
     assert solution.iterations <= 1
     # What planning began with is a motion, slowed down, or there is none.
@@ -200,7 +204,7 @@ def test_interruption_returns_a_solution(planar3r):
             raise KeyboardInterrupt
 
     problem = tm.Problem(planar3r, START, tm.JointGoal((2.5, -1.0, 1.0)))
-    solution = tm.plan(problem, tm.Options(callback=interrupt, tolerance=1e-9))
+    solution = plan_quickly(problem, tm.Options(callback=interrupt, tolerance=1e-9))
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.trajectory is not None
 
@@ -214,7 +218,9 @@ def test_goal_behind_a_wall_is_infeasible_with_a_reason():
         for i, a in enumerate(np.linspace(0, 2 * np.pi, 12, endpoint=False))
     ]
     problem = tm.Problem(robot, START, REACH, scene=tm.Scene(ring))
-    solution = tm.plan(problem, tm.Options(starts=1, max_iterations=12, intervals=20))
+    solution = plan_quickly(
+        problem, tm.Options(starts=1, max_iterations=12, intervals=20)
+    )
     assert not solution.success
     assert solution.status is not tm.Status.CONVERGED
     assert any(word in solution.message for word in ("overlap", "goal", "from"))
@@ -226,7 +232,7 @@ def test_unreachable_orientation_is_told(planar3r):
     pose.translation = pose.translation + np.array([0, 0, 0.5])  # out of the plane
     problem = tm.Problem(planar3r, START, tm.PoseGoal("tip", pose))
     with pytest.raises(tm.ProblemError, match="no configuration within"):
-        tm.plan(problem)
+        plan_quickly(problem)
 
 
 def test_passive_joints_need_collocation(planar3r):
@@ -240,17 +246,17 @@ def test_passive_joints_need_collocation(planar3r):
 def test_unknown_solver_is_told_before_planning(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal((0.6, 1.7, -1.7)))
     with pytest.raises(tm.SolverNotFound):
-        tm.plan(problem, tm.Options(lp_solver="nonesuch"))
+        plan_quickly(problem, tm.Options(lp_solver="nonesuch"))
 
 
 def test_wrong_initial_control_is_told(planar3r):
     problem = tm.Problem(planar3r, START, REACH)
     options = tm.Options(method="adjoint", initial_control=np.zeros((3, 2)))
     with pytest.raises(tm.OptionsError, match="initial_control"):
-        tm.plan(problem, options)
+        plan_quickly(problem, options)
 
 
 def test_no_warnings_from_numerics(planar3r):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        tm.plan(tm.Problem(planar3r, START, tm.JointGoal((1.0, 0.5, 0.0))))
+        plan_quickly(tm.Problem(planar3r, START, tm.JointGoal((1.0, 0.5, 0.0))))

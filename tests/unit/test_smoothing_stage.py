@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, minimize
 
 import tominpmp as tm
 from tominpmp.solution import roughness
+
+# The search for the best motion is looked at elsewhere.
+plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
 POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
@@ -39,7 +44,7 @@ FORMS = [
     "options", FORMS, ids=lambda options: str(options or "default")
 )
 def test_any_motion_can_be_made_quiet(problem, options):
-    solution = tm.plan(problem, tm.Options(starts=1, **options))
+    solution = plan_quickly(problem, tm.Options(starts=1, **options))
     quiet = tm.smooth(solution, 0.02)
     assert quiet.success and quiet.verification.ok
     assert quiet.T == pytest.approx(1.02 * solution.T, rel=1e-9)
@@ -59,7 +64,7 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
     path.write_text(SLIDER)
     problem = tm.Problem(tm.load_robot(path), [0.0], tm.JointGoal([1.0]))
     options = tm.Options(grid="uniform", intervals=20)
-    solution = tm.plan(problem, options)
+    solution = plan_quickly(problem, options)
     assert solution.T == pytest.approx(np.sqrt(2.0), rel=1e-3)  # bang-bang, a = 2
     quiet = tm.smooth(solution, 0.1)
     N, h, m = 20, quiet.T / 20, 2.0
@@ -81,7 +86,7 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
 
 
 def test_more_slack_is_quieter(planar3r):
-    solution = tm.plan(tm.Problem(planar3r, START, tm.JointGoal(END)))
+    solution = plan_quickly(tm.Problem(planar3r, START, tm.JointGoal(END)))
     rough = [tm.smooth(solution, slack).roughness for slack in (0.0, 0.02, 0.2)]
     assert solution.roughness >= rough[0] > rough[1] > rough[2]
 
@@ -89,7 +94,7 @@ def test_more_slack_is_quieter(planar3r):
 def test_motion_limits_are_kept(planar3r):
     limits = tm.MotionLimits(effort_rate=300.0, acceleration=25.0)
     problem = tm.Problem(planar3r, START, tm.JointGoal(END), motion_limits=limits)
-    solution = tm.plan(problem, tm.Options(intervals=30))
+    solution = plan_quickly(problem, tm.Options(intervals=30))
     quiet = tm.smooth(solution, 0.03)
     assert quiet.success and quiet.roughness < solution.roughness
     motion = quiet.trajectory(np.linspace(0, quiet.T, 4000))
@@ -101,14 +106,14 @@ def test_motion_limits_are_kept(planar3r):
 def test_a_moving_start_stays_as_it_is(planar3r):
     v = np.array([0.2, -0.3, 0.1])
     problem = tm.Problem(planar3r, START, tm.JointGoal(END), v_start=v)
-    quiet = tm.smooth(tm.plan(problem), 0.05)
+    quiet = tm.smooth(plan_quickly(problem), 0.05)
     assert quiet.success
     np.testing.assert_allclose(quiet.trajectory.v[0], v, atol=1e-12)
 
 
 def test_as_an_option_of_the_plan(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal(END))
-    plain, quiet = tm.plan(problem), tm.plan(problem, tm.Options(slack=0.02))
+    plain, quiet = plan_quickly(problem), plan_quickly(problem, tm.Options(slack=0.02))
     assert quiet.T == pytest.approx(1.02 * plain.T, rel=1e-9)
     assert quiet.options.slack == 0.02
     assert "roughness" in quiet.message
@@ -127,7 +132,7 @@ def test_roughness_by_hand(planar3r):
 def test_what_cannot_be_smoothed(planar3r):
     from dataclasses import replace
 
-    solution = tm.plan(tm.Problem(planar3r, START, tm.JointGoal(END)))
+    solution = plan_quickly(tm.Problem(planar3r, START, tm.JointGoal(END)))
     with pytest.raises(tm.ProblemError, match="no motion to smooth"):
         tm.smooth(replace(solution, trajectory=None))
     for slack in (-0.01, np.nan, "much", True):

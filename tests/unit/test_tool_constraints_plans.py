@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import tominpmp as tm
 from tests.sample_arms import Link, make_arm, rod, slide
 from tominpmp.constraints import States
+
+# The search for the best motion is looked at elsewhere.
+plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 STRONG = 100.0
 
@@ -28,7 +33,7 @@ def test_a_mass_on_a_rail_with_a_tool_acceleration(method):
     limit = tm.ToolAcceleration("tip", 2.0)
     rail = make_arm(slide(1.0), effort=np.array([STRONG]))
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), constraints=(limit,))
-    solution = tm.plan(problem, method=method)
+    solution = plan_quickly(problem, method=method)
     assert solution.success, solution.message
     assert pytest.approx(2.0 * np.sqrt(1.0 / 2.0), rel=6e-3) == solution.T
     assert largest(solution, limit) < 1.01 * 2.0
@@ -38,7 +43,7 @@ def test_a_turn_with_a_tool_acceleration_keeps_its_centripetal_part_too():
     limit = tm.ToolAcceleration("tip", 3.0)
     arm = make_arm(rod(1.0, 1.0), effort=np.array([STRONG]))
     problem = tm.Problem(arm, [0.0], tm.JointGoal([2.0]), constraints=(limit,))
-    solution = tm.plan(problem)
+    solution = plan_quickly(problem)
     assert solution.success, solution.message
     assert largest(solution, limit) < 1.01 * 3.0
     # dw/dt = sqrt(a^2 - w^4) on the way up: the angle where w^2 = a sin(2 x) is x.
@@ -83,7 +88,7 @@ def test_two_links_along_a_line_are_as_fast_as_topp_ra_on_it():
     expected = solver.compute_trajectory(0.0, 0.0).duration
     line = tm.ToolLine("tip", (*begin, 0.0), (*end, 0.0), radius=1e-4)
     problem = tm.Problem(robot, q[0], tm.JointGoal(q[-1]), constraints=(line,))
-    solution = tm.plan(problem, intervals=80)
+    solution = plan_quickly(problem, intervals=80)
     assert solution.success, solution.message
     assert largest(solution, line) < 1.1e-4
     assert pytest.approx(expected, rel=5e-3) == solution.T
@@ -103,7 +108,7 @@ def test_a_wide_tube_is_faster_than_a_narrow_one():
         line = tm.ToolLine("tip", (*begin, 0.0), (*end, 0.0), radius=radius)
         goal = tm.JointGoal(bent(end))
         problem = tm.Problem(two_links(), bent(begin), goal, constraints=(line,))
-        solution = tm.plan(problem)
+        solution = plan_quickly(problem)
         assert solution.success, solution.message
         assert largest(solution, line) < 1.01 * radius
         times.append(solution.T)
@@ -115,11 +120,11 @@ def test_a_tip_stays_away_from_a_point_and_within_a_box():
     goal = tm.JointGoal(bent(end))
     away = tm.KeepAway("tip", (1.2, 0.1, 0.0), 0.35)
     box = tm.WithinRegion("tip", (0.75, -np.inf, -1.0), (1.25, np.inf, 1.0))
-    free = tm.plan(tm.Problem(two_links(), bent(begin), goal))
+    free = plan_quickly(tm.Problem(two_links(), bent(begin), goal))
     for item in (away, box):
         assert largest(free, item) > 0.05
         problem = tm.Problem(two_links(), bent(begin), goal, constraints=(item,))
-        solution = tm.plan(problem)
+        solution = plan_quickly(problem)
         assert solution.success, solution.message
         assert largest(solution, item) < 2e-3
         assert solution.T >= 0.999 * free.T
@@ -133,11 +138,11 @@ def test_a_coupling_is_the_reduced_arm():
     problem = tm.Problem(
         arm, [0.0, 0.3, 0.4], tm.JointGoal([1.0, -0.5, 0.4]), constraints=(fixed,)
     )
-    solution = tm.plan(problem)
+    solution = plan_quickly(problem)
     assert solution.success, solution.message
     assert largest(solution, fixed) < 1e-4
     reduced = make_arm(*links, effort=effort[:2], locked_joints={"joint3": 0.4})
-    lone = tm.plan(tm.Problem(reduced, [0.0, 0.3], tm.JointGoal([1.0, -0.5])))
+    lone = plan_quickly(tm.Problem(reduced, [0.0, 0.3], tm.JointGoal([1.0, -0.5])))
     assert lone.success
     assert pytest.approx(lone.T, rel=3e-3) == solution.T
 
@@ -150,10 +155,10 @@ def test_a_parallel_mechanism_keeps_the_last_link_level():
     level = tm.JointCoupling(names, (1.0, 1.0, 1.0), upper=0.0, lower=0.0)
     start, end = [0.4, -0.9, 0.5], [1.3, -0.7, -0.6]
     problem = tm.Problem(arm, start, tm.JointGoal(end), constraints=(level,))
-    coupled = tm.plan(problem)
+    coupled = plan_quickly(problem)
     assert coupled.success, coupled.message
     # The same by a narrow cone about the direction of the link.
     cone = tm.KeepUpright("tip", (1, 0, 0), (1, 0, 0), tolerance=2e-3)
-    other = tm.plan(tm.Problem(arm, start, tm.JointGoal(end), constraints=(cone,)))
+    other = plan_quickly(tm.Problem(arm, start, tm.JointGoal(end), constraints=(cone,)))
     assert other.success, other.message
     assert pytest.approx(coupled.T, rel=1e-2) == other.T

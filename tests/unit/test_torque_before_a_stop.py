@@ -8,6 +8,8 @@ friction.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sample_arms import DOWNWARD, make_arm, rod
@@ -17,6 +19,9 @@ from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.verification.replay import torque_pieces
+
+# The search for the best motion is looked at elsewhere.
+plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 FRICTION = np.array([2.0, 1.5])
 # How far and which way the joints go; and times from an end, down to microseconds [s].
@@ -107,7 +112,7 @@ def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
         tm.JointGoal([-1.4, 0.05]),
         motion_limits=tm.MotionLimits(acceleration=2.0, jerk=20.0),
     )
-    motion = tm.plan(problem).raise_if_failed().trajectory
+    motion = plan_quickly(problem).raise_if_failed().trajectory
     assert motion is not None
     state = motion(motion.duration - np.array([4e-5, 2e-5, 1e-5, 5e-6, 2e-6, 1e-6]))
     dry = state.u - RobotDynamics(robot, dry=False).inverse(*state[:3])
@@ -120,7 +125,7 @@ def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
 def test_accelerations_of_given_torques_are_those_before_the_stop(method: str) -> None:
     """The certificate had those of the opposite friction at the end of a motion."""
     problem = tm.Problem(arm(), [-1.6, 0.0], tm.JointGoal([-1.3, 0.001]))
-    solution = tm.plan(problem, tm.Options(method=method)).raise_if_failed()
+    solution = plan_quickly(problem, tm.Options(method=method)).raise_if_failed()
     motion = solution.trajectory
     assert motion is not None
     assert motion.inverse_dynamics is None

@@ -17,7 +17,8 @@ POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 
 @pytest.fixture(scope="module")
 def free(planar3r):
-    return tm.plan(tm.Problem(planar3r, START, tm.JointGoal(END)))
+    problem = tm.Problem(planar3r, START, tm.JointGoal(END))
+    return tm.plan(problem, effort="quick")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def stepped(free):
 def around(planar3r):
     """The paper's problem with the obstacle."""
     problem = tm.Problem(planar3r, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
-    return tm.plan(problem, tm.Options(starts=1))
+    return tm.plan(problem, tm.Options(starts=1, effort="quick"))
 
 
 def test_the_same_problem_takes_few_iterations(free):
@@ -100,8 +101,8 @@ def test_a_bent_guess_stays_within_the_position_limits(planar3r):
 def test_another_goal_is_as_good_as_from_scratch_and_quicker(around):
     goal = tm.PositionGoal("tip", (4, 1.15, 0))
     problem = replace(around.problem, goal=goal)
-    cold = tm.plan(problem, tm.Options(starts=1))
-    warm = tm.plan(problem, tm.Options(starts=1), start=around)
+    cold = tm.plan(problem, tm.Options(starts=1, effort="quick"))
+    warm = tm.plan(problem, tm.Options(starts=1, effort="quick"), start=around)
     assert warm.success and warm.verification.ok
     assert warm.T <= cold.T * 1.002
     assert warm.iterations < cold.iterations
@@ -133,7 +134,7 @@ def test_going_on_from_a_moving_state(planar3r, free):
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint"])
 def test_other_methods(around, method):
-    options = tm.Options(method=method, starts=1)
+    options = tm.Options(method=method, starts=1, effort="quick")
     first = tm.plan(around.problem, options)
     goal = tm.PositionGoal("tip", (4, 1.05, 0))
     problem = replace(around.problem, goal=goal)
@@ -151,9 +152,9 @@ def test_wider_limits_never_make_it_slower(planar3r, free):
 
 def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     """A grid that is too coarse for anything as fast."""
-    fine = tm.plan(free.problem, tm.Options(intervals=120))
-    warm = tm.plan(free.problem, tm.Options(intervals=10), start=fine)
-    coarse = tm.plan(free.problem, tm.Options(intervals=10))
+    fine = tm.plan(free.problem, tm.Options(intervals=120, effort="quick"))
+    warm = tm.plan(free.problem, tm.Options(intervals=10, effort="quick"), start=fine)
+    coarse = tm.plan(free.problem, tm.Options(intervals=10, effort="quick"))
     assert coarse.T > fine.T
     assert warm.success and warm.T <= fine.T
 
