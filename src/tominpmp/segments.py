@@ -44,6 +44,8 @@ class Segment(Record):
             the payload and the table it is lifted from.
         stop: Whether the arm is at rest at its end.
         dwell: How long it stays there [s]; more than zero is a stop.
+        arrival: Earliest and latest time at which its goal is met, from the start of
+            the motion [s]; the latest may be infinite. None for any time.
 
     Raises:
         ProblemError: If a value is wrong.
@@ -57,6 +59,7 @@ class Segment(Record):
     may_touch: Sequence[tuple[str, str]] = ()
     stop: bool = False
     dwell: float = 0.0
+    arrival: tuple[float, float] | None = None
 
     if TYPE_CHECKING:
 
@@ -70,6 +73,7 @@ class Segment(Record):
             may_touch: Sequence[tuple[str, str]] = ...,
             stop: bool = ...,
             dwell: float = ...,
+            arrival: tuple[float, float] | None = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -101,6 +105,7 @@ class Segment(Record):
             )
         object.__setattr__(self, "dwell", self._checked_dwell())
         object.__setattr__(self, "stop", bool(self.stop) or self.dwell > 0.0)
+        object.__setattr__(self, "arrival", checked_arrival(self.arrival))
         pairs = checked_pairs(self.may_touch, "segment.may_touch")
         object.__setattr__(self, "may_touch", pairs)
         if self.stop and self.goal.ends_moving:
@@ -131,6 +136,47 @@ class Segment(Record):
         return robot if self.payload is None else robot.with_payload(self.payload)
 
 
+def checked_arrival(given: object) -> tuple[float, float] | None:
+    """Check a caller's earliest and latest time.
+
+    Raises:
+        ProblemError: If they are none.
+    """
+    if given is None:
+        return None
+    try:
+        earliest, latest = map(number_or_nan, given)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        earliest = latest = np.nan
+    if not (0.0 <= earliest < np.inf and earliest <= latest and latest > 0.0):
+        raise ProblemError(
+            f"segment.arrival is {brief(given)}, expected the earliest and the latest "
+            "time [s], in order; the latest may be infinite",
+            "segment.arrival",
+        )
+    return earliest, latest
+
+
+def check_arrivals(segments: Sequence[Segment]) -> None:
+    """Check that no segment is to end before one that it follows.
+
+    Raises:
+        ProblemError: If one is.
+    """
+    reached, first = 0.0, 0
+    for number, segment in enumerate(segments):
+        earliest, latest = segment.arrival or (0.0, np.inf)
+        if latest < reached:
+            raise ProblemError(
+                f"segment {number + 1} is to be reached by {latest:g} s, and segment "
+                f"{first + 1} does not end before {reached:g} s",
+                f"segments[{number}].arrival",
+            )
+        if earliest > reached:
+            first = number
+        reached = max(earliest, reached) + segment.dwell
+
+
 def checked_segments(given: object) -> tuple[Segment, ...]:
     """Check a caller's segments.
 
@@ -148,6 +194,7 @@ def checked_segments(given: object) -> tuple[Segment, ...]:
     for item in given:
         if not isinstance(item, Segment):
             raise ProblemError(f"segments holds {brief(item)}, {expected}", "segments")
+    check_arrivals(given)
     return tuple(given)
 
 

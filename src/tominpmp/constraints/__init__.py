@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tominpmp.constraints.arrival import Arrival
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
@@ -31,6 +32,7 @@ from tominpmp.constraints.upright import KeepUpright
 
 __all__ = [
     "AccelerationLimit",
+    "Arrival",
     "AxisFixed",
     "ClearanceConstraint",
     "Constraint",

@@ -10,6 +10,7 @@
     [[segments]]
     stop = true                             # the arm is at rest at its end
     dwell = 0.1                             # and stays there so long [s]
+    arrival = [1.0, 2.5]                    # no earlier and no later [s]
     may_touch = [["box", "table"]]
     motion_limits = {acceleration = 5.0}
     goal = {type = "position", frame = "panda_hand_tcp", position = [0.5, 0.0, 0.1]}
@@ -95,6 +96,7 @@ def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
             may_touch=read_pairs(table.get("may_touch")),
             stop=False if stop.value is None else stop.flag(),
             dwell=0.0 if dwell.value is None else dwell.number(),
+            arrival=table.get("arrival").value,
         )
     except ProblemError as error:
         _key(table, error.field).fail(str(error))
@@ -204,6 +206,8 @@ def segment_table(segment: Segment, folder: Path) -> dict[str, Any]:
         table["dwell"] = segment.dwell
     elif segment.stop:
         table["stop"] = True
+    if segment.arrival is not None:
+        table["arrival"] = list(segment.arrival)
     return table
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import GoalReached, Standstill
+from tominpmp.constraints import Arrival, GoalReached, Standstill
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import (
     Linearization,
@@ -74,6 +74,7 @@ class NonlinearProgram:
             blocks.append(Always("dynamics", transcription.equations))
         blocks += [block for block in blocks_of(transcription) if block.lower.size]
         blocks += _goals_on_the_way(transcription)
+        blocks += _arrivals(transcription)
         scale = transcription.goal_scale
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
@@ -273,4 +274,15 @@ def _goals_on_the_way(of: Transcription[Any]) -> list[Block]:
         if stays and not part.sudden and of.highest > 2:
             rest = Standstill(BRAKING * part.problem.robot.limits.velocity)
             found.append(Sampled(rest, Instants.end(end), (first, end), suffix))
+    return found
+
+
+def _arrivals(of: Transcription[Any]) -> list[Block]:
+    """Rows of the times at which segments end, where these are limited."""
+    found: list[Block] = []
+    for number, segment in enumerate(of.system.problem.segments):
+        if segment.arrival is not None:
+            within = of.segments[number]
+            at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
+            found.append(Sampled(Arrival(*segment.arrival), at, within, suffix))
     return found

@@ -237,6 +237,9 @@ def _relaxation(item: LimitViolation) -> str:
         return f"a goal {amount} nearer"
     if item.kind == "speed":
         return f"{amount} of speed at the end"
+    if item.kind == "arrival":
+        side = "later" if item.name == "late" else "earlier"
+        return f"an arrival {amount} {side}"
     if item.kind == "clearance":
         return f"{_length(item.amount)} more room between {item.name}"
     if item.kind not in UNITS:

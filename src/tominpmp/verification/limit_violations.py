@@ -37,7 +37,8 @@ class LimitViolation:
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
-            "effort rate", "feedback", "clearance", "duration", or a constraint's name.
+            "effort rate", "feedback", "clearance", "duration", "arrival", or the name
+            of a constraint.
         name: The joint, the frame, or the pair as "one and other".
         time: When [s].
         amount: How far beyond the limit, or from the goal; negative is room left.
@@ -70,6 +71,9 @@ class LimitViolation:
             return f"{self.name} ends {amount} from the goal"
         if self.kind == "speed":
             return f"{self.name} ends {amount} from the velocity of the goal"
+        if self.kind == "arrival":
+            verb = f"too {self.name}" if self.amount > 0.0 else "in time"
+            return f"the goal is reached {amount} {verb}, at {self.time:.3f} s"
         if self.kind == "duration":
             longest = self.time - self.amount
             return (

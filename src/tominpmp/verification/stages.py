@@ -44,6 +44,7 @@ class Stage:
         begin: When it begins [s].
         end: When it ends [s], with the time the arm stays there.
         dwell: How long it stays there [s].
+        arrival: Earliest and latest time at which it is to end [s]; None for any.
     """
 
     number: int
@@ -52,11 +53,23 @@ class Stage:
     begin: float
     end: float
     dwell: float
+    arrival: tuple[float, float] | None = None
 
     @property
     def last(self) -> bool:
         """Whether no other follows."""
         return self.number == self.count - 1
+
+    @property
+    def timeliness(self) -> list[LimitViolation]:
+        """Whether it ends when it is to; nothing if any time will do."""
+        if self.arrival is None:
+            return []
+        (earliest, latest), reached = self.arrival, self.end - self.dwell
+        late = max(reached - latest, earliest - reached)
+        side = "late" if reached - latest >= earliest - reached else "early"
+        wrong = late > TIME_STEP
+        return [LimitViolation("arrival", side, reached, late, "s", late, wrong)]
 
     def named(self, item: LimitViolation) -> LimitViolation:
         """What was found on it, with its number where there are others."""
@@ -107,7 +120,7 @@ def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
     begins = [0.0, *ends[:-1]]
     each = zip(phases, segments, begins, ends, strict=True)
     return tuple(
-        Stage(k, len(phases), phase, begin, end, segment.dwell)
+        Stage(k, len(phases), phase, begin, end, segment.dwell, segment.arrival)
         for k, (phase, segment, begin, end) in enumerate(each)
     )
 

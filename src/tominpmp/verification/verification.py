@@ -327,6 +327,7 @@ def judge(
                 nearest = near
         limits += map(stage.named, found)
         ends += map(stage.named, arrival(stage, part, tolerances))
+        limits += map(stage.named, stage.timeliness)
     return Findings(replay, tuple(ends), limits, nearest)
 
 
