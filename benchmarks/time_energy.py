@@ -1,0 +1,68 @@
+"""T against energy on an arm: a plan for each weight, the figure of docs/energy.md.
+
+python -m benchmarks.time_energy [--figure docs/figures/time_energy.png]
+"""
+
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
+from __future__ import annotations
+
+from benchmarks.sheet import Sheet, markdown, one_thread
+
+one_thread()
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+import tominpmp as tm
+
+WEIGHTS = (0.0, 1e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3)
+COLUMNS = ("weight", "T", "energy", "cost", "status", "seconds")
+START = (0.0, -1.2, 1.4, -1.8, -1.57, 0.0)
+GOAL = (2.0, -1.0, 0.6, -1.2, -1.57, 0.0)
+
+
+def main() -> int:
+    """Plan for every weight, write the CSV file and the figure, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--csv", type=Path, default=Path("out/time_energy.csv"))
+    parser.add_argument("--figure", type=Path)
+    arguments = parser.parse_args()
+    problem = tm.Problem(tm.load_robot("ur5"), np.array(START), tm.JointGoal(GOAL))
+    sheet, rows = Sheet(arguments.csv, COLUMNS), []
+    for weight in WEIGHTS:
+        begin = time.process_time()
+        solution = tm.plan(problem, energy_weight=weight)
+        seconds = time.process_time() - begin
+        values = (weight, solution.T, solution.energy, solution.cost)
+        row = (*values, solution.status.name, round(seconds, 2))
+        sheet.add(dict(zip(COLUMNS, row, strict=True)))
+        rows.append(solution)
+    print(markdown(COLUMNS, [list(row.values()) for row in sheet.rows]))
+    if arguments.figure is not None:
+        draw(rows, arguments.figure)
+    return 0
+
+
+def draw(solutions: list[tm.Solution], path: Path) -> None:
+    """T over energy, each point with its weight."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    found = [one for one in solutions if one.success and one.energy is not None]
+    axes.plot([one.energy for one in found], [one.T for one in found], "o-", ms=4)
+    for one in found:
+        label = f"k = {one.options.energy_weight:g}"
+        place = (one.energy or 0.0, one.T)
+        axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", size=7)
+    axes.set(xlabel="energy, the integral of |u|² over time [N² m² s]", ylabel="T [s]")
+    axes.set_xscale("log")
+    axes.grid(visible=True, alpha=0.3)
+    figure.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
