@@ -57,9 +57,11 @@ def draw(solutions: list[tm.Solution], path: Path) -> None:
     for one in found:
         label = f"k = {one.options.energy_weight:g}"
         place = (one.energy or 0.0, one.T)
-        axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", size=7)
+        axes.annotate(
+            label, place, xytext=(2, 5), textcoords="offset points", size=7, rotation=45
+        )
     axes.set(xlabel="energy, the integral of |u|² over time [N² m² s]", ylabel="T [s]")
-    axes.set_xscale("log")
+    axes.margins(x=0.08, y=0.18)
     axes.grid(visible=True, alpha=0.3)
     figure.savefig(path, dpi=150)
 
