@@ -1,0 +1,51 @@
+"""The page on installation names what is installed, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tools.dependency_sizes import closure, own_size, plain, requirements
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "installation.md").read_text("utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def name_of(requirement: str) -> str:
+    return plain(re.split(r"[^\w.-]", requirement)[0])
+
+
+def test_every_dependency_has_a_line() -> None:
+    listed = set(re.findall(r"^\| ([\w-]+) \|", PAGE, re.MULTILINE)) - {"package"}
+    assert listed - {"extra"} == {name_of(text) for text in PROJECT["dependencies"]}
+
+
+def test_every_extra_has_a_line() -> None:
+    listed = dict(re.findall(r"^\| `(\w+)` \(([\w-]+)\) \|", PAGE, re.MULTILINE))
+    extras = PROJECT["optional-dependencies"]
+    filled = {k: name_of(v[0]) for k, v in extras.items() if v and k != "all"}
+    assert listed == filled
+    for name in set(extras) - set(filled) - {"all"}:
+        assert f"`{name}`" in PAGE  # those that are empty
+
+
+def test_sizes_are_those_of_files() -> None:
+    numpy = next(item for item in requirements() if item.name == "numpy")
+    assert closure(numpy) == {"numpy"}
+    assert own_size("numpy") > 10_000_000
+    assert own_size("no-such-distribution") == 0
+
+
+@pytest.mark.parametrize("name", ["numpy", "pin", "meshcat"])
+def test_sizes_on_the_page_are_about_right(name: str) -> None:
+    said = re.search(rf"^\| {name} \| ([\d.]+) \|", PAGE, re.MULTILINE)
+    assert said is not None
+    assert 0.4 < own_size(name) / 1e6 / float(said[1]) < 2.5
