@@ -53,6 +53,19 @@ def test_pick_and_place(tmp_path: Path) -> None:
         assert (tmp_path / f"pick_and_place.{ending}").stat().st_size > 10_000
 
 
+@needs_robots
+@needs_meshcat
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("seam", "speed on the seam"), ("handing_over", "both at the bar after")],
+)
+def test_examples_of_segments(name: str, said: str, tmp_path: Path) -> None:
+    assert said in output_of(name, "--out", tmp_path)
+    for ending in ("png", "html"):
+        assert (tmp_path / f"{name}.{ending}").stat().st_size > 10_000
+
+
 @needs_meshcat
 def test_certificate(tmp_path: Path) -> None:
     output = output_of("certificate", "--out", tmp_path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,7 @@ from tominpmp.viz.figures import (
     styled,
 )
 from tominpmp.viz.roles import HAZARD_COLOR, obstacle_color
+from tominpmp.viz.segments import ends_on_the_way, loads, obstacles, there
 from tominpmp.viz.skeleton import (
     Skeleton,
     View,
@@ -42,6 +45,7 @@ PANELS_IN_ROW = 3
 ARM_COLOR = "#12375f"
 # Of several robots, the first one as if it were alone.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
+LOAD_COLOR, END_COLOR = "#a8742c", "#404b5c"
 LIGHTEST = 0.16  # opacity of the first instant; the last one is solid
 
 
@@ -86,40 +90,46 @@ def plot_motion(
     poses = [_pose(problem, item, frame, instants) for item in trajectories.values()]
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
-    resting = problem.scene.resting()
+    first = next(iter(trajectories.values()))
+    resting = [one for _, one, _ in obstacles(problem, first) if one.motion is None]
     outlines = [(_outline(item, view), obstacle_color(item)) for item in resting]
     passing = [
-        [
-            _outline(obstacle.frozen(time), view)
-            for time in np.linspace(0.0, item.duration, instants).tolist()
-            for obstacle in problem.scene.moving
-        ]
+        _passing(problem, item, view, np.linspace(0.0, item.duration, instants))
+        for item in trajectories.values()
+    ]
+    carried = [
+        _carried(problem, item, view, np.linspace(0.0, item.duration, instants))
         for item in trajectories.values()
     ]
     with styled():
         everything = [item for item, _ in outlines]
-        everything += [*(item for part in passing for item in part)]
+        everything += itertools.chain(*passing, *carried)
         low, high = _window(view, poses, everything, _goal_point(problem, frame))
         figure, axes = _panels(len(trajectories), high - low)
-        for panel, (label, trajectory), pose, part in zip(
-            axes, trajectories.items(), poses, passing, strict=True
+        for panel, (label, trajectory), pose, part, load in zip(
+            axes, trajectories.items(), poses, passing, carried, strict=True
         ):
             for outline, shown in outlines:
                 _draw_outline(panel, outline, shown)
-            shades = np.linspace(LIGHTEST, 1.0, max(len(part), 1)).tolist()
-            for outline, shade in zip(part, shades, strict=False):
-                _draw_outline(panel, outline, HAZARD_COLOR, shade)
+            for some, edge in ((part, HAZARD_COLOR), (load, LOAD_COLOR)):
+                shades = np.linspace(LIGHTEST, 1.0, max(len(some), 1)).tolist()
+                for outline, shade in zip(some, shades, strict=False):
+                    _draw_outline(panel, outline, edge, shade)
             _draw_arm(panel, view, pose)
             times = np.linspace(0.0, trajectory.duration, PATH_POINTS)
             end = skeleton(problem.robot, trajectory(times).q, frame).end
             panel.plot(*view.project(end).T, color=color(1), linewidth=1.1, zorder=2.4)
+            _draw_ends(panel, view, problem, trajectory, frame)
             _draw_goal(panel, view, _goal_point(problem, frame))
             panel.set_title(f"{label}: $T$ = {trajectory.duration:.4g} s", loc="left")
             panel.set_aspect("equal")
             panel.set_xlim(low[0], high[0])
             panel.set_ylim(low[1], high[1])
         _label_axes(axes, view)
-        add_legend(figure, _handles(problem), 5)
+        shown_colors = {shown for _, shown in outlines}
+        if any(passing):
+            shown_colors.add(HAZARD_COLOR)
+        add_legend(figure, _handles(shown_colors, carried, first), 5)
         return finish(figure, path)
 
 
@@ -139,6 +149,55 @@ def _outline(obstacle: Obstacle, view: View) -> Array | tuple[Array, float]:
     body = moved(obstacle_surface(obstacle), obstacle_placement(obstacle))
     points = view.project(body.vertices)
     return np.asarray(points[ConvexHull(points).vertices])
+
+
+def _passing(
+    problem: Problem, trajectory: Trajectory, view: View, times: Array
+) -> list[Array | tuple[Array, float]]:
+    """Outlines of what moves, at instants at which it is there."""
+    moving = [
+        one for one in obstacles(problem, trajectory) if one[1].motion is not None
+    ]
+    return [
+        _outline(obstacle.frozen(time), view)
+        for time in times.tolist()
+        for _, obstacle, spans in moving
+        if there(spans, np.array([time]))[0]
+    ]
+
+
+def _carried(
+    problem: Problem, trajectory: Trajectory, view: View, times: Array
+) -> list[Array | tuple[Array, float]]:
+    """Outlines of loads at instants, wherever they are then."""
+    every = loads(problem, trajectory, times)
+    return [
+        _placed(shape, load.placements[k], view)
+        for k in range(times.size)
+        for load in every
+        for shape in load.shapes
+    ]
+
+
+def _placed(shape: Obstacle, place: Array, view: View) -> Array | tuple[Array, float]:
+    """Outline of a shape of something that is placed somewhere."""
+    whole = place @ obstacle_placement(shape)
+    moved_there = replace(shape, position=whole[:3, 3], rotation=whole[:3, :3])
+    return _outline(moved_there, view)
+
+
+def _draw_ends(
+    panel: Axes, view: View, problem: Problem, trajectory: Trajectory, frame: str
+) -> None:
+    """A dot where each segment ends that another follows."""
+    times = ends_on_the_way(trajectory)
+    if times.size:
+        points = skeleton(problem.robot, trajectory(times).q, frame).end
+        panel.plot(*view.project(points).T, **_end_look(), zorder=2.6)
+
+
+def _end_look() -> dict[str, Any]:
+    return {"color": END_COLOR, "marker": "o", "markersize": 4.0, "linestyle": "none"}
 
 
 def _goal_point(problem: Problem, frame: str) -> Array | None:
@@ -262,7 +321,9 @@ def _goal_look() -> dict[str, Any]:
     }
 
 
-def _handles(problem: Problem) -> list[Any]:
+def _handles(
+    shown: set[str], carried: list[list[Any]], trajectory: Trajectory
+) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -272,8 +333,11 @@ def _handles(problem: Problem) -> list[Any]:
         Line2D([], [], color=color(1), linewidth=1.1, label="path of the end"),
         Line2D([], [], label="goal", **_goal_look()),
     ]
-    if len(problem.scene):
-        shown = {obstacle_color(item) for item in problem.scene}
+    if ends_on_the_way(trajectory).size:
+        handles.append(Line2D([], [], label="end of a segment", **_end_look()))
+    if shown:
         look = _obstacle_look(max(shown, key=lambda one: one == HAZARD_COLOR))
         handles.append(Patch(label="obstacle", **look))
+    if any(carried):
+        handles.append(Patch(label="load", facecolor="none", edgecolor=LOAD_COLOR))
     return handles

@@ -1,13 +1,14 @@
 """What changes from segment to segment, as it is drawn: loads, obstacles, ends.
 
 A load stands where it is picked up until then, goes with its frame while it is carried,
-and stays where it was put down. Loads of one name are one body.
+and stays where it was put down. Loads of one name and shape are one body, whoever
+carries it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -27,9 +28,9 @@ class Load:
 
     Attributes:
         name: Its name.
-        shapes: Its shapes, with placements in the frame that carries it.
-        placements: Where that frame is at instants, or was when the load was put down,
-            homogeneous, shape (m, 4, 4).
+        shapes: Its shapes, with placements in the frame that carries it first.
+        placements: Where that frame is at instants, or would be if it had gone on to
+            carry the load, homogeneous, shape (m, 4, 4).
         carried: Whether it is carried at these instants, shape (m,).
     """
 
@@ -47,11 +48,16 @@ def loads(problem: Problem, trajectory: Trajectory, times: Array) -> list[Load]:
         trajectory: Its motion.
         times: Instants [s], shape (m,).
     """
-    found: dict[str, list[tuple[int, Payload]]] = {}
+    found: dict[tuple[str, tuple[Obstacle, ...]], list[tuple[int, Payload]]] = {}
     for number, segment in enumerate(_asked(problem, trajectory)):
         payload = segment.payload
         if payload is not None and payload.geometry:
-            found.setdefault(payload.name, []).append((number, payload))
+            # However it is held, it is one body.
+            bare = tuple(
+                replace(item, position=np.zeros(3), rotation=np.eye(3))
+                for item in payload.geometry
+            )
+            found.setdefault((payload.name, bare), []).append((number, payload))
     return [_load(problem, trajectory, times, runs) for runs in found.values()]
 
 
@@ -71,16 +77,28 @@ def _load(
     """A load that is carried on some segments, given by number and as it is there."""
     ends = np.asarray(trajectory.segment_ends)
     begins = np.concatenate([[0.0], ends[:-1]])
-    # When it is where it was picked up or put down last.
-    held = np.full(times.size, begins[runs[0][0]])
+    first = runs[0][1]
     carried = np.zeros(times.size, dtype=bool)
-    for number, _ in runs:
+    places = np.empty((times.size, 4, 4))
+    known = np.zeros(times.size, dtype=bool)
+    for number, payload in reversed(runs):
         begin, end = begins[number], ends[number]
-        held = np.where(times >= begin, np.clip(times, begin, end), held)
         carried |= (times >= begin) & (times <= end)
-    payload = runs[0][1]
-    places = frame_places(problem.robot, trajectory(held).q, payload.frame)
-    return Load(payload.name, tuple(payload.geometry), places, carried)
+        # It is where it was put down last, or where it will be picked up first.
+        mine = ~known & ((times >= begin) | (payload is first))
+        held = trajectory(np.clip(times[mine], begin, end)).q
+        frames = frame_places(problem.robot, held, payload.frame)
+        grip = _placement(payload) @ np.linalg.inv(_placement(first))
+        places[mine], known = frames @ grip, known | mine
+    return Load(first.name, tuple(first.geometry), places, carried)
+
+
+def _placement(payload: Payload) -> Array:
+    """Placement of the first shape of a load in the frame that carries it."""
+    place = np.eye(4)
+    place[:3, :3] = payload.geometry[0].rotation
+    place[:3, 3] = payload.geometry[0].position
+    return place
 
 
 def frame_places(robot: Robot, q: Array, frame: str) -> Array:

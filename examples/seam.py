@@ -1,0 +1,129 @@
+"""A UR5 follows a seam at constant speed: an S of two arcs, with a nozzle.
+
+From home to the seam, along it within 1 mm, and home again, as one motion: the nozzle
+arrives at the seam with the speed that it goes along it, and runs out beyond its end
+before it brakes. On the seam it points down within 10 degrees and may spin, so that the
+arm chooses its orientation; a speed limit alone makes the speed constant, as nothing is
+faster than to go along at the limit. Writes to out/ a figure of the speed, a page that
+plays offline, and the motion.
+
+    python examples/seam.py [--out FOLDER] [--seed 0]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+import tominpmp as tm
+from tominpmp.kinematics import RobotKinematics
+
+HOME = np.array([-0.4, -1.6, 1.9, -1.9, -1.57, 0.0])
+NOZZLE = "tool0"
+HEIGHT, RADIUS = 0.15, 0.12  # of the seam, and of each of its arcs [m]
+BEGIN = np.array([0.45, -2.0 * RADIUS, HEIGHT])  # where it begins [m]
+SPEED, WITHIN = 0.25, 1e-3  # along it [m/s], and how near to it [m]
+CONE = np.deg2rad(10.0)
+RUN_OUT = 0.3  # beyond the end of the seam, along its last arc [rad]
+SAMPLES = 1000
+
+
+def seam() -> list[tm.ToolArc]:
+    """Two half circles, one after the other, that make an S; the last runs out."""
+    spoke = np.array([0.0, RADIUS, 0.0])
+    arcs = [(BEGIN, -1, np.pi), (BEGIN + 2 * spoke, 1, np.pi + RUN_OUT)]
+    return [
+        tm.ToolArc(NOZZLE, begin + spoke, begin, (0, 0, turn), angle, WITHIN)
+        for begin, turn, angle in arcs
+    ]
+
+
+def problem() -> tm.Problem:
+    """To the seam, along its two halves, out beyond it, home."""
+    robot = tm.load_robot("ur5")
+    plate = tm.Box("plate", size=(0.4, 0.8, 0.02), position=(0.5, 0.0, HEIGHT - 0.04))
+    down = tm.KeepUpright(NOZZLE, axis=(0, 0, -1), tolerance=CONE)
+    first, last = seam()
+    slow = (down, tm.ToolSpeed(NOZZLE, SPEED))
+    ends = [first.at(0.0), last.at(0.0), last.at(np.pi), last.at(np.pi + RUN_OUT)]
+    goals = [tm.PositionGoal(NOZZLE, point) for point in ends]
+    segments = [
+        tm.Segment(goals[0]),
+        tm.Segment(goals[1], constraints=(first, *slow)),
+        tm.Segment(goals[2], constraints=(last, *slow)),
+        tm.Segment(goals[3], constraints=(last, *slow)),
+        tm.Segment(tm.JointGoal(HOME)),
+    ]
+    scene = tm.Scene([plate])
+    return tm.Problem(robot, HOME, scene=scene, margin=0.01, segments=segments)
+
+
+def speeds(solution: tm.Solution) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times, and the speed of the nozzle there."""
+    kinematics = RobotKinematics(solution.problem.robot)
+    times = np.linspace(0.0, solution.T, SAMPLES)
+    every = solution.trajectory(times).q
+    points = np.array([kinematics.placement(q, NOZZLE).translation for q in every])
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return 0.5 * (times[1:] + times[:-1]), apart / np.diff(times)
+
+
+def tell(solution: tm.Solution) -> None:
+    """Say what the nozzle does on the seam."""
+    times, speed = speeds(solution)
+    begin, end = solution.segments[1].begin, solution.segments[2].end
+    on_seam = (times >= begin) & (times <= end)
+    slowest, fastest = speed[on_seam].min(), speed[on_seam].max()
+    length = 2.0 * np.pi * RADIUS
+    worst = solution.verification.worst["distance from its path of frame tool0"]
+    print(f"  there {begin:.3f} s, on the seam {end - begin:.3f} s", end=" ")
+    print(f"({length:.3f} m at {SPEED} m/s are {length / SPEED:.3f} s)", end=", ")
+    print(f"home {solution.T - end:.3f} s")
+    print(f"  speed on the seam {slowest:.4f} to {fastest:.4f} m/s", end=", ")
+    print(f"at most {1e3 * (WITHIN + worst.amount):.2f} mm beside it")
+
+
+def plot(solution: tm.Solution, path: Path) -> None:
+    """The speed of the nozzle over time, the seam shaded."""
+    times, speed = speeds(solution)
+    figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
+    axes.axvspan(
+        solution.segments[1].begin, solution.segments[2].end, color="0.9", label="seam"
+    )
+    axes.plot(times, speed, color="#0072b2")
+    axes.axhline(SPEED, color="#b03020", linestyle="--", linewidth=0.8, label="limit")
+    axes.set(xlabel="time [s]", ylabel="speed of the nozzle [m/s]", xlim=(0, times[-1]))
+    axes.legend(loc="upper right")
+    figure.savefig(path, dpi=150)
+
+
+def main() -> int:
+    """Plan, tell of the seam, write the figure, the page and the motion."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    solution = tm.plan(problem(), intervals=60, seed=arguments.seed)
+    print(solution.message)
+    if not solution.success:
+        return 1
+    tell(solution)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    plot(solution, arguments.out / "seam.png")
+    solution.play(arguments.out / "seam.html", frame=NOZZLE)
+    solution.export(arguments.out / "seam.csv", dt=0.002)
+    for ending in ("png", "html", "csv"):
+        print(arguments.out / f"seam.{ending}")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

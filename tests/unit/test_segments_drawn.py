@@ -1,0 +1,104 @@
+"""Pages and figures show loads, obstacles and ends of segments where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.viz.meshcat_scene import Appearance, draw
+from tominpmp.viz.motion_plot import plot_motion
+from tominpmp.viz.segments import frame_places, loads, obstacles, there
+from tominpmp.viz.viewer import Recorder
+
+meshcat = pytest.importorskip("meshcat")
+
+
+@pytest.fixture(scope="module")
+def solution():
+    shape = tm.Box("crate", size=(0.1, 0.1, 0.1))
+    crate = tm.Payload(1.0, "tip", geometry=[shape], name="crate")
+    ball = tm.Sphere("ball", radius=0.1, position=(0.0, 5.0, 0.0))
+    segments = [
+        tm.Segment(tm.JointGoal([0.5]), stop=True),
+        tm.Segment(tm.JointGoal([1.0]), payload=crate, scene=tm.Scene([ball])),
+        tm.Segment(tm.JointGoal([0.2])),
+    ]
+    robot = make_arm(slide(2.0), effort=10.0)
+    problem = tm.Problem(robot, [0.0], segments=segments)
+    found = tm.plan(problem, intervals=20, control="constant", refine=None)
+    assert found.success, found.message
+    return found
+
+
+def test_a_load_stands_is_carried_and_stays(solution):
+    first, second, third = solution.trajectory.segment_ends
+    times = np.array([0.0, first, 0.5 * (first + second), second, third])
+    (load,) = loads(solution.problem, solution.trajectory, times)
+    assert load.name == "crate"
+    x = load.placements[:, :3, 3] - load.placements[0, :3, 3]
+    way = np.linalg.norm(x, axis=1)
+    middle = float(solution.trajectory(times[2]).q[0]) - 0.5
+    np.testing.assert_allclose(way, [0.0, 0.0, middle, 0.5, 0.5], atol=1e-9)
+    np.testing.assert_array_equal(load.carried, [False, True, True, True, False])
+
+
+def test_obstacles_are_there_on_their_segments(solution):
+    first, second, _ = solution.trajectory.segment_ends
+    ((name, obstacle, spans),) = obstacles(solution.problem, solution.trajectory)
+    assert name == obstacle.name == "ball"
+    np.testing.assert_allclose(spans, [[first, second]])
+    times = np.array([0.5 * first, 0.5 * (first + second), second + 0.01])
+    np.testing.assert_array_equal(there(spans, times), [False, True, False])
+
+
+def test_the_page_has_them_all(solution):
+    recorder = Recorder()
+    viewer = meshcat.Visualizer(window=recorder)
+    draw(viewer, solution.problem, solution.trajectory, Appearance(fps=20.0))
+    put = {c["path"] for c in recorder.commands if c["type"] == "set_object"}
+    assert "/meshcat/loads/crate/crate" in put
+    assert {"/meshcat/ends of segments/1", "/meshcat/ends of segments/2"} <= put
+    (animation,) = (c for c in recorder.commands if c["type"] == "set_animation")
+    tracks = {
+        one["path"]: {track["name"] for track in one["clip"]["tracks"]}
+        for one in animation["animations"]
+    }
+    assert tracks["/meshcat/loads/crate"] == {".position", ".quaternion"}
+    assert tracks["/meshcat/obstacles/ball"] == {".visible"}
+
+
+def test_the_figure_has_them_all(solution, tmp_path):
+    path = tmp_path / "motion.png"
+    figure = plot_motion(solution.problem, {"": solution.trajectory}, path, instants=4)
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"load", "end of a segment", "obstacle"} <= labels
+    assert path.stat().st_size > 5000
+
+
+def test_a_load_that_another_hand_takes_is_one_body():
+    robot = make_arm(slide(1.0), slide(1.0), effort=10.0)
+    first, other = robot.frame_names[-1], robot.frame_names[-2]
+    held = [
+        tm.Payload(0.1, frame, geometry=[tm.Box("b", size=(0.1,) * 3, position=at)])
+        for frame, at in ((first, (0.3, 0.0, 0.0)), (other, (0.0, 0.2, 0.0)))
+    ]
+    segments = [
+        tm.Segment(tm.JointGoal([0.1, 0.2]), stop=True, payload=held[0]),
+        tm.Segment(tm.JointGoal([0.3, 0.0]), payload=held[1]),
+    ]
+    problem = tm.Problem(robot, [0.0, 0.0], segments=segments)
+    found = tm.plan(problem, intervals=12, control="constant", refine=None)
+    assert found.success, found.message
+    times = np.array([0.0, found.T])
+    (load,) = loads(problem, found.trajectory, times)
+    q = found.trajectory(times).q
+    box = np.eye(4)
+    box[:3, 3] = (0.3, 0.0, 0.0)
+    here = frame_places(robot, q[:1], first)[0] @ box
+    box[:3, 3] = (0.0, 0.2, 0.0)
+    there_ = frame_places(robot, q[1:], other)[0] @ box
+    box[:3, 3] = (0.3, 0.0, 0.0)
+    np.testing.assert_allclose(load.placements[0] @ box, here, atol=1e-9)
+    np.testing.assert_allclose(load.placements[1] @ box, there_, atol=1e-9)
