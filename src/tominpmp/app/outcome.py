@@ -177,7 +177,7 @@ def _certified(solution: Solution) -> tuple[tuple[Held, ...] | None, str]:
     try:
         certificate = solution.certificate
     except ProblemError:
-        # Motions of several segments have none.
+        # Motions that stay somewhere while obstacles move have none.
         return None, ""
     if certificate is None:
         return None, ""

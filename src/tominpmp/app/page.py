@@ -44,6 +44,10 @@ logger = logging.getLogger(__name__)
 FRAMES_PER_SECOND = 30.0
 # Bars change so often a second; their text is sent anew each time.
 BARS_PER_SECOND = 10.0
+# Where the camera stands: its field of view [rad], its distance in sizes of the robot.
+FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
+# From where an arm is seen that is not flat; a flat one is no deeper than this share.
+SIDE, FLAT = np.array([0.6, -1.0, 0.75]), 0.05
 # The arm rests so long at both ends before it plays again [s].
 REST = 0.5
 
@@ -109,7 +113,6 @@ class Page:
         self._begun = time.monotonic()
         self._arms: dict[str, Arm] = {}
         self._shown: Shown | None = None
-        self._robot: Robot | None = None
         self._size = 1.0
         self.controller = Controller(request, self._found)
         self._dress()
@@ -129,7 +132,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(330)
         scene.world_axes.visible = False
-        scene.configure_environment_map(None)
+        scene.configure_environment_map("studio", environment_intensity=0.6)
         scene.configure_default_lights(True, cast_shadow=True)
 
     # -- what is asked for -------------------------------------------------------------
@@ -206,17 +209,19 @@ class Page:
             for arm in self._arms.values():
                 arm.remove()
             self.server.scene.remove_by_name("/path")
-            self._shown, self._robot = None, robot
-            scene, ghost = self.server.scene, outlines(robot)
+            self._shown = None
+            scene = self.server.scene
             self._size = _size(robot, request)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                bodies = looks(robot)
+            ghost = outlines(robot, bodies)
             tints = ("q_start", START_COLOR), ("q_goal", GOAL_COLOR)
             self._arms = {
                 end: Arm(scene, f"/{end}", robot, ghost, (color, GHOST_OPACITY))
                 for end, color in tints
             }
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                self._arms["robot"] = Arm(scene, "/robot", robot, looks(robot))
+            self._arms["robot"] = Arm(scene, "/robot", robot, bodies)
             self._arms["robot"].move(request.q_start)
             self._look(robot, request)
             self.handles.rebuild(0.16 * self._size)
@@ -227,14 +232,18 @@ class Page:
         """Camera and floor for the robot."""
         both = np.array([request.q_start, request.q_goal])
         found = skeleton(robot, both, request.frame)
-        points = found.points.reshape(-1, 3)
-        view, middle = best_view(found.points), (points.min(0) + points.max(0)) / 2
-        flat = np.ptp(points @ view.normal) < 0.05 * self._size
-        direction = view.normal if flat else np.array([1.15, -0.75, 0.62])
+        view = best_view(found.points)
+        depth = np.ptp(found.points.reshape(-1, 3) @ view.normal)
+        flat = view.planar and depth < FLAT * self._size
+        normal = view.normal if flat else SIDE / np.linalg.norm(SIDE)
+        places = [item.position for item in request.items]
+        links = found.points.reshape(-1, 3)
+        points = np.concatenate([links, np.reshape(places, (-1, 3))])
+        middle = (points.min(0) + points.max(0)) / 2
         scene, camera = self.server.scene, self.server.initial_camera
-        offset = 1.55 * self._size * direction / np.linalg.norm(direction)
+        offset = DISTANCE * self._size * normal
         camera.look_at, camera.position = tuple(middle), tuple(middle + offset)
-        camera.fov = 0.75
+        camera.fov = FIELD_OF_VIEW
         if flat:
             camera.up = tuple(view.up)
         for client in self.server.get_clients().values():

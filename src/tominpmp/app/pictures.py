@@ -14,6 +14,8 @@ SPEED, TORQUE, HOT = "#3b82f6", "#f59e0b", "#e11d48"
 INK, FAINT, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
 GOOD, BAD = "#15803d", "#be123c"
 FONT = "font-family:Inter,system-ui,sans-serif"
+# Of a gap beyond this its size tells nothing.
+TELLING = 1.0
 # Size of a curve [px], and of the points in it.
 WIDTH, HEIGHT, POINTS = 320, 26, 121
 
@@ -49,18 +51,12 @@ def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
         rows.append(_line("no lower bound is known", FAINT))
     else:
         bound = shown.T / (1.0 + shown.gap)
-        rows.append(
-            _line(
-                f"no motion takes less than {bound:.3f} s: gap {_percent(shown.gap)}",
-                FAINT,
-            )
-        )
+        told = f"no motion takes less than {bound:.3f} s"
+        if shown.gap < TELLING:
+            told += f": gap {100.0 * shown.gap:.1f} %"
+        rows.append(_line(told, FAINT))
     rows.append(_line(f"planned in {shown.seconds:.2f} s", FAINT))
     return _box("".join(rows))
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.1f} %" if share < 10.0 else f"{share:.0f} times"
 
 
 def bars(shown: Shown, time: float) -> str:

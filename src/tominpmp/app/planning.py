@@ -92,7 +92,7 @@ class Session:
     def _former(self, problem: Problem) -> Solution | None:
         """The last motion, if one can begin with it."""
         last = self.solution
-        if last is None or problem.segments or last.problem.segments:
+        if last is None or len(problem.segments) != len(last.problem.segments):
             return None
         same = last.problem.robot.joint_names == problem.robot.joint_names
         return last if same else None

@@ -20,7 +20,9 @@ PATH_COLOR = (0.95, 0.64, 0.10)
 GHOST_OPACITY = 0.28
 # More colours than this in one body are averaged.
 MOST_COLORS = 8
-PATH_RADIUS = 0.0035  # as a share of the robot's size
+PATH_RADIUS = 0.0025  # as a share of the robot's size
+# Ghosts of robots with more than this many are drawn by their collision geometry.
+MOST_TRIANGLES = 20_000
 
 
 class Arm:
@@ -77,8 +79,15 @@ def looks(robot: Robot) -> list[Body]:
     return robot_bodies(robot)
 
 
-def outlines(robot: Robot) -> list[Body]:
-    """The bodies of a ghost: collision geometry, which has few triangles."""
+def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
+    """The bodies of a ghost, of few triangles.
+
+    Args:
+        robot: The robot.
+        bodies: What it looks like; taken if that is little, else collision geometry.
+    """
+    if sum(len(body.surface.faces) for body in bodies) <= MOST_TRIANGLES:
+        return list(bodies)
     found = []
     for item in robot.collision_model.geometryObjects:
         surface = native_surface(item.geometry)
@@ -86,7 +95,7 @@ def outlines(robot: Robot) -> list[Body]:
             place = np.array(item.placement.homogeneous)
             joint = int(item.parentJoint)
             found.append(Body(item.name, joint, place, surface, (1.0, 1.0, 1.0, 1.0)))
-    return found if any(body.joint for body in found) else robot_bodies(robot)
+    return found if any(body.joint for body in found) else list(bodies)
 
 
 def _put(scene: Any, name: str, body: Body, tint: tuple[Color, float] | None) -> None:
@@ -141,7 +150,7 @@ def draw_path(scene: Any, shown: Shown, size: float) -> None:
     points = points[np.concatenate([[True], apart])]
     if len(points) < 3:
         return
-    surface = tube(points, PATH_RADIUS * size / 3.0)
+    surface = tube(points, PATH_RADIUS * size)
     scene.add_mesh_simple(
         "/path",
         surface.vertices,

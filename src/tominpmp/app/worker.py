@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from typing import IO
 
 from tominpmp.app.jobs import Exported, ExportJob, PlanJob, receive, send
 from tominpmp.app.outcome import Outcome
@@ -40,7 +41,10 @@ class Worker:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
-        threading.Thread(target=self._listen, args=(process,), daemon=True).start()
+        self._listener = threading.Thread(
+            target=self._listen, args=(process,), daemon=True
+        )
+        self._listener.start()
         return process
 
     def plan(self, number: int, request: Request) -> None:
@@ -73,16 +77,13 @@ class Worker:
         """End the process."""
         self._closing = True
         with self._lock:
-            if self._process.stdin is not None:
-                try:
-                    self._process.stdin.close()
-                except OSError:
-                    pass
+            _close(self._process.stdin)
         try:
             self._process.wait(2.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        self._listener.join(2.0)
 
     def _send(self, job: PlanJob | ExportJob) -> None:
         with self._lock:
@@ -92,7 +93,7 @@ class Worker:
             assert self._process.stdin is not None  # noqa: S101
             try:
                 send(self._process.stdin, job)
-            except OSError:
+            except (OSError, ValueError):
                 pass  # it has just ended, which the listener tells
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
@@ -114,3 +115,15 @@ class Worker:
                     f"the planning process has ended by itself (code {code}); the next "
                     "change starts another one"
                 )
+        finally:
+            _close(process.stdin)
+            _close(process.stdout)
+
+
+def _close(stream: IO[bytes] | None) -> None:
+    """Close a stream, be the other end there or not."""
+    if stream is not None:
+        try:
+            stream.close()
+        except OSError:
+            pass
