@@ -244,8 +244,7 @@ def test_an_end_by_itself_is_told(controller: Controller, told: list[Outcome]) -
 
 
 @pytest.mark.slow
-def test_a_process_plans_what_is_dragged_and_starts_again_after_a_crash() -> None:
-    """Two processes: each loads the libraries anew."""
+def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
     outcomes, ends = list[Outcome](), list[str]()
     final, ended = threading.Event(), threading.Event()
 
@@ -260,12 +259,6 @@ def test_a_process_plans_what_is_dragged_and_starts_again_after_a_crash() -> Non
 
     worker = Worker(take, end)
     try:
-        worker.plan(1, PLANAR)
-        assert final.wait(120.0)
-        assert outcomes[-1].ok
-        exported = worker.export(".csv", 0.01, None)
-        assert exported.content.startswith(b"time")
-        final.clear()
         worker._process.kill()
         assert ended.wait(60.0)
         assert "ended by itself" in ends[0]
@@ -273,6 +266,8 @@ def test_a_process_plans_what_is_dragged_and_starts_again_after_a_crash() -> Non
         assert final.wait(120.0)
         assert outcomes[-1].number == 2
         assert outcomes[-1].ok
+        exported = worker.export(".csv", 0.01, None)
+        assert exported.content.startswith(b"time")
     finally:
         worker.close()
     assert worker._process.poll() is not None
