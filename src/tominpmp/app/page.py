@@ -17,8 +17,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from typing import Any
 
-import numpy as np
-
+from tominpmp.app.camera import look_at, size_of
 from tominpmp.app.choice import RobotChoice, loaded
 from tominpmp.app.controller import Controller
 from tominpmp.app.handles import Handles
@@ -36,18 +35,12 @@ from tominpmp.app.stage import (
     outlines,
 )
 from tominpmp.exceptions import MissingDependency, OptionsError, TominpmpError
-from tominpmp.robot import Robot
-from tominpmp.viz.skeleton import best_view, skeleton
 
 logger = logging.getLogger(__name__)
 
 FRAMES_PER_SECOND = 30.0
 # Bars change so often a second; their text is sent anew each time.
 BARS_PER_SECOND = 10.0
-# Where the camera stands: its field of view [rad], its distance in sizes of the robot.
-FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
-# From where an arm is seen that is not flat; a flat one is no deeper than this share.
-SIDE, FLAT = np.array([0.6, -1.0, 0.75]), 0.05
 # The arm rests so long at both ends before it plays again [s].
 REST = 0.5
 
@@ -211,7 +204,7 @@ class Page:
             self.server.scene.remove_by_name("/path")
             self._shown = None
             scene = self.server.scene
-            self._size = _size(robot, request)
+            self._size = size_of(robot, request)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 bodies = looks(robot)
@@ -223,43 +216,10 @@ class Page:
             }
             self._arms["robot"] = Arm(scene, "/robot", robot, bodies)
             self._arms["robot"].move(request.q_start)
-            self._look(robot, request)
+            look_at(self.server, robot, request, self._size)
             self.handles.rebuild(0.16 * self._size)
             self.panel.rebuild()
         self.refresh()
-
-    def _look(self, robot: Robot, request: Request) -> None:
-        """Camera and floor for the robot."""
-        both = np.array([request.q_start, request.q_goal])
-        found = skeleton(robot, both, request.frame)
-        view = best_view(found.points)
-        depth = np.ptp(found.points.reshape(-1, 3) @ view.normal)
-        flat = view.planar and depth < FLAT * self._size
-        normal = view.normal if flat else SIDE / np.linalg.norm(SIDE)
-        places = [item.position for item in request.items]
-        links = found.points.reshape(-1, 3)
-        points = np.concatenate([links, np.reshape(places, (-1, 3))])
-        middle = (points.min(0) + points.max(0)) / 2
-        scene, camera = self.server.scene, self.server.initial_camera
-        offset = DISTANCE * self._size * normal
-        camera.look_at, camera.position = tuple(middle), tuple(middle + offset)
-        camera.fov = FIELD_OF_VIEW
-        if flat:
-            camera.up = tuple(view.up)
-        for client in self.server.get_clients().values():
-            client.camera.position = middle + offset
-            client.camera.look_at = middle
-        scene.add_grid(
-            "/floor",
-            width=8.0 * self._size,
-            height=8.0 * self._size,
-            cell_size=0.1 * self._size,
-            section_size=0.5 * self._size,
-            cell_color=(226, 230, 236),
-            section_color=(205, 211, 220),
-            position=(0.0, 0.0, -0.002 * self._size),
-            fade_distance=6.0 * self._size,
-        )
 
     def _found(self, outcome: Outcome) -> None:
         """Take an outcome of the planning."""
@@ -316,11 +276,3 @@ class Page:
             pass
         finally:
             self.close()
-
-
-def _size(robot: Robot, request: Request) -> float:
-    """Size of what the robot spans between its base and its end [m]."""
-    both = np.array([request.q_start, request.q_goal])
-    points = skeleton(robot, both, request.frame).points.reshape(-1, 3)
-    points = np.concatenate([points, np.zeros((1, 3))])
-    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0

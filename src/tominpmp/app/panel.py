@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from tominpmp.app.choice import RobotChoice, group_names, has_datasheet, loaded
-from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import ARMS, known
-from tominpmp.app.handles import Handles
-from tominpmp.app.items import SIZES, new_item
 from tominpmp.app.numbers import plain_name
+from tominpmp.app.obstacle_part import Host, ObstaclePart, by_user
 from tominpmp.app.request import Limits
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import TominpmpError
@@ -42,32 +39,6 @@ FILES: dict[str, tuple[str, float | None, str | None]] = {
 MOST_BYTES = 20_000_000
 
 
-def by_user(act: Callable[[], Any]) -> Callable[[Any], None]:
-    """A callback that acts when somebody changes a field, not when the page does."""
-
-    def changed(event: Any) -> None:
-        if event.client is not None:
-            act()
-
-    return changed
-
-
-class Host(Protocol):
-    """What the panel needs of the page."""
-
-    controller: Controller
-    handles: Handles
-
-    def ask(self, **changes: Any) -> bool:
-        """Ask for the same with some fields of the request changed."""
-
-    def choose(self, choice: RobotChoice) -> None:
-        """Take another robot."""
-
-    def export(self, ending: str, dt: float | None, message: str | None) -> None:
-        """Hand the motion to the browser as a file."""
-
-
 class Panel:
     """What is asked for.
 
@@ -85,7 +56,7 @@ class Panel:
         with self._gui.add_folder("Limits"):
             self._limits_part()
         with self._gui.add_folder("Obstacles"):
-            self._items_part()
+            self._obstacles = ObstaclePart(self._gui, host)
         with self._gui.add_folder("Export"):
             self._export_part()
         with self._gui.add_folder("In Python", expand_by_default=False):
@@ -140,23 +111,6 @@ class Panel:
             slider.on_update(by_user(self._change_limits))
         self._bounded.on_update(by_user(self._change_limits))
         self._acceleration.on_update(by_user(self._change_limits))
-
-    def _items_part(self) -> None:
-        gui = self._gui
-        self._kinds = gui.add_button_group("Add", tuple(SIZES))
-        self._items = gui.add_dropdown("Obstacle", ("none",))
-        self._sizes = [
-            gui.add_slider(f"size {number + 1}", 0.01, 2.0, 0.01, 0.1)
-            for number in range(3)
-        ]
-        turn = gui.add_checkbox("Turn obstacles", False)
-        self._remove = gui.add_button("Remove this obstacle", color="gray")
-        self._kinds.on_click(by_user(lambda: self._add_item(self._kinds.value)))
-        self._items.on_update(by_user(self._show_sizes))
-        for slider in self._sizes:
-            slider.on_update(by_user(self._resize))
-        self._remove.on_click(by_user(self._remove_item))
-        turn.on_update(by_user(lambda: self._host.handles.allow_turning(turn.value)))
 
     def _export_part(self) -> None:
         files = self._gui.add_dropdown("File", tuple(FILES))
@@ -250,47 +204,6 @@ class Panel:
             slider.value = getattr(limits, name)
         self._bounded.value = limits.acceleration is not None
 
-    # -- obstacles ---------------------------------------------------------------------
-
-    def _add_item(self, kind: str) -> None:
-        controller = self._host.controller
-        request = controller.request
-        taken = tuple(item.name for item in request.items)
-        position = controller.reach().pose(request.q_goal)[0] * [-0.6, 0.6, 1.0]
-        item = new_item(kind, position, taken)
-        self._ask(items=(*request.items, item))
-        self.refresh_lines()
-        self._items.value = item.name
-        self._show_sizes()
-
-    def _chosen(self) -> Any:
-        items = self._host.controller.request.items
-        return next((item for item in items if item.name == self._items.value), None)
-
-    def _show_sizes(self) -> None:
-        item = self._chosen()
-        names = () if item is None else tuple(SIZES[item.kind])
-        for number, slider in enumerate(self._sizes):
-            slider.visible = number < len(names)
-            if number < len(names):
-                slider.label = f"{names[number]} [m]"
-                slider.value = item.size[number]
-        self._remove.visible = item is not None
-
-    def _resize(self) -> None:
-        item = self._chosen()
-        if item is None:
-            return
-        count = len(SIZES[item.kind])
-        sizes = [float(slider.value) for slider in self._sizes[:count]]
-        changed = self._host.controller.request.with_item(item.resized(sizes))
-        self._ask(items=changed.items)
-
-    def _remove_item(self) -> None:
-        if self._items.value is not None:
-            request = self._host.controller.request.without_item(self._items.value)
-            self._ask(items=request.items)
-
     # -- lines -------------------------------------------------------------------------
 
     def refresh_lines(self) -> None:
@@ -298,7 +211,4 @@ class Panel:
         request = self._host.controller.request
         self._lines.content = f"```python\n{request.python()}```"
         self._fewer.visible = bool(request.via)
-        names = tuple(item.name for item in request.items) or ("none",)
-        if tuple(self._items.options) != names:
-            self._items.options = names
-            self._show_sizes()
+        self._obstacles.refresh()
