@@ -6,8 +6,10 @@ as they come from files of strangers.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +25,24 @@ TEXT = "font:11px sans-serif;fill:#4a5867"
 MOST_ROWS = 40
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table; numbers are shortened, what is too long is left out."""
-    cells = "".join(f"<th>{escape(name)}</th>" for name in head)
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[object]], *, joints: bool = False
+) -> str:
+    """A table; numbers are shortened, what is too long is left out.
+
+    Args:
+        head: Titles of the columns; none for no head.
+        rows: The rows.
+        joints: Whether each row is of a joint, and begins with the colour of its curve.
+    """
+    titles = [*([""] if joints else []), *head]
+    cells = "".join(f"<th>{escape(name)}</th>" for name in titles)
     lines = [f"<tr>{cells}</tr>"] if head else []
-    for row in rows[:MOST_ROWS]:
+    for number, row in enumerate(rows[:MOST_ROWS]):
         cells = "".join(f"<td>{escape(_text(value))}</td>" for value in row)
-        lines.append(f"<tr>{cells}</tr>")
+        color = COLORS[number % len(COLORS)]
+        mark = f'<td style="color:{color}">&#9632;</td>' if joints else ""
+        lines.append(f"<tr>{mark}{cells}</tr>")
     if len(rows) > MOST_ROWS:
         lines.append(f"<tr><td>and {len(rows) - MOST_ROWS} more</td></tr>")
     return f"<table>{''.join(lines)}</table>"
@@ -37,7 +50,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 def _text(value: object) -> str:
     if isinstance(value, float | np.floating):
-        return f"{value:.4g}"
+        number = float(value)
+        return f"{number if abs(number) > 1e-12 else 0.0:.4g}"
     return value if isinstance(value, str) and len(value) <= 80 else brief(value)[:80]
 
 
@@ -117,7 +131,38 @@ def motion_card(
     fastest, strongest = (np.abs(x).max(axis=0).tolist() for x in (v, u))
     columns = names, q[0].tolist(), q[-1].tolist(), fastest, strongest
     head = ("joint", "start", "end", "max |v|", "max |u|")
-    return card(title, *panels, table(head, list(zip(*columns, strict=True))))
+    return card(
+        title, *panels, table(head, list(zip(*columns, strict=True)), joints=True)
+    )
+
+
+def outcome_card(
+    title: str,
+    message: str,
+    facts: Sequence[tuple[str, object]],
+    motion: Any,
+    limits: Any,
+) -> str:
+    """What planning has led to.
+
+    Args:
+        title: What it is.
+        message: A sentence or two.
+        facts: Lines of the table below it.
+        motion: The trajectory; None if there is none.
+        limits: ``JointLimits`` of the robot.
+    """
+    lines = textwrap.wrap(message, 60)
+    rows: list[tuple[str, object]] = [("", line) for line in lines]
+    rows += [fact for fact in facts if fact[1] != ""]
+    if motion is None:
+        return card(title, table((), rows))
+    t = np.linspace(0.0, motion.duration, 200)
+    state = motion(t)
+    effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
+    speeds = share_curves("speed", t, state.v, limits.velocity)
+    torques = share_curves("torque", t, state.u, effort)
+    return card(title, speeds, torques, table((), rows))
 
 
 def _line(points: Array, color: str, width: float = 1.4, name: str = "") -> str:

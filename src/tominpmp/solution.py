@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +19,7 @@ from tominpmp.accelerations import (
 )
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
-from tominpmp.notebook import card, share_curves, table
+from tominpmp.notebook import outcome_card
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import JointLimits
@@ -118,20 +117,11 @@ class Solution:
 
     def _repr_html_(self) -> str:
         """Speeds and torques as shares of their limits, and the outcome; notebooks."""
-        rows: list[tuple[str, object]] = [("status", self.status.value)]
-        rows += [("message", line) for line in textwrap.wrap(self.message, 60)]
-        rows += [("T [s]", self.T), ("planned in [s]", self.planning_time)]
-        if self.gap is not None:
-            rows.append(("above the lower bound", f"{self.gap:.2%} at most"))
         title = "Solution" if self.success else "No motion"
-        if self.trajectory is None:
-            return card(title, table((), rows))
-        times = np.linspace(0.0, self.trajectory.duration, 200)
-        state, limits = self.trajectory(times), self.problem.robot.limits
-        effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-        shares = share_curves("speed", times, state.v, limits.velocity)
-        shares += share_curves("torque", times, state.u, effort)
-        return card(title, shares, table((), rows))
+        facts: list[tuple[str, object]] = [("T [s]", self.T)]
+        facts += [("planned in [s]", self.planning_time), ("gap", self.gap or "")]
+        motion, limits = self.trajectory, self.problem.robot.limits
+        return outcome_card(title, self.message, facts, motion, limits)
 
     def __getstate__(self) -> dict[str, Any]:
         """What is copied and pickled: all but the callback, which has done its work."""
@@ -355,9 +345,7 @@ class Solution:
     def replay(self, engine: str = "mujoco", **options: Any) -> PhysicsReplay:
         """Replay the motion in a simulator that shares no code with the planner.
 
-        Args:
-            engine: "mujoco" (extra ``mujoco``).
-            **options: Passed on, see :func:`tominpmp.physics.replay.replay`.
+        See :func:`tominpmp.physics.replay.replay`.
 
         Raises:
             ProblemError: If there is no motion, or no such engine.
@@ -365,11 +353,7 @@ class Solution:
         """
         from tominpmp.physics.replay import replay
 
-        if engine != "mujoco":
-            raise ProblemError(
-                f"engine is {brief(engine)}, expected 'mujoco'", "engine"
-            )
-        return replay(self.problem, self._motion(), **options)
+        return replay(self.problem, self._motion(), engine=engine, **options)
 
     def export(
         self,

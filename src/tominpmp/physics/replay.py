@@ -92,6 +92,7 @@ def replay(
     problem: Problem,
     trajectory: Trajectory,
     *,
+    engine: str = "mujoco",
     step: float = STEP,
     bandwidth: float = BANDWIDTH,
     tolerance: float = 1e-2,
@@ -101,6 +102,7 @@ def replay(
     Args:
         problem: Robot and loads.
         trajectory: The motion, with torques.
+        engine: The simulator: "mujoco" (extra ``mujoco``).
         step: Longest step of the simulator [s].
         bandwidth: How fast the feedback brings errors to zero [1/s]: the gains are
             those of two poles there, for the inertia that each joint sees.
@@ -111,6 +113,8 @@ def replay(
             way, or a value is wrong.
         MissingDependency: If MuJoCo is not installed.
     """
+    if engine != "mujoco":
+        raise ProblemError(f"engine is {brief(engine)}, expected 'mujoco'", "engine")
     for name, value in (
         ("step", step), ("bandwidth", bandwidth), ("tolerance", tolerance)
     ):  # fmt: skip
