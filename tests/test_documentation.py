@@ -16,7 +16,9 @@ from tominpmp.description.files import robot_names
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
+sys.path.insert(1, str(ROOT / "docs" / "extensions"))
 import doc_blocks  # noqa: E402
+import from_the_code  # noqa: E402
 
 PAGES = doc_blocks.pages()
 WITH_CODE = [page for page in PAGES[1:] if list(doc_blocks.blocks(page))]
@@ -135,3 +137,35 @@ def test_every_page_is_in_a_table_of_contents() -> None:
             lines = [line for line in body.split() if not line.startswith(":")]
             listed |= {(page.parent / f"{line}.md").resolve() for line in lines}
     assert {page for page in PAGES[1:] if page not in listed} == set()
+
+
+@pytest.mark.parametrize("name", from_the_code.CONTENTS)
+def test_reference_is_made_from_the_code(name: str) -> None:
+    lines = from_the_code.CONTENTS[name]()
+    assert len(lines) > 5
+    # A row whose last cell is empty is a field that its docstring does not tell of.
+    assert [line for line in lines if line.endswith("|  |")] == []
+
+
+def test_pages_ask_for_what_the_code_gives() -> None:
+    asked = {
+        name
+        for page in PAGES
+        for name in from_the_code.PLACE.findall(page.read_text("utf-8"))
+    }
+    assert asked == set(from_the_code.CONTENTS)
+
+
+def test_every_exception_tells_of_its_cure() -> None:
+    from tominpmp import exceptions
+
+    for name in (item for item in tm.__all__ if hasattr(exceptions, item)):
+        kind = getattr(exceptions, name)
+        if kind not in (tm.TominpmpError, tm.TominpmpWarning):
+            assert "Cure: " in kind.__doc__, name
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    for name in tm.__all__:
+        value = getattr(tm, name)
+        assert (value.__doc__ or "").strip(), name

@@ -192,8 +192,11 @@ def main() -> int:
     """Write pages."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", choices=[item.name for item in ITEMS])
+    parser.add_argument("names", nargs="*", metavar="NAME")
     arguments = parser.parse_args()
+    known = [item.name for item in ITEMS]
+    for name in {*arguments.names} - {*known}:
+        parser.error(f"there is no {name!r}; there are: {', '.join(known)}")
     make_pages(arguments.folder, arguments.names)
     return 0
 

@@ -90,8 +90,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("names", nargs="*", choices=[*STILLS, "film"])
+    parser.add_argument("names", nargs="*", metavar="NAME")
     arguments = parser.parse_args()
+    for name in {*arguments.names} - {*STILLS, "film"}:
+        parser.error(f"there is no {name!r}; there are: {', '.join(STILLS)}, film")
     browser = next((found for name in NAMES if (found := shutil.which(name))), None)
     if browser is None:
         parser.error(f"none of {', '.join(NAMES)} is on the path")

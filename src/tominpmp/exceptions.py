@@ -59,6 +59,10 @@ class TominpmpError(Exception):
 class RobotLoadError(TominpmpError):
     """A robot description cannot be read or is incomplete.
 
+    Cure: the message names the file, and the joint or mesh that is missing. What a
+    file lacks is given to :func:`tominpmp.load_robot` (``effort=``, ``velocity=``,
+    ``package_dirs=``).
+
     Attributes:
         path: The file in question, if there is one.
     """
@@ -83,6 +87,8 @@ def closest(name: object, known: Sequence[str]) -> str:
 class FrameNotFound(TominpmpError):
     """A frame (link or joint frame) is not part of the robot.
 
+    Cure: take one of the names that the message lists; ``tominpmp info`` shows them.
+
     Attributes:
         name: The name asked for.
         available: The names there are.
@@ -99,6 +105,9 @@ class FrameNotFound(TominpmpError):
 
 class JointNotFound(TominpmpError):
     """A joint is not part of the robot.
+
+    Cure: take one of the names that the message lists. A joint that is locked, or
+    follows another, is none that moves.
 
     Attributes:
         name: The name asked for.
@@ -117,6 +126,8 @@ class JointNotFound(TominpmpError):
 class SceneError(TominpmpError):
     """An obstacle of a scene is wrong: a name twice, a size that is not positive.
 
+    Cure: the message names the obstacle, the value and what was expected.
+
     Attributes:
         obstacle: Name of the obstacle.
     """
@@ -128,6 +139,9 @@ class SceneError(TominpmpError):
 
 class ProblemError(TominpmpError):
     """A planning problem is wrong in itself: a shape, a limit, a start in collision.
+
+    Cure: the message names the argument, joint or pair of links, the value, and what
+    was expected. Of links that touch it says what lets them.
 
     Attributes:
         field: The argument in question, for example ``"q_start"``.
@@ -159,6 +173,9 @@ def expect(
 class OptionsError(TominpmpError):
     """An option has a value it cannot have.
 
+    Cure: the message says what was expected; all options are fields of
+    :class:`tominpmp.Options`.
+
     Attributes:
         option: Name of the option.
     """
@@ -170,6 +187,8 @@ class OptionsError(TominpmpError):
 
 class SolverNotFound(TominpmpError):
     """The named linear-programming solver is not installed.
+
+    Cure: leave ``lp_solver`` at "auto", or install the solver.
 
     Attributes:
         name: The solver asked for.
@@ -188,6 +207,8 @@ class SolverNotFound(TominpmpError):
 class ScenarioError(TominpmpError):
     """A scenario, scene or trajectory file is wrong.
 
+    Cure: mend the key that the message names, in the file that it names.
+
     Attributes:
         path: The file.
         key: The field in it, if one is to blame.
@@ -203,6 +224,8 @@ class ScenarioError(TominpmpError):
 
 class MissingDependency(TominpmpError):
     """An optional package is needed for what was asked.
+
+    Cure: the command in the message installs it.
 
     Attributes:
         package: Name of the package.
@@ -220,6 +243,9 @@ class MissingDependency(TominpmpError):
 
 class PlanningFailed(TominpmpError):
     """Raised by :meth:`Solution.raise_if_failed` when no plan was found.
+
+    Cure: the message says what no motion kept, by how much and when; the page "Why was
+    no motion found?" of the documentation what to try.
 
     Attributes:
         solution: The :class:`~tominpmp.solution.Solution`, with its status, sentence
