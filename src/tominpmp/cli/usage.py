@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from tominpmp.cli.terminal import flush_output, guarded
 
 # What the options are listed under in the help, in this order.
-PANELS = ("Motion", "Scene", "Robot", "Planning", "Output", "General")
+PANELS = ("Motion", "Scene", "Robot", "Planning", "Output", "Page", "General")
 # Where a context keeps the words of a command, as they were typed.
 TYPED = "tominpmp.typed"
 PER_JOINT = "VALUES"

@@ -38,6 +38,10 @@ class PathConstraint(Record, Quantity):
     ends before that, the constraint holds at the goal.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``.
+
+    Attributes:
+        during: Part of the motion on which it holds: from one time until another [s];
+            None for all of it.
     """
 
     during: tuple[float, float] | None = field(default=None, kw_only=True)
