@@ -11,6 +11,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -240,6 +241,16 @@ def _documented(names: Iterable[str]) -> list[str]:
     return [*lines, "```"]
 
 
+def further_pages() -> list[str]:
+    """A table of contents of the pages that no other one names."""
+    docs = Path(__file__).parents[1]
+    texts = [path.read_text("utf-8") for path in docs.rglob("*.md")]
+    bodies = re.findall(r"```\{toctree\}\n(.*?)```", "\n".join(texts), re.DOTALL)
+    named = {Path(line).name for body in bodies for line in body.split()} | {"index"}
+    rest = sorted(path.stem for path in docs.glob("*.md") if path.stem not in named)
+    return ["```{toctree}", ":hidden:", ":caption: Further", "", *rest, "```"]
+
+
 CONTENTS: dict[str, Callable[[], list[str]]] = {
     function.__name__: function
     for function in (
@@ -254,6 +265,7 @@ CONTENTS: dict[str, Callable[[], list[str]]] = {
         command_line,
         data_sheets,
         public_names,
+        further_pages,
     )
 }
 
