@@ -41,7 +41,9 @@ STILLS = {
 }
 # The animation: its page, its times [s], and how long a picture stays [ms].
 FILM, BEGIN, END, FRAMES, PAUSE = "payload", 0.0, 1.65, 34, 60
-FILM_WIDTH, COLORS, LAST = 640, 80, 900
+FILM_WIDTH, COLORS, LAST = 640, 96, 900
+# Colours of the curves and of the path.
+ACCENTS = ("#d98200", "#fbe3bd", "#12375f", "#c9d8ea", "#f2a419", "#d6453a")
 
 
 def picture(browser: str, page: Path, time: float, path: Path) -> None:
@@ -61,12 +63,27 @@ def picture(browser: str, page: Path, time: float, path: Path) -> None:
         )
 
 
-def small(path: Path, width: int, colors: int) -> Image.Image:
-    """A picture, smaller and of few colours."""
+def reduced(path: Path, width: int) -> Image.Image:
+    """A picture, smaller."""
     with Image.open(path) as image:
         height = round(image.height * width / image.width)
-        reduced = image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
-    return reduced.quantize(colors, dither=Image.Dither.NONE)
+        return image.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
+
+
+def palette(image: Image.Image, colors: int) -> Image.Image:
+    """Colours for a picture, those of the curves among them, of which it has little."""
+    found = image.quantize(colors - len(ACCENTS), dither=Image.Dither.NONE)
+    values = (found.getpalette() or [])[: 3 * (colors - len(ACCENTS))]
+    for accent in ACCENTS:
+        values += [int(accent[i : i + 2], 16) for i in (1, 3, 5)]
+    chosen = Image.new("P", (1, 1))
+    chosen.putpalette(values)
+    return chosen
+
+
+def of_few_colors(image: Image.Image, chosen: Image.Image) -> Image.Image:
+    """A picture in the colours of a palette."""
+    return image.quantize(palette=chosen, dither=Image.Dither.NONE)
 
 
 def film(browser: str, page: Path, path: Path) -> None:
@@ -77,7 +94,10 @@ def film(browser: str, page: Path, path: Path) -> None:
             time = BEGIN + (END - BEGIN) * number / (FRAMES - 1)
             shot = Path(folder) / f"{number}.png"
             picture(browser, page, time, shot)
-            pictures.append(small(shot, FILM_WIDTH, COLORS))
+            pictures.append(reduced(shot, FILM_WIDTH))
+    # One palette for all, so that the background stands still.
+    chosen = palette(pictures[FRAMES // 4], COLORS)
+    pictures = [of_few_colors(item, chosen) for item in pictures]
     pauses = [PAUSE] * (FRAMES - 1) + [LAST]
     first, *rest = pictures
     first.save(
@@ -102,7 +122,8 @@ def main() -> int:
             continue
         path = arguments.out / f"{name}.png"
         picture(browser, arguments.pages / f"{name}.html", time, path)
-        small(path, 900, 128).save(path, optimize=True)
+        still = reduced(path, 900)
+        of_few_colors(still, palette(still, 128)).save(path, optimize=True)
     if not arguments.names or "film" in arguments.names:
         film(browser, arguments.pages / f"{FILM}.html", arguments.out / "motion.gif")
     return 0
