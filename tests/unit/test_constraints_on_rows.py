@@ -13,6 +13,8 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.constraints import States
 from tominpmp.goals.direction import deviation, deviations
+from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 ITEMS = (*LOADS, *TOOLS, tm.ToolSpeed("tool0", 1.0), tm.KeepUpright("tool0"))
 DIRECTION = np.array([0.0, 0.6, 0.8])
@@ -66,3 +68,19 @@ def test_the_certificate_knows_constraints_that_are_no_lengths():
     loose = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
     given = tm.certify(loose, solution.trajectory)
     assert given.stationarity > 20 * solution.certificate.stationarity
+
+
+def test_guesses_are_as_slow_as_their_loads_ask_for():
+    """Those that were not began far from any motion, and ended in slow ones."""
+    rail = make_arm(slide(1.0), effort=np.array([100.0]), gravity=(0.0, 0.0, -9.81))
+    tray = tm.StableContact("tip", (0, 0, 0.05), 0.2)
+    problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), constraints=(tray,))
+    guess = straight_guess(ProblemFunctions.of(problem), np.array([1.0]))
+    fastest = 2.0 / np.sqrt(0.2 * 9.81)
+    assert fastest * (1.0 - 1e-3) < guess.duration < 2.5 * fastest
+    times = np.linspace(0.0, guess.duration, 400)
+    a = np.gradient(np.gradient(guess.position(times), times, axis=0), times, axis=0)
+    assert np.abs(a[5:-5]).max() < 1.2 * 0.2 * 9.81
+    loose = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
+    free = straight_guess(ProblemFunctions.of(loose), np.array([1.0]))
+    assert free.duration < 0.3 * fastest

@@ -17,7 +17,7 @@ from tominpmp.initial_guess.constrained import (
     keeps_positions,
 )
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
-from tominpmp.initial_guess.pace import stretch
+from tominpmp.initial_guess.pace import load_stretch, stretch
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import (
     is_free,
@@ -156,7 +156,8 @@ def _timed_guess(system: ProblemFunctions, timing: PathTiming, name: str) -> Gue
     times = np.linspace(0.0, timing.duration, SAMPLES)
     q = timing.position(times)
     factor = stretch(system, q, timing.duration)
-    return Guess(name, factor * times, q, factor == 1.0)
+    slower = load_stretch(system, factor * times, q)
+    return Guess(name, slower * factor * times, q, factor == 1.0)
 
 
 def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
@@ -195,7 +196,8 @@ def _smooth_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
 def _untimed_guess(system: ProblemFunctions, q: Array, name: str) -> Guess:
     duration = DURATION_FACTOR * _least_time(system, q)
     duration *= stretch(system, q, duration)
-    return Guess(name, duration * np.linspace(0.0, 1.0, SAMPLES), q, False)
+    times = duration * np.linspace(0.0, 1.0, SAMPLES)
+    return Guess(name, load_stretch(system, times, q) * times, q, False)
 
 
 def _least_time(system: ProblemFunctions, q: Array) -> float:

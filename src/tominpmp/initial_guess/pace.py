@@ -19,6 +19,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 TOO_SHORT = 0.1
 # Joints that go faster than this on average are no joints of an arm [rad/s or m/s].
 FASTEST = 2000.0
+# How much slower a guess is made for a load at most, and bisections for that.
+SLOWEST, BISECTIONS = 10.0, 6
 
 
 def least_duration(system: ProblemFunctions, q: Array) -> float:
@@ -61,6 +63,42 @@ def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
     if speed[joint] > FASTEST:
         raise _unlimited(system, joint, float(np.ptp(q[:, joint])), factor * duration)
     return factor
+
+
+def load_stretch(system: ProblemFunctions, t: Array, q: Array) -> float:
+    """How many times longer a guess has to take for its loads to stay where they are.
+
+    Args:
+        system: The problem.
+        t: Times of the guess [s], shape (m,).
+        q: Its configurations, shape (m, n).
+
+    Returns:
+        The factor; one where nothing is carried, or slowness is no cure.
+    """
+    held = [
+        item
+        for item in system.problem.ready_constraints
+        if item.order == 2 and item.curable and item.window is None
+    ]
+    if not held or np.any(np.diff(t) <= 0.0):
+        return 1.0
+    v = np.gradient(q, t, axis=0)
+    a = np.gradient(v, t, axis=0)
+
+    def kept(factor: float) -> bool:
+        return all(
+            np.max(item.value_rows(q, v / factor, a / factor**2)) <= 0.0
+            for item in held
+        )
+
+    low, high = 1.0, SLOWEST
+    if kept(low) or not kept(high):
+        return 1.0
+    for _ in range(BISECTIONS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if kept(middle) else (middle, high)
+    return high
 
 
 def _unlimited(
