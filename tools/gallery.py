@@ -127,7 +127,12 @@ ITEMS = (
 def planned(item: Item, folder: Path) -> tm.Solution:
     """Plan a motion, or take it from the folder if nothing has changed since."""
     path = folder / f"{item.name}.pickle"
-    sources = [*(ROOT / "src").rglob("*.py"), *EXAMPLES.rglob("*.*"), Path(__file__)]
+    sources = [
+        *(ROOT / "src").rglob("*.py"),
+        *EXAMPLES.rglob("*.py"),
+        *EXAMPLES.rglob("*.toml"),
+        Path(__file__),
+    ]
     newest = max(source.stat().st_mtime for source in sources)
     if path.is_file() and path.stat().st_mtime > newest:
         return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
