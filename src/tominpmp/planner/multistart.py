@@ -32,12 +32,12 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import suits
 from tominpmp.planner.continuation import solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.progress import Judge, Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.search import Remembered, Search
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.planner.unreachable import unreachable
-from tominpmp.status import Status
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -56,6 +56,9 @@ TOO_SLOW = 1.6
 FEW_MOTORS, FEW_MOTORS_RESCUE_STARTS = 3, 2
 # More guesses are made, up to this number, while none has led to a motion.
 RESCUE_STARTS = 8
+# A start of several segments is given up after so many iterations if its motion takes
+# this many times as long as its guess and breaks limits by more than this share.
+PATIENCE, HOPELESS, FAR = 15, 3.0, 1e-2
 # Processes that are started at least where several are asked for; beyond the number of
 # cores they would only wait for each other.
 LEAST_PROCESSES = 2
@@ -188,8 +191,11 @@ def _from_guesses(
         if guess.timed and guess.duration > TOO_SLOW * progress.best:
             yield None
             continue
+        # The last one may take as long as it likes.
+        judge = _hopeless(guess, progress) if number + 1 < count.rescues else None
         try:
-            attempt = source.solve(number, guess)
+            with progress.judged(judge):
+                attempt = source.solve(number, guess)
         except Stop:
             # The others may have found something by then.
             yield from (_noted(progress, attempt) for attempt in source.left())
@@ -197,6 +203,20 @@ def _from_guesses(
         yield _noted(progress, attempt)
     if swings and progress.best == np.inf:
         yield from shots(system, replace(options, **SHOOTING), progress)
+
+
+def _hopeless(guess: Guess, progress: Progress) -> Judge | None:
+    """Ends a start of several segments that is slow and far from any motion."""
+    if not isinstance(guess, SegmentedGuess):
+        return None
+
+    def judge(record: IterationRecord) -> Status | None:
+        slow = record.duration > HOPELESS * guess.duration
+        late = len(progress.records) >= PATIENCE
+        over = late and slow and record.violation > FAR
+        return Status.ITERATION_LIMIT if over else None
+
+    return judge
 
 
 def _noted(progress: Progress, attempt: Attempt | None) -> Attempt | None:
