@@ -41,6 +41,7 @@ logger = logging.getLogger(__name__)
 FRAMES_PER_SECOND = 30.0
 # Bars change so often a second; their text is sent anew each time.
 BARS_PER_SECOND = 10.0
+GROUND = (205, 210, 220)  # what light from below looks like
 # The arm rests so long at both ends before it plays again [s].
 REST = 0.5
 
@@ -125,7 +126,14 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(330)
         scene.world_axes.visible = False
-        scene.configure_environment_map("studio", environment_intensity=0.6)
+        # Lights that a machine without a graphics card can compute, too.
+        scene.configure_environment_map(None)
+        scene.add_light_hemisphere(
+            "/sky",
+            sky_color=(255, 255, 255),
+            ground_color=(205, 210, 220),
+            intensity=2.2,
+        )
         scene.configure_default_lights(True, cast_shadow=True)
 
     # -- what is asked for -------------------------------------------------------------
