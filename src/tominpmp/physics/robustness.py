@@ -124,7 +124,7 @@ def robustness(
     reserves: Sequence[float] = RESERVES,
     samples: int = 100,
     tolerance: float = 0.02,
-    bandwidth: float = 60.0,
+    bandwidth: float = 100.0,
     period: float = 1e-3,
     frame: str | None = None,
     seed: int = 0,
