@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tominpmp.batch import Dataset, Outcome, plan_many
     from tominpmp.bounds import LowerBound, lower_bound
     from tominpmp.certificate import Certificate, certify
     from tominpmp.combined_robots import combine_robots
@@ -104,6 +105,7 @@ if TYPE_CHECKING:
 # Where the public names are: a module is imported when one of its names is first used,
 # so that the command line shows its help without loading the robotics libraries.
 _HOMES = {
+    "batch": ("Dataset", "Outcome", "plan_many"),
     "bounds": ("LowerBound", "lower_bound"),
     "certificate": ("Certificate", "certify"),
     "combined_robots": ("combine_robots",),
@@ -229,6 +231,7 @@ __all__ = [
     "ClearanceProof",
     "ConstantVelocity",
     "Cylinder",
+    "Dataset",
     "EffortCurve",
     "ExportCheck",
     "FirmGrasp",
@@ -254,6 +257,7 @@ __all__ = [
     "OcTree",
     "Options",
     "OptionsError",
+    "Outcome",
     "PathConstraint",
     "Payload",
     "PlanningFailed",
@@ -305,6 +309,7 @@ __all__ = [
     "load_scenario",
     "lower_bound",
     "plan",
+    "plan_many",
     "prove_clearance",
     "save_scenario",
     "smooth",

@@ -12,6 +12,7 @@ from tominpmp.cli.front import COMMANDS, EXAMPLES, new_app
 from tominpmp.cli.option_fields import command
 from tominpmp.cli.options import (
     AppOptions,
+    BatchOptions,
     LimitOptions,
     PlannerOptions,
     PlanOptions,
@@ -38,6 +39,13 @@ VERIFY_CODES = """\b
 Exit codes:
   0    the motion solves the problem
   1    it does not
+  2    bad input
+"""
+
+BATCH_CODES = """\b
+Exit codes:
+  0    all have a motion
+  1    some have none: they are named
   2    bad input
 """
 
@@ -69,6 +77,14 @@ JudgedProblem = Annotated[
         "Scenario file (.toml); or a robot, with --scene and --request, or with "
         "--start and a goal.",
         complete_robot,
+    ),
+]
+BatchSource = Annotated[
+    Path,
+    _argument(
+        "SOURCE",
+        "Folder with scenario files (.toml), or a file with a list of them: "
+        "problems = ['a.toml', 'cells/*.toml'].",
     ),
 ]
 RecordedMotion = Annotated[
@@ -109,6 +125,24 @@ def plan(
 @command(
     app,
     short_help=COMMANDS["verify"],
+    short_help=COMMANDS["batch"],
+    epilog=BATCH_CODES,
+)
+def batch(source: BatchSource, options: PlannerOptions, args: BatchOptions) -> int:
+    """Plan many scenarios, several at once, and keep the results in a folder.
+
+    Each result is a file (.npz) with the problem, the motion, its time and what was
+    found of it. A batch that was interrupted goes on where it was. A scenario that is
+    broken is named, and the others are planned.
+    """
+    from tominpmp.cli.batch import run_batch
+
+    return run_batch(source, options, args)
+
+
+@command(
+    app,
+    short_help="Judge a motion from a file, whoever planned it.",
     epilog=VERIFY_CODES,
 )
 def verify(

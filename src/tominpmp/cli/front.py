@@ -33,6 +33,7 @@ Examples:
 # The commands in their order, with what the list of them says.
 COMMANDS = {
     "plan": "Plan the fastest motion to a goal and write it to a file.",
+    "batch": "Plan many scenarios and keep the results in a folder.",
     "verify": "Judge a motion from a file, whoever planned it.",
     "replay": "Replay a motion in MuJoCo, or find the torque reserve that it needs.",
     "play": "Show a motion from a file in the browser.",

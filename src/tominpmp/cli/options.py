@@ -225,6 +225,27 @@ class PlanOptions(ReportOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BatchOptions(ReportOptions):
+    """Where a batch is planned, and where its results go.
+
+    Attributes:
+        output (FOLDER): Keep the results there, an NPZ file each; what is there from a
+            former run is not planned again. Default: results.
+        workers (N): How many are planned at once. Default: as many as there are cores.
+        backend (NAME): loky (processes), threading, dask, ray, or any other of joblib.
+            Default: loky.
+        warm_start: Let problems begin with the motions of their neighbours.
+        quiet: No progress, only a report, warnings and errors.
+    """
+
+    output: Path = field(default=Path("results"), metadata=OUTPUT_FILE)
+    workers: int | None = field(default=None, metadata=PLANNING)
+    backend: str | None = field(default=None, metadata=PLANNING)
+    warm_start: bool = field(default=False, metadata=PLANNING)
+    quiet: bool = field(default=False, metadata={"flags": ("--quiet", "-q")})
+
+
+@dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
     """How a motion is judged.
 

@@ -228,6 +228,11 @@ def _prepare(parent: int, asking: Any) -> None:
     # Ctrl-C is left to the process that waits for the results.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _asked = asking.is_set
+    end_with(parent)
+
+
+def end_with(parent: int) -> None:
+    """Let this process end when its parent does, where systems tell who that is."""
     if hasattr(os, "getppid") and os.name == "posix":
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

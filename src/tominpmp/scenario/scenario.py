@@ -148,7 +148,7 @@ def load_scenario(path: str | Path) -> Scenario:
         ScenarioError: If the file, or what it describes, is wrong, with the key.
     """
     path = checked_path(path, "path", ScenarioError)
-    document = Field(_read_toml(path), path)
+    document = Field(read_toml(path), path)
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))
     options = _read_options(document.get("options"))
@@ -244,18 +244,42 @@ def save_scenario(
             cannot be written.
     """
     path = checked_path(path, "path", ScenarioError)
-    expect(problem, Problem, "problem", "a Problem")
-    if options is not None:
-        expect(options, Options, "options", "Options or None")
-    document = _document(path, problem, Options() if options is None else options)
-    try:
-        content = toml_text(document).encode()
-    except UnicodeEncodeError as error:
-        raise ScenarioError(f"{path}: a name cannot be saved: {error}", path) from error
+    content = scenario_text(path, problem, options).encode()
     return write_file(path, lambda file: file.write(content))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def scenario_text(
+    path: Path, problem: Problem, options: Options | None = None, *, check: bool = True
+) -> str:
+    """A problem as the text of a scenario file.
+
+    Args:
+        path: Where the file is to be: paths in it are relative to its folder.
+        problem: The problem.
+        options: The options; None for the defaults.
+        check: Whether to read the robot back, to see that it is the same.
+
+    Raises:
+        ScenarioError: If the problem holds something that a file cannot.
+    """
+    expect(problem, Problem, "problem", "a Problem")
+    if options is not None:
+        expect(options, Options, "options", "Options or None")
+    given = Options() if options is None else options
+    text = toml_text(_document(path, problem, given, check))
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise ScenarioError(f"{path}: a name cannot be saved: {error}", path) from error
+    return text
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        ScenarioError: If there is none.
+    """
     content = read_bytes(path, MAX_BYTES)
     if re.search(rb"[0-9_]{%d}" % MAX_DIGITS, content):
         raise ScenarioError(f"{path} holds a number of {MAX_DIGITS} digits", path)
@@ -273,7 +297,9 @@ def _read_options(table: Field) -> Options:
     return make(Options, table.table(), table, {})
 
 
-def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
+def _document(
+    path: Path, problem: Problem, options: Options, check: bool = True
+) -> dict[str, Any]:
     """Turn problem and options into tables.
 
     Raises:
@@ -299,7 +325,8 @@ def _document(path: Path, problem: Problem, options: Options) -> dict[str, Any]:
         document["robot"] = robot_table(problem.robot, folder)
     except TypeError as error:
         fail("robot", error)
-    _check_robot(document["robot"], problem.robot, path)
+    if check:
+        _check_robot(document["robot"], problem.robot, path)
     document["start"] = {"q": problem.q_start.tolist()}
     if problem.v_start is not None and np.any(problem.v_start):
         document["start"]["v"] = problem.v_start.tolist()

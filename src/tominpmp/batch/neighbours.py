@@ -1,0 +1,117 @@
+"""Which problem of a batch begins with the motion of which other.
+
+It is decided beforehand, by the problems alone, so that what comes out does not depend
+on which plan happens to be ready first. Problems are put into an order in which each is
+as far as can be from all before it; so the first ones are spread over all of them, and
+the nearest of those before a problem comes nearer and nearer. They are planned in
+rounds, each as large as all before it: a problem begins with the nearest motion of
+former rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.problem import Problem
+
+# This share of the problems begins with nothing.
+FIRST = 0.125
+# Problems farther than this from all before them [rad or m] begin with nothing: a
+# motion from elsewhere does not help.
+FAR = 3.0
+# How distances of obstacles count against those of joints [rad/m].
+LENGTH = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rounds:
+    """In which order the problems of a batch are planned.
+
+    Attributes:
+        rounds: Numbers of the problems of each round.
+        near: Numbers of the problems whose motions a problem may begin with, the
+            nearest first; by the number of the problem.
+    """
+
+    rounds: tuple[IntArray, ...]
+    near: dict[int, list[int]]
+
+
+def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
+    """Order the problems of a batch.
+
+    Args:
+        problems: The problems; None where there is none.
+    """
+    groups: dict[Any, list[int]] = {}
+    places: dict[int, Array] = {}
+    for index, problem in enumerate(problems):
+        key, places[index] = _place(problem)
+        groups.setdefault(key, []).append(index)
+    rounds: list[list[int]] = []
+    near: dict[int, list[int]] = {}
+    for members in groups.values():
+        table = np.array([places[index] for index in members])
+        order = _spread(table)
+        size, begin, number = max(int(np.ceil(FIRST * len(order))), 1), 0, 0
+        while begin < len(order):
+            chosen = order[begin : begin + size]
+            if number == len(rounds):
+                rounds.append([])
+            rounds[number] += [members[k] for k in chosen.tolist()]
+            for k in chosen.tolist():
+                near[members[k]] = _nearest(table, k, order[:begin], members)
+            begin, number = begin + chosen.size, number + 1
+            size = begin
+    return Rounds(tuple(np.array(sorted(item)) for item in rounds), near)
+
+
+def _nearest(table: Array, own: int, before: IntArray, members: list[int]) -> list[int]:
+    """The problems before one that are nearest to it, three at most."""
+    if not before.size:
+        return []
+    away = np.linalg.norm(table[before] - table[own], axis=1)
+    order = np.argsort(away, kind="stable")[:3]
+    return [members[before[k]] for k in order.tolist() if away[k] <= FAR]
+
+
+def _spread(table: Array) -> IntArray:
+    """An order in which each row is as far as can be from those before it."""
+    count = len(table)
+    away = np.linalg.norm(table - table.mean(axis=0), axis=1)
+    order = [int(np.argmin(away))]
+    away = np.linalg.norm(table - table[order[0]], axis=1)
+    for _ in range(count - 1):
+        away[order] = -1.0
+        order.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(table - table[order[-1]], axis=1))
+    return np.array(order)
+
+
+def _place(problem: Problem | None) -> tuple[Any, Array]:
+    """Which problems it may be compared with, and where it is among them."""
+    if problem is None or problem.segments:
+        # Motions of segments do not begin with others.
+        return ("alone", id(problem)), np.zeros(1)
+    goal = problem.goal
+    target = goal.configuration
+    parts = [problem.q_start]
+    if target is None and goal.ball is not None:
+        target = LENGTH * goal.ball.centre
+    if target is not None:
+        parts.append(np.asarray(target))
+    parts += [LENGTH * item.position for item in problem.scene]
+    robot = problem.robot
+    key = (
+        robot.joint_names,
+        robot.name,
+        type(goal).__name__,
+        goal.frame_name,
+        tuple(item.name for item in problem.scene),
+    )
+    return key, np.concatenate(parts)
