@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from tominpmp.motion_limits import EffortCurve, MotionLimits
     from tominpmp.options import Options, Tolerances
     from tominpmp.payload import Payload
+    from tominpmp.placement import ImprovedPlacement, improve_placement, robot_at
     from tominpmp.planner.planning import plan
     from tominpmp.planner.smoothing import smooth
     from tominpmp.problem import Problem
@@ -162,6 +163,7 @@ _HOMES = {
     "io.export_check": ("ExportCheck", "check_export", "check_file"),
     "io.ros_rules": ("Refusal", "controller_refusals"),
     "payload": ("Payload",),
+    "placement": ("ImprovedPlacement", "improve_placement", "robot_at"),
     "planner": ("plan",),
     "problem": ("Problem",),
     "robot": (
@@ -238,6 +240,7 @@ __all__ = [
     "FrameNotFound",
     "Goal",
     "HeightField",
+    "ImprovedPlacement",
     "IterationRecord",
     "JointCoupling",
     "JointGoal",
@@ -300,6 +303,7 @@ __all__ = [
     "check_file",
     "combine_robots",
     "controller_refusals",
+    "improve_placement",
     "load_joint_limits",
     "load_motion",
     "load_motion_limits",
@@ -311,6 +315,7 @@ __all__ = [
     "plan",
     "plan_many",
     "prove_clearance",
+    "robot_at",
     "save_scenario",
     "smooth",
     "verify",

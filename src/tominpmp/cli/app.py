@@ -124,7 +124,6 @@ def plan(
 
 @command(
     app,
-    short_help=COMMANDS["verify"],
     short_help=COMMANDS["batch"],
     epilog=BATCH_CODES,
 )
@@ -142,7 +141,7 @@ def batch(source: BatchSource, options: PlannerOptions, args: BatchOptions) -> i
 
 @command(
     app,
-    short_help="Judge a motion from a file, whoever planned it.",
+    short_help=COMMANDS["verify"],
     epilog=VERIFY_CODES,
 )
 def verify(

@@ -16,6 +16,8 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import by_joint, in_order
 
 # The link that the bases of several robots are fixed to.
+# What a robot stands on that is somewhere else in the world, and the joint between.
+GROUND, MOUNT = "ground", "ground_mount"
 WORLD = "world"
 
 
@@ -158,6 +160,28 @@ def _joined_order(
         for part, (description, _) in parts.items()
         for joint in description.order or joint_order(description.xml)
     )
+
+
+def on_base(description: UrdfDescription, base: pin.SE3) -> UrdfDescription:
+    """The same description with its root somewhere else in the world.
+
+    Args:
+        description: The description, which may have been moved before.
+        base: Placement base_to_world of its root.
+    """
+    robot = fromstring(description.xml)
+    mounts = [j for j in robot.findall("joint") if j.get("name") == MOUNT]
+    links = description.links
+    for mount in mounts:
+        origin = mount.find("origin")
+        if origin is not None:
+            mount.remove(origin)
+        _origin(mount, base)
+    if not mounts:
+        SubElement(robot, "link", name=GROUND)
+        _fix(robot, MOUNT, GROUND, _root(description), base)
+        links = (GROUND, *links)
+    return replace(description, xml=tostring(robot, encoding="unicode"), links=links)
 
 
 def _renamed(element: Element, part: str) -> Element:

@@ -1,0 +1,348 @@
+"""Batches: the same motions wherever they are planned, and nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import batch_samples
+import numpy as np
+import pytest
+from batch_samples import QUICK, Deadly, Unsendable, problems, rail
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from tominpmp.batch import Progress
+from tominpmp.batch.dataset import Entry
+from tominpmp.batch.neighbours import rounds_of
+from tominpmp.cli.app import app
+
+
+def motions(outcomes: list[tm.Outcome]) -> list[tm.Trajectory]:
+    found = [outcome.solution for outcome in outcomes]
+    return [s.trajectory for s in found if s is not None and s.trajectory is not None]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("batch")
+
+
+@pytest.fixture(scope="module")
+def alone(folder: Path) -> list[tm.Outcome]:
+    """Planned in this process."""
+    return list(tm.plan_many(problems(folder), workers=1, **QUICK))
+
+
+def test_motions_are_those_of_plan(folder: Path, alone: list[tm.Outcome]) -> None:
+    assert [outcome.index for outcome in alone] == list(range(6))
+    assert all(outcome.success and outcome.verified for outcome in alone)
+    for problem, outcome in zip(problems(folder), alone, strict=True):
+        solution = tm.plan(problem, seed=outcome.seed, **QUICK)
+        assert outcome.solution is not None
+        assert outcome.solution.trajectory == solution.trajectory
+        assert outcome.T == solution.T and outcome.gap == solution.gap
+    assert len({outcome.seed for outcome in alone}) == 6
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"workers": 2},
+        {"workers": 2, "backend": "threading"},
+        {"workers": 3, "backend": "loky", "ordered": False},
+    ],
+)
+def test_the_same_to_the_last_bit(
+    folder: Path, alone: list[tm.Outcome], how: dict[str, Any]
+) -> None:
+    found = list(tm.plan_many(problems(folder), **how, **QUICK))
+    found.sort(key=lambda outcome: outcome.index)
+    assert motions(found) == motions(alone)
+    assert [one.seed for one in found] == [one.seed for one in alone]
+
+
+def test_problems_are_taken_as_they_are_needed(folder: Path) -> None:
+    taken = []
+
+    def endless() -> Iterator[tm.Problem]:
+        for problem in 1000 * problems(folder, 2):
+            taken.append(problem)
+            yield problem
+
+    stream = tm.plan_many(endless(), workers=1, **QUICK)
+    assert not taken
+    assert next(stream).index == 0 and next(stream).index == 1
+    assert len(taken) < 10
+    stream.close()
+
+
+def test_what_is_wrong_is_an_outcome(folder: Path) -> None:
+    broken = folder / "broken.toml"
+    broken.write_text("[robot]\nname = 3\n")
+    far = tm.Problem(rail(folder), [0.0], tm.JointGoal([1.0]))
+    given = [far, 17, ("gone", folder / "none.toml"), broken, Unsendable(), far]
+    found = list(tm.plan_many(given, workers=1, **QUICK))
+    assert [outcome.success for outcome in found] == [True, *[False] * 4, True]
+    assert [outcome.status for outcome in found[1:5]] == ["BROKEN"] * 4
+    assert "expected a Problem" in found[1].message
+    assert found[2].name == "gone" and "none.toml" in found[2].message
+    assert found[3].name == "broken" and "robot.name" in found[3].message
+    assert "a lock is in it" in found[4].message
+    assert math.isinf(found[1].T) and not found[1]
+
+
+def test_what_kills_its_process_is_lost_alone(folder: Path) -> None:
+    one = problems(folder, 1)[0]
+    given = [one, one, ("deadly", Deadly()), one, one]
+    found = list(tm.plan_many(given, workers=2, **QUICK))
+    assert [outcome.status for outcome in found] == [
+        *["CONVERGED"] * 2,
+        "LOST",
+        *["CONVERGED"] * 2,
+    ]
+    assert found[2].name == "deadly" and "killed" in found[2].message
+
+
+def test_a_batch_goes_on_where_it_was(folder: Path, alone: list[tm.Outcome]) -> None:
+    results = folder / "results"
+    how = {"results": results, "workers": 1, **QUICK}
+    stream = tm.plan_many(problems(folder), **how)
+    first = [next(stream) for _ in range(3)]
+    stream.close()
+    files = tm.Dataset(results).files
+    assert len(files) >= 3 and first[0].path == files[0]
+    files[1].write_bytes(b"half a file")
+    found = list(tm.plan_many(problems(folder), **how))
+    assert [outcome.resumed for outcome in found[:3]] == [True, False, True]
+    assert motions(found) == motions(alone)
+    again = list(tm.plan_many(problems(folder), **how))
+    assert all(outcome.resumed for outcome in again)
+    assert [one.T for one in again] == [one.T for one in alone]
+    assert again[0].solution is not None
+    state = again[0].solution.trajectory(0.3)
+    np.testing.assert_array_equal(state, alone[0].solution.trajectory(0.3))
+    other = list(tm.plan_many(problems(folder), **{**how, "intervals": 10}))
+    assert not any(outcome.resumed for outcome in other)
+
+
+SCRIPT = """
+import sys
+sys.path.insert(0, {here!r})
+from pathlib import Path
+from batch_samples import QUICK, problems
+import tominpmp as tm
+if __name__ == "__main__":
+    folder = Path({folder!r})
+    for _ in tm.plan_many(
+        problems(folder, 400), workers=2, results=folder / "killed", **QUICK
+    ):
+        pass
+"""
+
+
+def test_a_killed_run_loses_what_was_under_way(folder: Path) -> None:
+    results, script = folder / "killed", folder / "script.py"
+    here = str(Path(batch_samples.__file__).parent)
+    script.write_text(SCRIPT.format(here=here, folder=str(folder)))
+    run = subprocess.Popen([sys.executable, str(script)])
+    limit = time.monotonic() + 60.0
+    while len(list(results.glob("*/*.npz"))) < 6 and time.monotonic() < limit:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    time.sleep(1.0)  # what was under way ends, or is ended
+    done = tm.Dataset(results).files
+    assert 6 <= len(done) < 400
+    found = tm.plan_many(problems(folder, 400), workers=1, results=results, **QUICK)
+    heads = [next(found) for _ in range(len(done) - 3)]
+    found.close()
+    assert all(outcome.resumed and outcome.success for outcome in heads)
+
+
+def test_warm_starts_do_not_depend_on_workers(folder: Path) -> None:
+    given = problems(folder, 9)
+    one, two = (
+        list(tm.plan_many(given, warm_start=True, workers=count, **QUICK))
+        for count in (1, 2)
+    )
+    assert [outcome.index for outcome in one] == list(range(9))
+    assert motions(one) == motions(two)
+    began = [outcome.began_with for outcome in one]
+    assert began == [outcome.began_with for outcome in two]
+    assert sum(number is None for number in began) == 2
+    cold = list(tm.plan_many(given, workers=1, **QUICK))
+    for warm, other in zip(one, cold, strict=True):
+        assert warm.T == pytest.approx(other.T, rel=2e-3)
+
+
+def test_neighbours_are_near_and_known_before(folder: Path) -> None:
+    given = [*problems(folder, 12), None]
+    found = rounds_of(given)
+    assert sorted(np.concatenate(found.rounds).tolist()) == list(range(13))
+    known: set[int] = set()
+    for numbers in found.rounds:
+        for k in numbers.tolist():
+            assert set(found.near[k]) <= known
+        known |= set(numbers.tolist())
+    last = found.rounds[-1].tolist()
+    assert all(min(abs(k - j) for j in found.near[k]) == 1 for k in last)
+
+
+def test_progress(folder: Path) -> None:
+    states: list[Progress] = []
+    given = [*problems(folder, 2), "none.toml"]
+    outcomes = tm.plan_many(given, workers=1, progress=states.append, **QUICK)
+    assert len(list(outcomes)) == 3
+    assert [(s.done, s.found, s.total) for s in states] == [
+        (1, 1, 3),
+        (2, 2, 3),
+        (3, 2, 3),
+    ]
+    assert states[-1].last.name == "none"
+
+
+def test_time_limits_are_those_of_each_plan(folder: Path) -> None:
+    given = problems(folder, 2)
+    found = list(tm.plan_many(given, workers=1, max_planning_time=1e-4))
+    assert {outcome.status for outcome in found} == {"TIME_LIMIT"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"problems": 3}, "problems is 3"),
+        ({"problems": "a.toml"}, r"\[path\] for one"),
+        ({"workers": 0}, "workers is 0"),
+        ({"workers": "two"}, "workers is 'two'"),
+        ({"backend": "carrier pigeons"}, "backend is 'carrier pigeons'"),
+        ({"backend": 3}, "backend is 3"),
+        ({"seed": -1}, "seed is -1"),
+        ({"ordered": "no"}, "ordered is 'no'"),
+        ({"progress": 1}, "progress is 1"),
+        ({"options": {}}, "options is"),
+        ({"results": 5}, "results is 5"),
+    ],
+)
+def test_wrong_arguments(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(tm.ProblemError, match=message):
+        tm.plan_many(**{"problems": [], **arguments})
+
+
+def test_wrong_options_and_folders(tmp_path: Path) -> None:
+    with pytest.raises(tm.OptionsError, match="intervalls"):
+        tm.plan_many([], intervalls=3)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(tm.ScenarioError, match="expected a folder"):
+        tm.plan_many([], results=tmp_path / "file")
+    with pytest.raises(tm.ScenarioError, match="no folder"):
+        tm.Dataset(tmp_path / "none")
+
+
+def test_a_dataset_is_read_without_the_problems(
+    folder: Path, alone: list[tm.Outcome]
+) -> None:
+    results = folder / "dataset"
+    list(tm.plan_many([*problems(folder), "none.toml"], results=results, **QUICK))
+    dataset = tm.Dataset(results)
+    assert len(dataset) == 7
+    entries = list(dataset)
+    assert [entry.success for entry in entries] == [*[True] * 6, False]
+    assert entries[0].T == alone[0].T
+    assert entries[0].load().problem == problems(folder)[0]
+    assert entries[2].trajectory() == motions(alone)[2]
+    assert entries[6].trajectory() is None
+    with pytest.raises(tm.ScenarioError, match="holds no problem"):
+        entries[6].load()
+    rows = [row for _, row in dataset.samples(20)]
+    assert len(rows) == 6 and all(row.shape == (20, 3) for row in rows)
+    np.testing.assert_allclose(rows[0][-1, 0], 0.5, atol=1e-6)
+    with np.load(dataset.files[0]) as file:
+        about = json.loads(str(file["about"]))
+    assert about["status"] == "CONVERGED" and about["verified"] is True
+    assert not list(results.rglob(".*")), "drafts are left"
+
+
+def test_parquet(folder: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    results = folder / "table"
+    list(tm.plan_many(problems(folder, 2), results=results, workers=1, **QUICK))
+    path = tm.Dataset(results).to_parquet(folder / "table.parquet")
+    table = parquet.read_table(path).to_pylist()
+    assert len(table) == 2 and table[0]["success"] and len(table[0]["q"]) > 8
+
+
+def test_files_that_are_no_results(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, x=np.zeros(3))
+    with pytest.raises(tm.ScenarioError, match="no result of a batch"):
+        Entry.read(path)
+
+
+def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> None:
+    cells = tmp_path / "cells"
+    (cells / "more").mkdir(parents=True)
+    one, two = problems(folder, 2)
+    tm.save_scenario(cells / "a.toml", one)
+    tm.save_scenario(cells / "more" / "c.toml", two)
+    (cells / "b.toml").write_text("[robot]\nname = 'nobody'\n")
+    results = tmp_path / "results"
+    words = ["batch", str(cells), "-o", str(results), "--workers", "1"]
+    words += ["--intervals", "8", "--refine", "none", "--starts", "1"]
+    found = CliRunner().invoke(app, words)
+    assert found.exit_code == 1, found.output
+    assert "3/3" in found.output and "2 of 3" in found.output
+    assert "b: " in found.output and "nobody" in found.output
+    assert [e.about["name"] for e in tm.Dataset(results)] == ["a", "b", "more/c"]
+    (cells / "list").write_text("")
+    listed = tmp_path / "list.toml"
+    listed.write_text("problems = ['cells/a.toml', 'cells/more/*.toml']\n")
+    words[1:2] = [str(listed), "--json"]
+    found = CliRunner().invoke(app, words)
+    assert found.exit_code == 0, found.output
+    data = json.loads(found.stdout)
+    assert data["found"] == 2 and data["outcomes"][1]["name"] == "cells/more/c"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("problems = ['none*.toml']", "which no file matches"),
+        ("problems = 3", "problems"),
+        ("problem = []", "problem"),
+        ("problems = []", "holds no scenario"),
+    ],
+)
+def test_lists_that_are_wrong(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "list.toml"
+    path.write_text(content)
+    found = CliRunner().invoke(app, ["batch", str(path), "-o", str(tmp_path / "r")])
+    assert found.exit_code == 2 and message in found.output
+    assert not (tmp_path / "r").exists()
+
+
+def test_an_empty_folder_holds_nothing(tmp_path: Path) -> None:
+    found = CliRunner().invoke(app, ["batch", str(tmp_path)])
+    assert found.exit_code == 2 and "holds no scenario" in found.output
+
+
+def test_an_executor_that_is_not_there(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, "dask", None)
+    with pytest.raises(tm.TominpmpError, match=r"distributed|dask"):
+        tm.plan_many(problems(folder, 1), backend="dask")
+
+
+def test_records(alone: list[tm.Outcome]) -> None:
+    assert repr(alone[0]).startswith("<Outcome 'problem 0': CONVERGED, T = ")
+    assert replace(alone[0]) == alone[0]
