@@ -27,7 +27,8 @@ def rail(folder: Path) -> tm.Robot:
 def problems(folder: Path, count: int = 6) -> list[tm.Problem]:
     """Motions along the rail, each a little farther."""
     robot = rail(folder)
-    goals = [tm.JointGoal([0.5 + 0.25 * k]) for k in range(count)]
+    far = 8.0 / max(count, 32)
+    goals = [tm.JointGoal([0.5 + far * k]) for k in range(count)]
     return [tm.Problem(robot, [0.0], goal) for goal in goals]
 
 

@@ -1,0 +1,104 @@
+"""Moving a base, an obstacle or a goal by the gradients of the durations."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import tominpmp as tm
+from tominpmp.kinematics import RobotKinematics
+
+START = (0.5, 1.7, -1.7)
+QUICK: dict[str, Any] = {"intervals": 12, "starts": 1, "refine": None}
+
+
+@cache
+def robot() -> tm.Robot:
+    return tm.load_robot("planar3r", gravity=(0.0, 0.0, 0.0))
+
+
+@cache
+def tasks() -> tuple[tm.Problem, ...]:
+    goals = [tm.PositionGoal("tip", p) for p in ((4.0, 1.0, 0.0), (3.0, 3.5, 0.0))]
+    return tuple(tm.Problem(robot(), START, goal) for goal in goals)
+
+
+def test_a_robot_on_another_base() -> None:
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 0.3]))
+    moved = tm.robot_at(robot(), base)
+    q = np.array(START)
+    before, after = (RobotKinematics(r).placement(q, "tip") for r in (robot(), moved))
+    assert after.isApprox(base * before, 1e-12)
+    assert moved.joint_names == robot().joint_names
+    again = tm.robot_at(moved, pin.SE3.Identity())
+    assert RobotKinematics(again).placement(q, "tip").isApprox(before, 1e-12)
+
+
+def test_the_base_goes_where_tasks_take_less_time() -> None:
+    bounds = {"x": (-0.3, 0.3), "yaw": (-0.3, 0.3)}
+    found = tm.improve_placement(
+        robot(), tasks(), bounds=bounds, most_plans=16, **QUICK
+    )
+    assert found.T < 0.97 * found.T_before
+    assert found.plans <= 12 and found.trials[-1].plans == found.plans
+    assert min(trial.T for trial in found.trials) == found.T
+    low, high = np.array(list(bounds.values())).T
+    assert np.all((found.values >= low - 1e-12) & (found.values <= high + 1e-12))
+    assert len(found.solutions) == 2
+    again = [tm.plan(s.problem, **QUICK).T for s in found.solutions]
+    assert sum(again) == pytest.approx(found.T, rel=5e-3)
+    assert "was" in repr(found)
+
+
+def test_goals_and_weights() -> None:
+    found = tm.improve_placement(
+        robot(),
+        tasks()[:1],
+        bounds={"y": (0.0, 0.5)},
+        moves="goals",
+        weights=[2.0],
+        most_plans=6,
+        **QUICK,
+    )
+    goal = found.solutions[0].problem.goal
+    assert isinstance(goal, tm.PositionGoal)
+    assert goal.position[1] == pytest.approx(1.0 + found.values[0])
+    assert found.T <= found.T_before
+    assert found.T == pytest.approx(2.0 * found.solutions[0].T)
+
+
+def test_the_base_may_not_go_where_there_is_no_motion() -> None:
+    far = {"x": (-9.0, 0.0)}
+    found = tm.improve_placement(
+        robot(), tasks()[:1], bounds=far, most_plans=4, **QUICK
+    )
+    assert found.T <= found.T_before
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"robot": 3}, "robot is 3"),
+        ({"tasks": []}, "tasks is"),
+        ({"tasks": [3]}, "tasks: 3 is there"),
+        ({"bounds": {}}, "bounds is empty"),
+        ({"bounds": 3}, "bounds is 3"),
+        ({"bounds": {"w": (0, 1)}}, "bounds: 'w'"),
+        ({"bounds": {"x": (0.5, 1)}}, "a range about zero"),
+        ({"bounds": {"yaw": (-1, 1)}, "moves": "goals"}, "does not turn"),
+        ({"moves": "table"}, "moves is 'table'"),
+        ({"moves": ()}, "moves is"),
+        ({"weights": [1.0]}, "weights is"),
+        ({"most_plans": 0}, "most_plans is 0"),
+        ({"base": "here"}, "base of 'robot' is 'here'"),
+        ({"base": (50.0, 0.0, 0.0)}, "goal|number 1 of 2"),
+    ],
+)
+def test_wrong_arguments(changes: dict[str, Any], message: str) -> None:
+    given = {"robot": robot(), "tasks": tasks(), "bounds": {"x": (-1.0, 1.0)}}
+    with pytest.raises(tm.ProblemError, match=message):
+        tm.improve_placement(**{**given, **QUICK, **changes})
