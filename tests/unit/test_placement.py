@@ -41,7 +41,7 @@ def test_a_robot_on_another_base() -> None:
 def test_the_base_goes_where_tasks_take_less_time() -> None:
     bounds = {"x": (-0.3, 0.3), "yaw": (-0.3, 0.3)}
     found = tm.improve_placement(
-        robot(), tasks(), bounds=bounds, most_plans=16, **QUICK
+        robot(), tasks(), bounds=bounds, most_plans=12, **QUICK
     )
     assert found.T < 0.97 * found.T_before
     assert found.plans <= 12 and found.trials[-1].plans == found.plans

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import LinearConstraint, minimize
 
 import tominpmp as tm
-from tominpmp.solution import roughness
+from tominpmp.torque_measures import roughness
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import Any, TypeVar
 
 from tominpmp.exceptions import MissingDependency, ProblemError, brief, shortened
@@ -55,9 +56,8 @@ class Executor:
         name = self._backend
         try:
             if name == "ray":
-                from ray.util.joblib import register_ray
-
-                register_ray()
+                # No dependency of this library.
+                import_module("ray.util.joblib").register_ray()
             return Parallel(
                 n_jobs=self._workers if workers is None else workers,
                 backend=name,

@@ -35,6 +35,20 @@ class Goal(ABC):
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """What is asked of a configuration of shape (n,), with bounds."""
 
+    def moved(self, by: Array) -> Goal:
+        """The goal somewhere else in the world.
+
+        Args:
+            by: The displacement, shape (3,) [m].
+
+        Raises:
+            ProblemError: If it is no place in the world.
+        """
+        raise ProblemError(
+            f"goal is {brief(self)}, expected a position or a pose, which can be moved",
+            "goal",
+        )
+
     # -- what a final state lacks ------------------------------------------------------
 
     def place_residual(

@@ -135,6 +135,10 @@ class PositionGoal(Record, FrameGoal):
         """The point."""
         return self.position
 
+    def moved(self, by: Array) -> PositionGoal:
+        """The goal with its point moved, by a vector, shape (3,) [m]."""
+        return replace(self, position=self.position + by)
+
     @property
     def ball(self) -> Ball:
         """The point and what is near it."""
@@ -192,6 +196,11 @@ class PoseGoal(Record, FrameGoal):
     def target(self) -> pin.SE3:
         """The pose."""
         return self.pose
+
+    def moved(self, by: Array) -> PoseGoal:
+        """The goal with its pose moved, by a vector, shape (3,) [m]."""
+        pose = pin.SE3(self.pose.rotation, self.pose.translation + by)
+        return replace(self, pose=pose)
 
     @property
     def ball(self) -> Ball:

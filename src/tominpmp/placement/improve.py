@@ -25,7 +25,6 @@ from tominpmp.placement.moves import (
     GOALS,
     TRANSLATIONS,
     Moves,
-    moved_goal,
 )
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
@@ -197,7 +196,7 @@ def _what(
         )
     if moves == GOALS:
         for task in tasks:
-            moved_goal(task.goal, np.zeros(3))
+            task.goal.moved(np.zeros(3))
         return GOALS
     chosen = (moves,) if isinstance(moves, str) else moves
     known = {item.name: item for task in tasks for item in task.scene}

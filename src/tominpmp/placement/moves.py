@@ -11,8 +11,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.description.assembly import on_base
 from tominpmp.description.model import build_model, configured_model
-from tominpmp.exceptions import ProblemError, brief, expect
-from tominpmp.goals import Goal, PoseGoal, PositionGoal
+from tominpmp.exceptions import expect
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
@@ -86,7 +85,7 @@ class Moves:
 
     def _with_moved(self, task: Problem, by: Array) -> Problem:
         if self.what == GOALS:
-            return replace(task, goal=moved_goal(task.goal, by))
+            return replace(task, goal=task.goal.moved(by))
         scene = [
             replace(item, position=item.position + by)
             if item.name in self.what
@@ -113,21 +112,3 @@ class Moves:
                     slopes[:3] += item.vector
         chosen = slopes[[COORDINATES.index(name) for name in self.names]]
         return np.asarray(found.T * chosen)
-
-
-def moved_goal(goal: Goal, by: Array) -> Goal:
-    """A goal on a frame, moved by a vector, shape (3,) [m].
-
-    Raises:
-        ProblemError: If it is no position or pose.
-    """
-    if isinstance(goal, PositionGoal):
-        return replace(goal, position=goal.position + by)
-    if isinstance(goal, PoseGoal):
-        pose = pin.SE3(goal.pose.rotation, goal.pose.translation + by)
-        return replace(goal, pose=pose)
-    raise ProblemError(
-        f"goal is {brief(goal)}, expected a PositionGoal or a PoseGoal, which can be "
-        "moved",
-        "goal",
-    )

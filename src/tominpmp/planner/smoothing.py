@@ -15,12 +15,13 @@ from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
-from tominpmp.solution import Solution, roughness
+from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded, seconds_left
+from tominpmp.torque_measures import roughness
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
