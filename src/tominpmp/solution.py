@@ -10,8 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tominpmp.accelerations import (
     PeakAcceleration,
     acceleration_remark,
