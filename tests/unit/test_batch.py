@@ -235,8 +235,8 @@ def test_wrong_arguments(arguments: dict[str, Any], message: str) -> None:
 
 
 def test_wrong_options_and_folders(tmp_path: Path) -> None:
-    with pytest.raises(tm.OptionsError, match="intervalls"):
-        tm.plan_many([], intervalls=3)
+    with pytest.raises(tm.OptionsError, match="no_such"):
+        tm.plan_many([], no_such=3)
     (tmp_path / "file").write_text("")
     with pytest.raises(tm.ScenarioError, match="expected a folder"):
         tm.plan_many([], results=tmp_path / "file")
