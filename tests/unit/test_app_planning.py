@@ -72,6 +72,17 @@ def test_the_next_motion_begins_with_the_last_and_is_looked_for_afresh(
     assert ended.T <= second[0].shown.T
 
 
+def test_a_motion_past_a_point_passes_it_and_is_told_of() -> None:
+    past = replace(PLANAR, via=((3.5, 2.5, 0.0),))
+    outcomes = list(Session().outcomes(1, past, never))
+    assert [outcome.ok for outcome in outcomes] == [True, True]
+    shown = outcomes[-1].shown
+    assert shown is not None
+    misses = np.linalg.norm(shown.path - past.via[0], axis=1)
+    assert np.min(misses) < 0.05  # between two of the instants that are shown
+    assert any(held.what.startswith("torque of joint") for held in shown.held)
+
+
 def test_what_is_out_of_date_is_left_off(session: Session, second: object) -> None:
     before = session.solution
     looks = []

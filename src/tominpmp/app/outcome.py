@@ -181,18 +181,29 @@ def _certified(solution: Solution) -> tuple[tuple[Held, ...] | None, str]:
         return None, ""
     if certificate is None:
         return None, ""
+    gains = _gains(solution)
     found = []
     for limit in certificate.active:
         lengths = limit.end - limit.begin
         share = float(np.sum(lengths)) / solution.T
-        # The multiplier is time gained per time and share of the limit.
-        gain = float(np.sum(limit.multiplier * lengths)) / solution.T
         kind = WORDS.get(limit.kind, limit.kind)
         joins = "between" if limit.kind == "clearance" else "of"
-        sized = limit.kind not in ("clearance", "position")
-        held = Held(
-            f"{kind} {joins} {limit.name}", min(share, 1.0), gain if sized else None
-        )
-        found.append((gain, held))
-    found.sort(key=lambda pair: -pair[0])
+        gain = gains.get((limit.kind, limit.name))
+        what = f"{kind} {joins} {limit.name}"
+        found.append((gain or 0.0, Held(what, min(share, 1.0), gain)))
+    found.sort(key=lambda pair: (-pair[0], -pair[1].share))
     return tuple(held for _, held in found[:MOST_HELD]), certificate.message
+
+
+def _gains(solution: Solution) -> dict[tuple[str, str], float]:
+    """Percent of T that one percent more of each limit would save, by kind and name."""
+    try:
+        found = solution.sensitivities
+    except ProblemError:
+        # Motions of several segments have none.
+        return {}
+    return {
+        (item.kind, item.subject): -item.value
+        for item in found
+        if item.joint is not None and not item.unit
+    }

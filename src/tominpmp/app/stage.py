@@ -17,7 +17,7 @@ from tominpmp.viz.surfaces import Surface, native_surface, shaded, tube
 Color = tuple[float, float, float]
 START_COLOR, GOAL_COLOR = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
 PATH_COLOR = (0.95, 0.64, 0.10)
-GHOST_OPACITY = 0.28
+GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
 # More colours than this in one body are averaged.
 MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
@@ -118,6 +118,8 @@ def _put(scene: Any, name: str, body: Body, tint: tuple[Color, float] | None) ->
             color=color,
             opacity=None if opacity >= 1.0 else opacity,
             side="double",
+            # Ghosts are larger, or they would flicker with the robot on their surface.
+            scale=1.0 if tint is None else GHOST_SCALE,
             cast_shadow=tint is None,
             receive_shadow=tint is None,
             position=place[:3],
