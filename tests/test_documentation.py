@@ -35,7 +35,8 @@ def test_blocks_run(page: Path, tmp_path: Path) -> None:
         # TOPP-RA has strings that the compiler complains of.
         warnings.filterwarnings("ignore", "invalid escape sequence")
         names = doc_blocks.run_page(page, tmp_path)
-    assert len(names) > 2
+    left_out = all(block.left_out(slow=False) for block in doc_blocks.blocks(page))
+    assert left_out or len(names) > 2
 
 
 def test_what_fails_in_a_page_is_told_by_its_line(tmp_path: Path) -> None:
