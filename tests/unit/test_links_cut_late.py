@@ -55,9 +55,6 @@ def test_a_problem_in_free_space_cuts_no_mesh(cut: list[int]) -> None:
     assert len(cut) == MESHES  # once it is asked for
 
 
-@pytest.mark.xfail(
-    reason="the test of what is called optimal looks at more links than planning does"
-)
 def test_a_plan_in_free_space_cuts_the_nearest_links_only(cut: list[int]) -> None:
     solution = tm.plan(straight())
     assert solution.success

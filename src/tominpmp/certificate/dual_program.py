@@ -28,22 +28,17 @@ from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
 # over the duration, which changes by a share of itself.
-RADIUS = 1.0
-SPEED_RADIUS = 10.0
-LENGTH_RADIUS = 0.5
+RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
 # Each interval may be longer or shorter by this share as well. Of several sets of
 # multipliers that say the same this picks one whose Hamiltonian is constant.
 SHIFT = 1e-3
-# Interior points find the middle of the multipliers that there are, a simplex a corner.
+# Interior points find the middle of the multipliers, a simplex a corner of them.
 SOLVERS = ("piqp", "highs")
-# Torques with more room than this to their nearer limit, as a share of it, are far.
-FAR_TORQUES = 0.5
-# Programs of at most so many unknowns are quick in any case.
-SMALL = 400
-# A bound at least this far is the trust region's.
-FAR = RADIUS * (1.0 - 1e-9)
-# Places of an interval at which costates may fall; even, so that one is the middle.
-PLACES = 4
+NEAR_PROMISE = 3e-4  # known so well, in T, it will do: a simplex may take minutes
+FAR_TORQUES = 0.5  # torques with more room to their nearer limit, as a share, are far
+SMALL = 400  # unknowns: programs of so many are quick in any case
+FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
+PLACES = 4  # of an interval at which costates may fall; even: one is the middle
 
 
 class _Bounds(NamedTuple):
@@ -69,7 +64,9 @@ class _Bounds(NamedTuple):
 BOUND_KINDS = ("position", "velocity", "acceleration")
 
 
-def solve_dual_program(motion: Motion, enough: float = 0.0) -> DualSolution | None:
+def solve_dual_program(
+    motion: Motion, enough: float = 0.0, *, near: bool = True
+) -> DualSolution | None:
     """Costates and multipliers of a motion; None if the program cannot be solved.
 
     Args:
@@ -77,9 +74,10 @@ def solve_dual_program(motion: Motion, enough: float = 0.0) -> DualSolution | No
         enough: A promise that is good enough. Torques far from their limits are left
             out at first, which is quicker and promises too much, if anything; only
             where that is more than this, all are looked at.
+        near: Whether distances are looked at from the first.
     """
-    if enough > 0.0 and motion.changes.size > SMALL:
-        found = _Program(motion, FAR_TORQUES).solve()
+    if enough > 0.0 and (motion.changes.size > SMALL or not near):
+        found = _Program(motion, FAR_TORQUES, near).solve()
         if found is not None and found.promise <= enough:
             return found
     return _Program(motion).solve()
@@ -92,7 +90,7 @@ class _Program:
     duration; rows are the equations of motion, the limits, and the goal.
     """
 
-    def __init__(self, motion: Motion, far: float = np.inf) -> None:
+    def __init__(self, motion: Motion, far: float = np.inf, near: bool = True) -> None:
         self.motion = motion
         changes, system = motion.changes, motion.task
         self.n, self.N = changes.n, changes.N
@@ -103,7 +101,7 @@ class _Program:
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
         inertia = mass + drag * self.T / self.N
         self.acceleration_scale = system.effort_half / np.maximum(inertia, 1e-12)
-        self.limits = limits_of(motion, far)
+        self.limits = limits_of(motion, far, near)
         self.goal = self._goal()
 
     # -- columns -----------------------------------------------------------------------
@@ -368,10 +366,10 @@ class _Program:
 def _solve(program: LinearProgram) -> LpSolution | None:
     """Solve a program with the first solver that can."""
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
-    if not all(np.all(np.isfinite(part) | np.isinf(part)) for part in numbers):
+    if any(np.any(np.isnan(part)) for part in numbers):
         return None
     for name in SOLVERS:
-        found = make_solver(name).solve(program)
+        found = make_solver(name, NEAR_PROMISE).solve(program)
         if found.optimal and np.all(np.isfinite(found.row_duals)):
             return found
     return None

@@ -118,12 +118,23 @@ def examine(
     trajectory: Trajectory,
     verification: Verification | None,
     tolerance: float,
+    *,
+    near: bool = True,
 ) -> Findings:
-    """Check the first-order conditions of a motion of the right joints."""
+    """Check the first-order conditions of a motion of the right joints.
+
+    Args:
+        problem: What the motion solves.
+        trajectory: The motion.
+        verification: Its replay, if there is one.
+        tolerance: What small changes may promise, as a share of the duration.
+        near: Whether anything is near; else distances are looked at only where small
+            changes promise too much without them.
+    """
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(Task.of(problem), trajectory)
-            found = solve_dual_program(motion, ENOUGH * tolerance)
+            found = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if found is not None:
                 reading = _Reading(motion, found, verification, tolerance)
                 return Findings(reading.certificate(), motion, found)

@@ -23,6 +23,7 @@ from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import refine, unrefined
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.restoration import LIGHT
 from tominpmp.solvers.rounds import Solve, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED
@@ -143,6 +144,8 @@ def solve_from_guess(
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * guess.duration
     lp, smooth = make_solver(options.lp_solver), options.control in DEGREES
+    # What the last violations cost is less than a finer grid brings.
+    light = LIGHT if options.refine == "auto" else 0.0
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
 
@@ -150,13 +153,12 @@ def solve_from_guess(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         solver = make_slp(program, options, smoothing, lp, progress)
-        return replace(solver, exchange=RowExchange(longest=LONGEST)).run(
-            z, after=after
-        )
+        exchange = RowExchange(longest=LONGEST, light=light)
+        return replace(solver, exchange=exchange).run(z, after=after)
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
         program, start = _smooth_start(system, options, guess, solve)
-    solved = solve_in_rounds(program, start, options, solve, rough=False)
+    solved = solve_in_rounds(program, start, options, solve, rough=False, light=light)
     if smooth and options.method != "collocation":
         found: tuple[Program, SlpResult]
         found = solved[0], unrefined(options, solved[1])

@@ -27,6 +27,7 @@ from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.restoration import LIGHT
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -48,6 +49,10 @@ WORTH, FALLS = 3e-3, 2.0
 ENOUGH = 1.5e-3
 # Slowing down cures a violation of this much, and costs no more than half of it.
 CURABLE = 3e-4
+# What the programs of all rounds may take together, in intervals of programs: this
+# many times what the search took, or so many programs of the first grid at least. A
+# round that has used it up ends with what it has, and is the last.
+WORK, LEAST_PROGRAMS = 1.5, 16
 # Motions that gain less than this share of T are not worth a replay.
 LEAST_GAIN = 1e-3
 ITERATIONS = 8
@@ -87,7 +92,10 @@ def on_finer_grid(
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     progress.share(1)
     progress.begin()
-    solve = partial(refined, system, options, best, progress)
+    made = sum(r.programs for attempt in attempts for r in attempt.history)
+    programs = max(WORK * made, LEAST_PROGRAMS)
+    work = Work(programs * (best.trajectory.t.size - 1))
+    solve = partial(refined, system, options, best, progress, work)
     faster = guarded(problem, options, progress, best.name, solve)
     if faster is not None and faster.duration < best.duration:
         yield faster
@@ -102,8 +110,31 @@ def nothing_to_gain(problem: Problem, motion: Trajectory) -> bool:
     return bool(np.max(way) > (1.0 - WORTH) * motion.duration)
 
 
+class Work:
+    """What the programs of finer grids may take.
+
+    Args:
+        budget: Intervals of all programs together.
+
+    Attributes:
+        done: How many there were.
+    """
+
+    def __init__(self, budget: float) -> None:
+        self.budget, self.done = budget, 0.0
+
+    @property
+    def spent(self) -> bool:
+        """Whether it is used up."""
+        return self.done >= self.budget
+
+
 def refined(
-    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
+    system: ProblemFunctions,
+    options: Options,
+    attempt: Attempt,
+    progress: Progress,
+    work: Work,
 ) -> Attempt | None:
     """A motion on finer grids, replayed; None if that brings next to nothing.
 
@@ -113,16 +144,21 @@ def refined(
         options: Options of the plan.
         attempt: What led to the motion.
         progress: Time limit and callback.
+        work: What may be done.
     """
     first = system.first_tried
-    found = _refined(first, options, attempt, progress)
+    found = _refined(first, options, attempt, progress, work)
     if first is system or found is None or not found.touches:
         return found
-    return _refined(system, options, attempt, progress)
+    return _refined(system, options, attempt, progress, Work(work.budget))
 
 
 def _refined(
-    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
+    system: ProblemFunctions,
+    options: Options,
+    attempt: Attempt,
+    progress: Progress,
+    work: Work,
 ) -> Attempt | None:
     layout = attempt.layout or Layout.of_motion(attempt.trajectory)
     if layout is None:
@@ -136,14 +172,14 @@ def _refined(
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
-        promise = Promise(progress, T)
+        promise = Promise(progress, T, work, of.intervals)
         program, result = _solve(of, z, options, lp, promise)
         found = result.best
         logger.info("%d intervals: promise %.1e", of.intervals, promise.first)
         if found is None or found.duration >= reached:
             break
         best, reached = (program, result), found.duration
-        if promise.first < FALLS * WORTH:
+        if promise.first < FALLS * WORTH or work.spent:
             break
         assert isinstance(program.transcription, Gridded)  # noqa: S101
         of, z = program.transcription, found.z
@@ -173,13 +209,18 @@ class Promise:
     Args:
         progress: Is shown every record.
         duration: T [s].
+        work: What may be done.
+        intervals: Of the grid.
 
     Attributes:
         first: What the first step promised, as a share of T.
     """
 
-    def __init__(self, progress: Progress, duration: float) -> None:
+    def __init__(
+        self, progress: Progress, duration: float, work: Work, intervals: int
+    ) -> None:
         self.progress, self.duration = progress, duration
+        self.work, self.intervals = work, intervals
         self.first = np.nan
 
     def __call__(self, record: IterationRecord) -> Status | None:
@@ -189,8 +230,9 @@ class Promise:
         left = promised - max(record.actual, 0.0) / self.duration
         if np.isnan(self.first):
             self.first = promised
+        self.work.done += record.programs * self.intervals
         near = record.violation <= CURABLE
-        enough = self.first < WORTH or (near and left < ENOUGH)
+        enough = self.first < WORTH or (near and (left < ENOUGH or self.work.spent))
         return status or (Status.CONVERGED if enough else None)
 
 
@@ -247,4 +289,4 @@ def _solve(
         solver = SlpSolver(program, options, smoothing, lp, promise, keep=keep)
         return solver.run(z, after=after)
 
-    return solve_in_rounds(program, z, few, solve, rough=False)
+    return solve_in_rounds(program, z, few, solve, rough=False, light=LIGHT)

@@ -130,13 +130,24 @@ def clearly(
     h = np.diff(attempt.trajectory.t)
     if np.max(h) > LONGEST * h.sum():
         return False  # the certificate allows of more changes than the grid
-    reach = CLOSE * ProblemFunctions.of(problem).reach
-    if judged.min_clearance < float(np.max(problem.margins, initial=0.0)) + reach:
+    if anything_near(problem, attempt):
         return False
     before, last = attempt.history[-2:]
     radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
     promised = last.predicted / max(radius * last.duration, 1e-300)
     return last.accepted and promised <= CLEARLY * tolerance
+
+
+def anything_near(problem: Problem, attempt: Attempt) -> bool:
+    """Whether the replay of a motion has come near anything."""
+    judged = attempt.verification
+    if judged is None:
+        return True
+    # The margins of all pairs would have all meshes cut; one arm's links have none.
+    alone = not len(problem.scene) and not problem.robot.parts
+    margin = 0.0 if alone else problem.margin
+    close = CLOSE * ProblemFunctions.of(problem).reach
+    return judged.min_clearance < margin + close
 
 
 class Settling:
@@ -186,7 +197,9 @@ class Settling:
     def examine(self, attempt: Attempt) -> Findings:
         """What the certificate says of a motion."""
         problem, judged = self.system.problem, attempt.verification
-        seen = examine(problem, attempt.trajectory, judged, self.tolerance)
+        near = anything_near(problem, attempt)
+        motion = attempt.trajectory
+        seen = examine(problem, motion, judged, self.tolerance, near=near)
         promise = seen.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", attempt.duration, promise)
         return seen

@@ -15,6 +15,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.restoration import cured
 from tominpmp.status import Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.exchange import revised
@@ -52,6 +53,8 @@ class RowExchange:
             motion is looked at.
         extensions: How often rows have joined and given it more iterations.
         longest: Motions that last longer are not looked at [s].
+        light: Once the iteration has settled violations of rows that join are left to
+            slowing down, if they are no larger than this.
         revise: Gives the program with all that an iterate shows to be missing, and the
             iterate within its bounds; None if nothing is.
     """
@@ -59,6 +62,7 @@ class RowExchange:
     level: float = ROUGH
     extensions: int = 0
     longest: float = np.inf
+    light: float = 0.0
     revise: Revise = with_missing_rows
 
     def due(self, iterate: Iterate, status: Status | None) -> bool:
@@ -79,6 +83,20 @@ class RowExchange:
     def looked(self) -> RowExchange:
         """The same once the motion was looked at."""
         return replace(self, level=FINER * self.level)
+
+    def enough(
+        self, program: Program, iterate: Iterate, status: Status | None, limit: float
+    ) -> bool:
+        """Whether slowing down is the cure for what rows that have joined show.
+
+        Args:
+            program: The program with these rows.
+            iterate: Where the iteration stands.
+            status: How it is to end; None if it goes on.
+            limit: Largest violation that is let pass.
+        """
+        settled = status is Status.CONVERGED and self.light > 0.0
+        return settled and cured(program, iterate, self.light, limit) is not None
 
     def extended(self, limit: int, count: int) -> tuple[RowExchange, int]:
         """The same once rows have joined, and the limit on the iterations.
@@ -101,11 +119,11 @@ class RowExchange:
             return None
         program, z = changed
         merit = replace(iterate.merit, rows=program.rows)
-        region = iterate.region
+        region, values = iterate.region, program.evaluate(z)
         return program, replace(
             iterate,
             z=z,
-            values=program.evaluate(z),
+            values=values,
             merit=merit,
             region=replace(region, radius=max(region.radius, LEAST_RADIUS)),
             multipliers=np.zeros(program.rows.size),

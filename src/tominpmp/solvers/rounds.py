@@ -6,9 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import cast
 
+import numpy as np
+
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.restoration import cured
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.program import NonlinearProgram
@@ -33,6 +36,7 @@ def solve_in_rounds(
     solve: Solve,
     *,
     rough: bool = True,
+    light: float = 0.0,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """Solve until the motion keeps its limits between the rows too.
 
@@ -42,6 +46,8 @@ def solve_in_rounds(
         options: Options of the plan.
         solve: Solves a program from an iterate on, with options, after a former result.
         rough: Whether rows between the nodes are looked for early, where that is dear.
+        light: Violations between the rows that are no larger than this are cured by
+            slowing down.
 
     Returns:
         The last program and its outcome.
@@ -64,6 +70,10 @@ def solve_in_rounds(
                 break
             program, z = changed or (program, z)
             program = program.at(z)
+            slower = _slower(program, z, result, light, options) if settled else None
+            if slower is not None:
+                result = slower
+                continue
         result = solve(program, z, few if settled else options, result)
         program = _last(program, result)
         settled = True
@@ -72,6 +82,26 @@ def solve_in_rounds(
             # It has settled on rows that are not all that it needs.
             result = replace(result, status=Status.ITERATION_LIMIT)
     return program, result
+
+
+def _slower(
+    program: NonlinearProgram,
+    z: Array,
+    result: SlpResult,
+    light: float,
+    options: Options,
+) -> SlpResult | None:
+    """A result whose motion is slowed down a little; None if that is no cure."""
+    if light <= 0.0:
+        return None
+    merit = replace(result.iterate.merit, rows=program.rows)
+    none = np.zeros(program.rows.size)
+    values = program.evaluate(z)
+    iterate = replace(result.iterate, z=z, values=values, merit=merit, multipliers=none)
+    slower = cured(program, iterate, light, options.feasibility)
+    if slower is None:
+        return None
+    return replace(result, iterate=slower, best=slower, program=program)
 
 
 def _last(program: NonlinearProgram, result: SlpResult) -> NonlinearProgram:

@@ -21,18 +21,14 @@ from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.restoration import RESTORABLE, restorable, restored
 from tominpmp.solvers.step_search import StepSearch
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
-from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.solvers.trust_region import TrustRegion, repairing
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, check, grace
 from tominpmp.transcription.base import Program, Variation
 
-# Trust region radius of a start that is nearly optimal, as a share of the usual one.
-WARM_RADIUS = 0.1
-# Violations below this are removed by slowing down at the end.
-RESTORABLE = 1e-2
-RESTORATIONS = 8
 # Where any motion will do: how much slower one may be made.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
@@ -113,7 +109,7 @@ class SlpSolver:
         if after is not None:
             history += after.history
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
-            iterate = replace(iterate, merit=merit, region=TrustRegion(WARM_RADIUS))
+            iterate = replace(iterate, merit=merit, region=repairing(iterate.violation))
         limit, solver, exchange = self.options.feasibility, self, self.exchange
         most = len(history) + self.options.max_iterations
         best = self.time_scaled(iterate)
@@ -138,18 +134,20 @@ class SlpSolver:
                     joined = exchange.joined(solver.nlp, iterate)
                     if joined is not None:
                         program, iterate = joined
-                        exchange, most = exchange.extended(most, len(history))
                         solver, best = replace(solver, nlp=program), None
+                        if exchange.enough(program, iterate, status, limit):
+                            continue
+                        exchange, most = exchange.extended(most, len(history))
                         status = None if status is Status.CONVERGED else status
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
-                last = solver.feasibility_restored(iterate).better_than(best, limit)
+                last = restored(solver.nlp, iterate, limit).better_than(best, limit)
                 self.keep(solver.nlp, last or iterate)
             raise
         assert status is not None  # noqa: S101
         if status is Status.FEASIBLE and best is not None:
             return SlpResult(status, best, best, tuple(history), program=solver.nlp)
-        iterate = solver.feasibility_restored(iterate)
+        iterate = restored(solver.nlp, iterate, limit)
         best = iterate.better_than(best, limit)
         if status is Status.CONVERGED and best is None:
             status = Status.INFEASIBLE
@@ -240,36 +238,8 @@ class SlpSolver:
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
 
     def restorable(self, iterate: Iterate) -> bool:
-        """Whether slowing down can remove what violation is left: not of equations."""
-        rows = self.nlp.rows
-        violation = rows.violation(iterate.values)
-        equations = violation[rows.lower == rows.upper]
-        return bool(
-            np.max(violation, initial=0.0) <= RESTORABLE
-            and np.max(equations, initial=0.0) <= self.options.feasibility
-        )
-
-    def feasibility_restored(self, iterate: Iterate) -> Iterate:
-        """Slow a motion down until it keeps the limits, where that is enough.
-
-        The iteration stops when the duration has settled, which may be before the last
-        second-order errors are gone; slowing down by half of such an error removes it.
-        """
-        limit = self.options.feasibility
-        if iterate.violation <= limit or not self.restorable(iterate):
-            return iterate
-        best, low, high = iterate, 1.0, 1.0 + iterate.violation
-        for _ in range(RESTORATIONS):
-            factor = high if best is iterate else 0.5 * (low + high)
-            z = self.nlp.stretch(iterate.z, factor)
-            trial = replace(iterate, z=z, values=self.nlp.evaluate(z))
-            if trial.violation <= limit:
-                best, high = trial, factor
-            elif best is iterate:
-                high = 1.0 + 2.0 * (high - 1.0)
-            else:
-                low = factor
-        return best
+        """Whether slowing down can remove what violation is left."""
+        return restorable(self.nlp, iterate, self.options.feasibility)
 
     def time_scaled(self, iterate: Iterate) -> Iterate | None:
         """The motion as slow as it has to be to keep all constraints.

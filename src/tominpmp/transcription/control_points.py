@@ -14,6 +14,12 @@ LENGTH_STEP = 0.3
 # Instants of each interval at which torques are looked at to begin with; those at the
 # end of the last one too.
 TORQUE_SHARES = (0.0, 0.5)
+# Where they are looked at between these: torques of fast wrists rise and fall by half
+# of their range within a quarter of an interval.
+INSPECTED = (
+    (0.0625, 0.125, 0.1875, 0.25, 0.3125, 0.375, 0.4375),
+    (0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375),
+)
 
 
 class ControlPointTranscription(CurveTranscription[M]):
@@ -27,7 +33,7 @@ class ControlPointTranscription(CurveTranscription[M]):
     """
 
     kept = frozenset({"q"})
-    inspected = ((0.125, 0.25, 0.375), (0.625, 0.75, 0.875))
+    inspected = INSPECTED
     highest = 3
     map: sp.csr_matrix
     offset: Array

@@ -16,10 +16,12 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Constraint, PathConstraint
 from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.constraints.torque import MotorLimit
 from tominpmp.transcription.base import Motion, Transcription
 from tominpmp.transcription.blocks import Block, Sampled, assumed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.turning import turning
 
 # What is continuous is looked at this often [s], and this often an interval at least.
 STEP = 2e-3
@@ -172,7 +174,7 @@ def _jumping(
     """Instants for what may jump at the nodes: torques, and what depends on them.
 
     For each part of an interval and value the worst of the instants that are looked at,
-    without repetitions.
+    without repetitions, and those beside which joints with dry friction turn.
     """
     found: set[tuple[int, float]] = set()
     first, end = within or (0, of.intervals)
@@ -183,6 +185,12 @@ def _jumping(
         worst = np.argmax(excess, axis=1)
         over = np.max(excess, axis=1) > tolerance
         found |= {(first + int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
+    if isinstance(constraint, MotorLimit) and constraint.motors.friction is not None:
+        joints = constraint.motors.friction > 0.0
+        at = turning(of, motion, joints, (first, end))
+        over = np.any(_excess(constraint, of, motion, at) > tolerance, axis=1)
+        shares = at.share[over].tolist()
+        found |= set(zip(at.interval[over].tolist(), shares, strict=True))
     return _listed(sorted(found))
 
 

@@ -104,7 +104,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         segment_ends: Number of intervals up to the end of each segment; None for one.
     """
 
-    inspected = ((0.2, 0.35, 0.5, 0.65, 0.8),)
+    inspected = ((0.1, 0.2, 0.275, 0.35, 0.425, 0.5, 0.575, 0.65, 0.725, 0.8, 0.9),)
 
     def __init__(
         self,

@@ -1,0 +1,86 @@
+"""Slowing down: the cure for the last violations of torques and speeds.
+
+A motion that is slower by half of such a violation keeps the limit, and costs that
+much; another linear program would do no better where the violation is small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.transcription.base import Program
+
+# Violations below this are removed by slowing down at the end.
+RESTORABLE = 1e-2
+RESTORATIONS = 8
+# Violations between the rows below this are cured so, where the grid is to be refined
+# anyway: programs with rows for them bring less than it costs.
+LIGHT = 5e-4
+
+
+def restorable(nlp: Program, iterate: Iterate, limit: float) -> bool:
+    """Whether slowing down can remove what violation is left: not of equations.
+
+    Args:
+        nlp: The program.
+        iterate: An iterate of it.
+        limit: Largest violation that is let pass.
+    """
+    rows = nlp.rows
+    violation = rows.violation(iterate.values)
+    equations = violation[rows.lower == rows.upper]
+    return bool(
+        np.max(violation, initial=0.0) <= RESTORABLE
+        and np.max(equations, initial=0.0) <= limit
+    )
+
+
+def restored(nlp: Program, iterate: Iterate, limit: float) -> Iterate:
+    """Slow a motion down until it keeps the limits, where that is enough.
+
+    The iteration stops when the duration has settled, which may be before the last
+    second-order errors are gone; slowing down by half of such an error removes it.
+
+    Args:
+        nlp: The program.
+        iterate: An iterate of it.
+        limit: Largest violation that is let pass.
+    """
+    if iterate.violation <= limit or not restorable(nlp, iterate, limit):
+        return iterate
+    best, low, high = iterate, 1.0, 1.0 + iterate.violation
+    for _ in range(RESTORATIONS):
+        factor = high if best is iterate else 0.5 * (low + high)
+        z = nlp.stretch(iterate.z, factor)
+        trial = replace(iterate, z=z, values=nlp.evaluate(z))
+        if trial.violation <= limit:
+            best, high = trial, factor
+        elif best is iterate:
+            high = 1.0 + 2.0 * (high - 1.0)
+        else:
+            low = factor
+    return best
+
+
+def cured(nlp: Program, iterate: Iterate, light: float, limit: float) -> Iterate | None:
+    """A motion with light violations, so slow that it has none.
+
+    Args:
+        nlp: The program.
+        iterate: An iterate of it.
+        light: The largest violation that is light.
+        limit: Largest violation that is let pass.
+
+    Returns:
+        The motion; None if its violations are not light, or slowing down is no cure.
+    """
+    rows = nlp.rows
+    violation = rows.violation(iterate.values)
+    curable = rows.curable[rows.kind]
+    if np.max(violation, initial=0.0) > light or np.any(violation[~curable] > limit):
+        return None
+    slower = restored(nlp, iterate, limit)
+    return slower if slower.violation <= limit else None
