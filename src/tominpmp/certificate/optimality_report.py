@@ -37,8 +37,7 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
 
 def autonomous(motion: Motion) -> bool:
     """Whether nothing but the state decides what is allowed, so that H is constant."""
-    rooms = (one.task.room for one in motion.segments)
-    return not any(room is not None and room.moving for room in rooms)
+    return not any(one.task.problem.scene.moving for one in motion.segments)
 
 
 def conditions_kept(motion: Motion, out: Certificate) -> str:

@@ -86,29 +86,31 @@ class Task:
         dynamics: Equations of motion of its robot.
         kinematics: Placement of its frames.
         reach: Length of the arm, which scales lengths [m].
-        room: Distances to obstacles and between links; None without either.
     """
 
     problem: Problem
     dynamics: RobotDynamics
     kinematics: RobotKinematics
     reach: float
-    room: Room | None
 
     @classmethod
     def of(cls, problem: Problem) -> Task:
         """Take up a problem."""
         kinematics = RobotKinematics(problem.robot)
         reach = max(kinematics.reach(), LEAST_REACH)
-        checker = problem.checker
-        room = Room(checker, checker.margins(problem.margin), reach)
-        return cls(
-            problem,
-            RobotDynamics(problem.robot, dry=False),
-            kinematics,
-            reach,
-            room if checker.pairs else None,
-        )
+        dynamics = RobotDynamics(problem.robot, dry=False)
+        return cls(problem, dynamics, kinematics, reach)
+
+    @cached_property
+    def room(self) -> Room | None:
+        """Distances to obstacles and between links; None without either.
+
+        All meshes are cut for them: whoever does not need them does not ask.
+        """
+        checker, problem = self.problem.checker, self.problem
+        if not checker.pairs:
+            return None
+        return Room(checker, checker.margins(problem.margin), self.reach)
 
     @cached_property
     def v_start(self) -> Array:
