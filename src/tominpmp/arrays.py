@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.exceptions import brief, shortened
@@ -178,3 +179,14 @@ class Record:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
         self.__dict__.update(state)
+
+
+def equation_scale(equations: sp.csr_matrix) -> Array:
+    """Factors that make the largest coefficient of equations one at most, shape (m,).
+
+    Second differences over short intervals have coefficients of 1e10.
+    """
+    if not equations.shape[0]:
+        return np.zeros(0)
+    largest = abs(equations).max(axis=1).toarray().ravel()
+    return np.asarray(1.0 / np.maximum(1.0, largest))

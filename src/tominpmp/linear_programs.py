@@ -17,7 +17,7 @@ import numpy as np
 import piqp
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray, equation_scale
 from tominpmp.exceptions import SolverNotFound
 from tominpmp.stopping import check, due, seconds_left
 
@@ -32,9 +32,8 @@ PIQP_ITERATIONS, MANY_COLUMNS = 60, 1000
 # are kept to the first of these, and the objective is within the second of the best,
 # though multipliers have an error up to the third.
 NEARLY_ROWS, NEARLY_GAP, NEARLY_DUALS = 1e-6, 2e-5, 1e-3
-# Passes of PIQP's own equilibration: once equations are scaled more of them cost
-# iterations (ten passes a sixth more). What regularises its equations in the end: with
-# less residuals of reduced costs grow instead of falling.
+# Passes of its own equilibration: once equations are scaled more of them cost
+# iterations. What regularises equations in the end: with less, rounding grows.
 PIQP_SCALINGS, PIQP_LAST = 2, 1e-10
 # What solvers behind qpsolvers call their limit on time [s].
 TIME_LIMITS = {
@@ -188,8 +187,7 @@ class HighsSolver(LpSolver):
 class PiqpSolver(LpSolver):
     """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023).
 
-    Args:
-        near_gap: Duality gap with which a solution will do where PIQP comes to no end.
+    A duality gap of ``near_gap`` will do where it comes to no end.
     """
 
     def __init__(self, near_gap: float = NEARLY_GAP) -> None:
@@ -317,17 +315,6 @@ class PiqpSolver(LpSolver):
         settings.max_iter = max(allowed, 1)
 
 
-def equation_scale(equations: sp.csr_matrix) -> Array:
-    """Factors that make the largest coefficient of equations one at most, shape (m,).
-
-    Second differences over short intervals have coefficients of 1e10.
-    """
-    if not equations.shape[0]:
-        return np.zeros(0)
-    largest = abs(equations).max(axis=1).toarray().ravel()
-    return np.asarray(1.0 / np.maximum(1.0, largest))
-
-
 class QpsolversSolver(LpSolver):
     """Any solver that qpsolvers knows.
 
@@ -410,8 +397,7 @@ def make_solver(name: str, near_gap: float = NEARLY_GAP) -> LpSolver:
 
     Args:
         name: "highs", "piqp" or a name that qpsolvers knows.
-        near_gap: Duality gap with which a solution of PIQP will do where it comes to
-            no end.
+        near_gap: Duality gap that will do where PIQP comes to no end.
 
     Raises:
         SolverNotFound: If it is not installed.

@@ -7,7 +7,8 @@ import pytest
 import scipy.sparse as sp
 
 from tominpmp import linear_programs
-from tominpmp.linear_programs import LinearProgram, PiqpSolver, equation_scale
+from tominpmp.arrays import equation_scale
+from tominpmp.linear_programs import LinearProgram, PiqpSolver
 
 
 def second_differences(sharpest: float) -> LinearProgram:
@@ -34,7 +35,7 @@ def second_differences(sharpest: float) -> LinearProgram:
 def test_interior_points_solve_them_without_the_simplex_method(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def never(self: PiqpSolver, begin: float) -> None:
+    def never(self: PiqpSolver, begin: float, spent: int) -> None:
         raise AssertionError("left to the simplex method")
 
     program = second_differences(1e10)
