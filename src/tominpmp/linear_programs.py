@@ -185,13 +185,9 @@ class HighsSolver(LpSolver):
 
 
 class PiqpSolver(LpSolver):
-    """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023).
+    """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023)."""
 
-    A duality gap of ``near_gap`` will do where it comes to no end.
-    """
-
-    def __init__(self, near_gap: float = NEARLY_GAP) -> None:
-        self._near_gap = near_gap
+    def __init__(self) -> None:
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
         # Residuals are in units of the limits; a duality gap is in seconds, of which
@@ -216,8 +212,7 @@ class PiqpSolver(LpSolver):
         equal = program.row_lower == program.row_upper
         self._equal, self._program, self._other = equal, program, None
         rows = program.matrix.tocsr()
-        size = program.cost.size
-        equations = rows[equal]
+        size, equations = program.cost.size, rows[equal]
         self._scale = equation_scale(equations)
         self._solver.setup(
             sp.csc_matrix((size, size)),
@@ -285,7 +280,7 @@ class PiqpSolver(LpSolver):
             return False
         return info.status == piqp.PIQP_SOLVED or bool(
             info.primal_res <= NEARLY_ROWS
-            and info.duality_gap <= self._near_gap
+            and info.duality_gap <= NEARLY_GAP
             and info.dual_res <= NEARLY_DUALS
         )
 
@@ -392,12 +387,11 @@ def available_solvers() -> tuple[str, ...]:
     return tuple(dict.fromkeys(["highs", "piqp", *qpsolvers.available_solvers]))
 
 
-def make_solver(name: str, near_gap: float = NEARLY_GAP) -> LpSolver:
+def make_solver(name: str) -> LpSolver:
     """Make a solver by its name.
 
     Args:
         name: "highs", "piqp" or a name that qpsolvers knows.
-        near_gap: Duality gap that will do where PIQP comes to no end.
 
     Raises:
         SolverNotFound: If it is not installed.
@@ -405,7 +399,7 @@ def make_solver(name: str, near_gap: float = NEARLY_GAP) -> LpSolver:
     if name == "highs":
         return HighsSolver()
     if name == "piqp":
-        return PiqpSolver(near_gap)
+        return PiqpSolver()
     if name not in available_solvers():
         raise SolverNotFound(name, available_solvers())
     return QpsolversSolver(name)

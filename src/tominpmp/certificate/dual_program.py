@@ -34,7 +34,6 @@ RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
 SHIFT = 1e-3
 # Interior points find the middle of the multipliers, a simplex a corner of them.
 SOLVERS = ("piqp", "highs")
-NEAR_PROMISE = 3e-4  # known so well, in T, it will do: a simplex may take minutes
 FAR_TORQUES = 0.5  # torques with more room to their nearer limit, as a share, are far
 SMALL = 400  # unknowns: programs of so many are quick in any case
 FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
@@ -369,7 +368,7 @@ def _solve(program: LinearProgram) -> LpSolution | None:
     if any(np.any(np.isnan(part)) for part in numbers):
         return None
     for name in SOLVERS:
-        found = make_solver(name, NEAR_PROMISE).solve(program)
+        found = make_solver(name).solve(program)
         if found.optimal and np.all(np.isfinite(found.row_duals)):
             return found
     return None
