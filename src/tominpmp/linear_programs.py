@@ -29,19 +29,13 @@ HUGE = 1e30
 # a second chance with refined linear systems, which is dearer an iteration.
 PIQP_ITERATIONS, MANY_COLUMNS = 60, 1000
 # Where rounding keeps it from the last digits it stands still with the solution: rows
-# are kept to the first of these, and the objective is within the second of the best,
-# though multipliers have an error up to the third.
+# are kept to the first, the objective to the second, and multipliers to the third.
 NEARLY_ROWS, NEARLY_GAP, NEARLY_DUALS = 1e-6, 2e-5, 1e-3
-# Passes of its own equilibration: once equations are scaled more of them cost
-# iterations. What regularises equations in the end: with less, rounding grows.
-PIQP_SCALINGS, PIQP_LAST = 2, 1e-10
+# Passes of equilibration, and what regularises equations in the end: more passes after
+PIQP_SCALINGS, PIQP_LAST = 2, 1e-10  # ours cost iterations, less lets rounding grow
 # What solvers behind qpsolvers call their limit on time [s].
-TIME_LIMITS = {
-    "clarabel": "time_limit",
-    "highs": "time_limit",
-    "osqp": "time_limit",
-    "scs": "time_limit_secs",
-}
+TIME_LIMITS = dict.fromkeys(("clarabel", "highs", "osqp"), "time_limit")
+TIME_LIMITS["scs"] = "time_limit_secs"
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,7 +126,8 @@ def test_a_plan_needs_no_round_of_its_own_for_rows_between_the_nodes(monkeypatch
     rounds, usual = [], SlpSolver.run
 
     def run(self, z, *, after=None):
-        rounds.append(after is not None)
+        if self.exchange is not None:  # others are judged by certificates
+            rounds.append(after is not None)
         return usual(self, z, after=after)
 
     monkeypatch.setattr(SlpSolver, "run", run)
