@@ -25,7 +25,8 @@ def test_help_names_every_command_on_a_line(run: Run) -> None:
     assert result.exit_code == 0
     assert "Plan time-optimal motions of robot arms" in result.stdout
     commands = {item.name or item.callback.__name__ for item in app.registered_commands}
-    assert commands == {"plan", "verify", "replay", "play", "app", "info", "robots"}
+    expected = {"plan", "batch", "verify", "replay", "play", "app", "info", "robots"}
+    assert commands == expected
     for name in commands:
         line = re.search(rf"^  {name} .*\.$", result.stdout, re.MULTILINE)
         assert line is not None, name
