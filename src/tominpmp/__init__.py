@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from tominpmp.segments import Segment
     from tominpmp.solution import Solution
     from tominpmp.status import IterationRecord, Status
+    from tominpmp.tours import Station, Tour, Visit, plan_tour
     from tominpmp.trajectory import State, Trajectory
     from tominpmp.verification import (
         ClearanceProof,
@@ -208,6 +209,7 @@ _HOMES = {
         "Status",
     ),
     "samples": ("Samples",),
+    "tours": ("Station", "Tour", "Visit", "plan_tour"),
     "trajectory": (
         "State",
         "Trajectory",
@@ -284,6 +286,7 @@ __all__ = [
     "Sphere",
     "StableContact",
     "State",
+    "Station",
     "Status",
     "Tolerances",
     "TominpmpError",
@@ -293,8 +296,10 @@ __all__ = [
     "ToolLine",
     "ToolPolyline",
     "ToolSpeed",
+    "Tour",
     "Trajectory",
     "Verification",
+    "Visit",
     "Waypoints",
     "WithinRegion",
     "Workcell",
@@ -314,6 +319,7 @@ __all__ = [
     "lower_bound",
     "plan",
     "plan_many",
+    "plan_tour",
     "prove_clearance",
     "robot_at",
     "save_scenario",

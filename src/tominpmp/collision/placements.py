@@ -66,6 +66,10 @@ class Placements:
             R[:, joint] = turned + versine[:, column] * parts[:, :, 6:]
         return R, t
 
+    def axes(self, joint: int) -> tuple[Array, Array, int]:
+        """How a joint moves: directions it slides and turns in, and its coordinate."""
+        return self._slide[joint], self._turn[joint], int(self._column[joint])
+
     def jacobian_rows(
         self,
         placed: tuple[Array, Array],

@@ -1,0 +1,156 @@
+"""Tours put together of the motions of their legs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tominpmp.arrays import Array
+from tominpmp.problem import Problem
+from tominpmp.solution import Solution
+from tominpmp.status import Status
+from tominpmp.tours.known_legs import KnownLegs
+from tominpmp.tours.legs import DIRECT, LegPlanner
+from tominpmp.tours.station import Station
+from tominpmp.tours.tour import Tour, Visit
+
+# Legs without a stop between them that are planned as one motion.
+MOST_TOGETHER = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Makes a tour of a way through its nodes.
+
+    Attributes:
+        problem: Robot, obstacles and limits.
+        stations: The stations.
+        legs: What is known of the legs.
+    """
+
+    problem: Problem
+    stations: tuple[Station, ...]
+    legs: KnownLegs
+
+    def tour(self, nodes: Sequence[int], chosen: Sequence[int], status: Status) -> Tour:
+        """Put the motions of a way together.
+
+        Args:
+            nodes: The nodes of the tour in their order.
+            chosen: The configuration of each.
+            status: How the search ended.
+        """
+        configurations = [
+            self.legs.table.nodes[node][c]
+            for node, c in zip(nodes, chosen, strict=True)
+        ]
+        motions: list[Solution] = []
+        stays = [0.0]
+        visits: list[Visit] = []
+        now, place = 0.0, 0
+        for last in self._stops(nodes):
+            run = slice(place, last + 1)
+            found = self._run(nodes[run], chosen[run], place, configurations[run])
+            if found is None:
+                return failed(self.problem, self.stations, self.legs.planner)
+            if not found:
+                # It is there already.
+                name, stay = self._stay(nodes[last])
+                if name is not None:
+                    visits.append(Visit(name, configurations[last], now, now + stay))
+                stays[-1] += stay
+                now += stay
+            for motion, reached in found:
+                ends = [part.arrival for part in motion.segments]
+                for k, end in zip(reached, ends, strict=True):
+                    name, stay = self._stay(nodes[k])
+                    if name is not None:
+                        q = motion.trajectory(end).q  # type: ignore[misc]
+                        visits.append(Visit(name, q, now + end, now + end + stay))
+                motions.append(motion)
+                stays.append(stay)
+                now += motion.T + stay
+            place = last
+        message = self._message(status, len(visits))
+        return Tour(
+            self.problem,
+            self.stations,
+            status,
+            message,
+            tuple(visit.station for visit in visits),
+            tuple(visits),
+            tuple(motions),
+            direct=sum(m.message.endswith(DIRECT) for m in motions),
+            legs_planned=self.legs.planner.planned,
+            stays=tuple(stays),
+        )
+
+    def _stay(self, node: int) -> tuple[str | None, float]:
+        """Name of the station at a node, and how long the arm stays there [s]."""
+        station = self.legs.station(node)
+        if station is None:
+            return None, 0.0
+        return self.stations[station].name, self.stations[station].dwell
+
+    def _stops(self, nodes: Sequence[int]) -> list[int]:
+        """Places at which motions end: stops, and some between if these are rare."""
+        stops, since = [], 0
+        for place in range(1, len(nodes)):
+            since += 1
+            final = place == len(nodes) - 1
+            if self.legs.table.rests[nodes[place]] or final or since >= MOST_TOGETHER:
+                stops.append(place)
+                since = 0
+        return stops
+
+    def _run(
+        self,
+        nodes: Sequence[int],
+        chosen: Sequence[int],
+        place: int,
+        q: Sequence[Array],
+    ) -> list[tuple[Solution, list[int]]] | None:
+        """Motions from one stop to the next, and the places that each one reaches."""
+        if len(nodes) == 2:
+            leg = (nodes[0], chosen[0], nodes[1], chosen[1])
+            if self.legs.stays(leg):
+                return []
+            found = self.legs.motions.get(leg) or self.legs.planned(leg)
+            if found is None or not found.success:
+                return None
+            return [(found, [place + 1])]
+        self.legs.limit_time()
+        stations = [self.legs.station(node) for node in nodes]
+        passing = self.legs.planner.passing(stations, q)
+        if passing is not None:
+            return [(passing, list(range(place + 1, place + len(nodes))))]
+        legs: list[tuple[Solution, list[int]]] = []
+        for k in range(len(nodes) - 1):
+            two = slice(k, k + 2)
+            part = self._run(nodes[two], chosen[two], place + k, q[two])
+            if part is None:
+                return None
+            legs += part
+        return legs
+
+    def _message(self, status: Status, count: int) -> str:
+        what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
+        stations = "1 station" if count == 1 else f"{count} stations"
+        return f"{what} over {stations} was found, each motion of it verified."
+
+
+def failed(
+    problem: Problem, stations: tuple[Station, ...], planner: LegPlanner
+) -> Tour:
+    """What is returned where no tour was found."""
+    reason = "no order of the stations is allowed"
+    if planner.errors:
+        reason = f"of the legs, {planner.errors[-1]}"
+    text = f"{Status.INFEASIBLE.value} No tour was found: {reason}"
+    return Tour(
+        problem,
+        stations,
+        Status.INFEASIBLE,
+        text.rstrip(".") + ".",
+        legs_planned=planner.planned,
+    )

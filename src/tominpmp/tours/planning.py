@@ -1,0 +1,237 @@
+"""Planning of tours: order, configurations and motions together."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
+from tominpmp.goals import AxisGoal, Goal, JointGoal, PoseGoal
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.scene import Scene
+from tominpmp.status import Status
+from tominpmp.stopping import Stop, bounded
+from tominpmp.tours.configurations import Configurations
+from tominpmp.tours.search import TourSearch
+from tominpmp.tours.station import Rules, Station, checked_stations
+from tominpmp.tours.tour import Tour
+from tominpmp.tours.tour_bound import tour_bound
+
+logger = logging.getLogger(__name__)
+
+# Configurations kept of a station, at the most.
+MOST_CONFIGURATIONS = 200
+# Goals that differ by less are at one place [rad or m].
+SAME_PLACE = 1e-6
+
+
+def plan_tour(
+    robot: Robot,
+    q_start: Array,
+    stations: Sequence[Station | Goal] | Mapping[str, Station | Goal],
+    *,
+    q_end: Array | Literal["start"] | None = "start",
+    scene: Scene | None = None,
+    margin: float = 0.0,
+    motion_limits: MotionLimits | None = None,
+    constraints: Sequence[PathConstraint] = (),
+    self_collision: bool | None = None,
+    may_touch: Sequence[tuple[str, str]] = (),
+    precedence: Sequence[tuple[str, str]] = (),
+    configurations: int = 40,
+    options: Options | None = None,
+    **changes: Any,
+) -> Tour:
+    """Plan a tour over stations: their order, the configurations and the motions.
+
+    Args:
+        robot: The robot; of several arms, if it was combined of them.
+        q_start: Where it starts, at rest, shape (n,) [rad or m].
+        stations: What is visited, in any order unless they say otherwise: stations, or
+            goals (called "station 1", ...), or either by name.
+        q_end: Where it ends, at rest, shape (n,) [rad or m]: "start" for where it
+            starts, None for the last station.
+        scene: The obstacles; none of them moves.
+        margin: Distance that the links keep from them [m].
+        motion_limits: Limits beyond those of the robot's description.
+        constraints: What else holds at all times.
+        self_collision: As for :class:`~tominpmp.problem.Problem`.
+        may_touch: Pairs of names of links and obstacles that may touch.
+        precedence: Pairs of names of stations (earlier, later), beside what the
+            stations say themselves.
+        configurations: Configurations of a station that are looked at together; more
+            of them are found near those that are chosen.
+        options: How legs are planned; None for ``Options(effort="quick")``. The time
+            limit is one of the whole tour. With ``effort="thorough"`` no estimate is
+            relied on: legs are planned until no other order can be faster.
+        **changes: Options by name.
+
+    Returns:
+        The tour. When none is found, its status and message say why.
+
+    Raises:
+        ProblemError: If something is wrong in itself: a station that cannot be reached
+            (named), two in one place, a precedence that runs in a circle.
+        OptionsError: If an option is wrong.
+        FrameNotFound: If a station is about a frame that the robot has not.
+    """
+    begun = time.perf_counter()
+    chosen = Options(effort="quick") if options is None else Options.of(options)
+    chosen = chosen.changed(changes)
+    items = checked_stations(stations)
+    rules = Rules.of(items, precedence)
+    count = _checked_count(configurations)
+    problem, ends = _problem(
+        robot,
+        q_start,
+        q_end,
+        scene=scene,
+        margin=margin,
+        motion_limits=motion_limits,
+        constraints=tuple(constraints),
+        self_collision=self_collision,
+        may_touch=may_touch,
+    )
+    _check_stations(problem, items, rules)
+    with bounded(chosen.max_planning_time):
+        try:
+            tour = _plan(problem, items, rules, ends, count, chosen)
+        except (Stop, KeyboardInterrupt) as stop:
+            requested = not isinstance(stop, Stop) or stop.requested
+            status = Status.INTERRUPTED if requested else Status.TIME_LIMIT
+            return Tour(
+                problem,
+                items,
+                status,
+                f"{status.value} No tour was found by then.",
+                planning_time=time.perf_counter() - begun,
+            )
+    return replace(tour, planning_time=time.perf_counter() - begun)
+
+
+def _plan(
+    problem: Problem,
+    stations: tuple[Station, ...],
+    rules: Rules,
+    ends: bool,
+    count: int,
+    options: Options,
+) -> Tour:
+    search = TourSearch.of(problem, stations, rules, ends, count, options)
+    tour = search.run()
+    q_end = problem.goal.configuration if ends else None
+    bound = tour_bound(problem, stations, rules, q_end)
+    tour = replace(tour, lower_bound=bound.T, bound_reason=bound.reason)
+    if tour.gap is None:
+        return tour
+    return replace(
+        tour,
+        message=f"{tour.message} No tour beats {bound.T:.4g} s: {bound.reason}.",
+    )
+
+
+def _checked_count(given: object) -> int:
+    good = isinstance(given, int | np.integer) and not isinstance(given, bool)
+    if not good or not 1 <= given <= MOST_CONFIGURATIONS:  # type: ignore[operator]
+        raise OptionsError(
+            f"configurations is {brief(given)}, expected an integer from 1 to "
+            f"{MOST_CONFIGURATIONS}",
+            "configurations",
+        )
+    return int(str(given))
+
+
+def _problem(
+    robot: Robot, q_start: Array, q_end: object, **fields: Any
+) -> tuple[Problem, bool]:
+    """The problem from start to end, and whether the end is given."""
+    if isinstance(q_end, str) and q_end != "start":
+        raise ProblemError(
+            f'q_end is {brief(q_end)}, expected a configuration, "start" or None',
+            "q_end",
+        )
+    expect(robot, Robot, "robot", "a Robot (see load_robot)")
+    scene = fields["scene"]
+    if isinstance(scene, Scene) and scene.moving:
+        raise ProblemError(
+            "scene: an obstacle moves, and when a tour comes by is not known "
+            "beforehand; expected obstacles at rest",
+            "scene",
+        )
+    anywhere = q_end is None or isinstance(q_end, str)
+    name = "q_start" if anywhere else "q_end"
+    end: Any = q_start if anywhere else q_end
+    try:
+        goal = JointGoal(end)
+        goal.validate(robot)
+        problem = Problem(robot, q_start, goal, **fields)
+    except ProblemError as error:
+        text = str(error)
+        if not text.startswith("goal"):
+            raise
+        text = name + text.removeprefix("goal.q").removeprefix("goal")
+        raise ProblemError(text, name) from error
+    return problem, q_end is not None
+
+
+def _check_stations(
+    problem: Problem, stations: Sequence[Station], rules: Rules
+) -> None:
+    """Check that each station can be, and that no two are in one place."""
+    finder = Configurations(problem, tuple(s.goal for s in stations), np.ones(1))
+    places: dict[object, int] = {}
+    for number, station in enumerate(stations):
+        station.goal.validate(problem.robot)
+        finder.checked(number, station.name)
+        place = _place(station.goal)
+        other = places.setdefault(place, number)
+        if other != number and not _ordered(rules, other, number):
+            raise ProblemError(
+                f"stations {stations[other].name!r} and {station.name!r} are in one "
+                "place; expected one station, or a precedence of the one before the "
+                "other",
+                "stations",
+            )
+
+
+def _ordered(rules: Rules, one: int, other: int) -> bool:
+    """Whether rules say which of two stations comes first."""
+
+    def leads(start: int, end: int) -> bool:
+        seen, todo = {end}, [end]
+        while todo:
+            for earlier in rules.needs[todo.pop()] - seen:
+                seen.add(earlier)
+                todo.append(earlier)
+        return start in seen
+
+    return leads(one, other) or leads(other, one)
+
+
+def _place(goal: Goal) -> object:
+    """What is equal for goals at one place."""
+
+    def rounded(*values: Array | None) -> tuple[object, ...]:
+        return tuple(
+            None if x is None else tuple(np.round(np.ravel(x) / SAME_PLACE).tolist())
+            for x in values
+        )
+
+    if isinstance(goal, JointGoal):
+        return (JointGoal, *rounded(goal.q))
+    if isinstance(goal, PoseGoal):
+        return (PoseGoal, goal.frame, *rounded(goal.pose.homogeneous))
+    if isinstance(goal, AxisGoal):
+        numbers = rounded(goal.axis, goal.direction, goal.position)
+        return (AxisGoal, goal.frame, *numbers)
+    return goal

@@ -1,0 +1,274 @@
+"""Stations of a tour: goals to be visited, and what is known of their order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from tominpmp.arrays import Record, number_or_nan
+from tominpmp.exceptions import ProblemError, brief
+from tominpmp.goals import Goal
+from tominpmp.payload import Payload
+
+# More stations than this are taken for a mistake.
+MOST_STATIONS = 5_000
+
+
+@dataclass(frozen=True, eq=False)
+class Station(Record):
+    """A place that a tour visits once.
+
+    Attributes:
+        name: What it is called; no two stations of a tour have one name.
+        goal: What must hold there: any goal at rest.
+        dwell: How long the arm stays there [s].
+        after: Names of stations that are visited before, at any time.
+        then: Names of stations of which one comes directly after this one; empty for
+            any. What is picked here is brought there.
+        payload: What the robot carries from here to the next station.
+        stop: Whether the arm is at rest here. False lets it pass at any velocity.
+        may_touch: Pairs of names of links, payloads and obstacles that may touch on
+            the way here and on the way from here.
+
+    Raises:
+        ProblemError: If a value is wrong.
+    """
+
+    name: str
+    goal: Goal
+    dwell: float = 0.0
+    after: Sequence[str] = ()
+    then: Sequence[str] = ()
+    payload: Payload | None = None
+    stop: bool = True
+    may_touch: Sequence[tuple[str, str]] = ()
+
+    def __post_init__(self) -> None:
+        """Check the values that need no robot."""
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise ProblemError(
+                f"station.name is {brief(self.name)}, expected a text", "station.name"
+            )
+        where = f"station {brief(self.name)}"
+        if not isinstance(self.goal, Goal):
+            raise ProblemError(
+                f"{where}: goal is {brief(self.goal)}, expected a JointGoal, PoseGoal, "
+                "AxisGoal or another goal",
+                "station.goal",
+            )
+        dwell = number_or_nan(self.dwell)
+        if not (np.isfinite(dwell) and dwell >= 0.0):
+            raise ProblemError(
+                f"{where}: dwell is {brief(self.dwell)}, expected a time >= 0 [s]",
+                "station.dwell",
+            )
+        object.__setattr__(self, "dwell", dwell)
+        for field in ("after", "then"):
+            object.__setattr__(self, field, _names(getattr(self, field), where, field))
+        if self.payload is not None and not isinstance(self.payload, Payload):
+            raise ProblemError(
+                f"{where}: payload is {brief(self.payload)}, expected Payload or None",
+                "station.payload",
+            )
+        if not isinstance(self.stop, bool | np.bool_):
+            raise ProblemError(
+                f"{where}: stop is {brief(self.stop)}, expected True or False",
+                "station.stop",
+            )
+        if self.goal.ends_moving or not self.goal.fixes_velocity:
+            raise ProblemError(
+                f"{where}: its goal asks for a velocity, expected a goal at rest; "
+                "stop=False lets the arm pass it at any velocity",
+                "station.goal",
+            )
+        # A stay is a stop.
+        object.__setattr__(self, "stop", bool(self.stop) or dwell > 0.0)
+
+
+def _names(given: object, where: str, field: str) -> tuple[str, ...]:
+    """Check a caller's names of stations; one name may stand for itself."""
+    names = (given,) if isinstance(given, str) else given
+    listed = isinstance(names, Sequence) and all(isinstance(n, str) for n in names)
+    if not listed:
+        raise ProblemError(
+            f"{where}: {field} is {brief(given)}, expected names of stations",
+            f"station.{field}",
+        )
+    return tuple(names)  # type: ignore[arg-type]
+
+
+def checked_stations(given: object) -> tuple[Station, ...]:
+    """Check a caller's stations.
+
+    Args:
+        given: Stations, or goals (which are called "station 1", ...), or goals by name.
+
+    Raises:
+        ProblemError: If they are none, two have one name, or one names another that
+            there is not.
+    """
+    expected = "expected a list of Station or of goals, or goals by name"
+    if isinstance(given, Mapping):
+        given = [
+            replace(item, name=name)
+            if isinstance(item, Station)
+            else Station(name, item)
+            for name, item in given.items()
+        ]
+    if isinstance(given, str | Goal | Station) or not isinstance(given, Sequence):
+        raise ProblemError(f"stations is {brief(given)}, {expected}", "stations")
+    if not 0 < len(given) <= MOST_STATIONS:
+        raise ProblemError(
+            f"stations has {len(given)} items, {expected}, 1 to {MOST_STATIONS}",
+            "stations",
+        )
+    found: list[Station] = []
+    for number, item in enumerate(given, 1):
+        if isinstance(item, Goal):
+            item = Station(f"station {number}", item)
+        if not isinstance(item, Station):
+            raise ProblemError(f"stations holds {brief(item)}, {expected}", "stations")
+        found.append(item)
+    _check_names(found)
+    return tuple(found)
+
+
+def _check_names(stations: Sequence[Station]) -> None:
+    seen: set[str] = set()
+    for station in stations:
+        if station.name in seen:
+            raise ProblemError(
+                f"stations: two of them are called {brief(station.name)}", "stations"
+            )
+        seen.add(station.name)
+    for station in stations:
+        for field in ("after", "then"):
+            for name in getattr(station, field):
+                if name not in seen or name == station.name:
+                    raise ProblemError(
+                        f"station {brief(station.name)}: {field} names "
+                        f"{brief(name)}, expected another of the stations "
+                        f"{brief(', '.join(sorted(seen)))}",
+                        f"station.{field}",
+                    )
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What orders of stations, counted from 0, are allowed.
+
+    Attributes:
+        count: Number of stations.
+        before: Pairs (earlier, later).
+        then: By station those of which one comes directly after it; others any.
+    """
+
+    count: int
+    before: frozenset[tuple[int, int]]
+    then: Mapping[int, frozenset[int]]
+
+    @classmethod
+    def of(
+        cls, stations: Sequence[Station], precedence: Sequence[tuple[str, str]] = ()
+    ) -> Rules:
+        """Take the rules of stations, and pairs of names (earlier, later).
+
+        Raises:
+            ProblemError: If a name is unknown, or no order is possible at all.
+        """
+        index = {station.name: i for i, station in enumerate(stations)}
+        pairs = {(index[a], index[s.name]) for s in stations for a in s.after}
+        for earlier, later in _checked_precedence(precedence, index):
+            pairs.add((index[earlier], index[later]))
+        then = {
+            i: frozenset(index[name] for name in station.then)
+            for i, station in enumerate(stations)
+            if station.then
+        }
+        for i, others in then.items():
+            if len(others) == 1:
+                pairs.add((i, next(iter(others))))
+        rules = cls(len(stations), frozenset(pairs), then)
+        rules._check_cycles([station.name for station in stations])
+        return rules
+
+    @property
+    def free(self) -> bool:
+        """Whether any order is allowed."""
+        return not self.before and not self.then
+
+    @cached_property
+    def needs(self) -> tuple[frozenset[int], ...]:
+        """By station what has to be visited before it."""
+        return tuple(
+            frozenset(i for i, j in self.before if j == station)
+            for station in range(self.count)
+        )
+
+    def follows(self, last: int | None, station: int) -> bool:
+        """Whether a station may come directly after another; None for the start."""
+        allowed = None if last is None else self.then.get(last)
+        return allowed is None or station in allowed
+
+    def may_end(self, station: int) -> bool:
+        """Whether a station may be the last one."""
+        return station not in self.then
+
+    def allow(self, order: Sequence[int]) -> bool:
+        """Whether an order of all stations keeps the rules."""
+        if self.free:
+            return True
+        place = {station: k for k, station in enumerate(order)}
+        if any(place[i] > place[j] for i, j in self.before):
+            return False
+        if not self.may_end(order[-1]):
+            return False
+        return all(self.follows(i, j) for i, j in pairwise(order))
+
+    def _check_cycles(self, names: Sequence[str]) -> None:
+        """Check that what is to be earlier is not to be later, too."""
+        left = set(range(self.count))
+        while left:
+            first = {j for j in left if not self.needs[j] & left}
+            if not first:
+                raise ProblemError(
+                    f"precedence runs in a circle: {self._circle(left, names)}",
+                    "precedence",
+                )
+            left -= first
+
+    def _circle(self, left: set[int], names: Sequence[str]) -> str:
+        """One circle among stations of which each needs another one."""
+        way = [min(left)]
+        while True:
+            earlier = min(self.needs[way[-1]] & left)
+            if earlier in way:
+                circle = [*way[way.index(earlier) :], earlier][::-1]
+                return brief(" before ".join(names[i] for i in circle), 300)
+            way.append(earlier)
+
+
+def _checked_precedence(
+    given: object, index: Mapping[str, int]
+) -> list[tuple[str, str]]:
+    expected = 'expected pairs of names of stations, as [("drill", "ream")]'
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise ProblemError(f"precedence is {brief(given)}, {expected}", "precedence")
+    found = []
+    for pair in given:
+        two = isinstance(pair, list | tuple) and len(pair) == 2
+        if not two or not all(isinstance(name, str) for name in pair):
+            raise ProblemError(f"precedence holds {brief(pair)}, {expected}")
+        for name in pair:
+            if name not in index:
+                raise ProblemError(
+                    f"precedence names {brief(name)}, expected one of the stations "
+                    f"{brief(', '.join(index))}",
+                    "precedence",
+                )
+        found.append((pair[0], pair[1]))
+    return found
