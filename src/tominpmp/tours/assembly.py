@@ -65,7 +65,7 @@ class Assembly:
                 for k, end in zip(reached, ends, strict=True):
                     name, stay = self._stay(nodes[k])
                     if name is not None:
-                        q = motion.trajectory(end).q  # type: ignore[misc]
+                        q = motion.trajectory(end).q
                         visits.append(Visit(name, q, now + end, now + end + stay))
                 motions.append(motion)
                 stays.append(stay)
