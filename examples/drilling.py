@@ -1,9 +1,9 @@
 """A UR5 drills 25 holes of a tilted plate, in the order that takes least time.
 
 Each hole is a station: the drill stands before it, along its axis, and may be turned
-about that axis in any way; the arm may reach it in several ways, too. It stays there for
-0.3 s and goes on. Order, configurations and motions are found together, from home to
-home. Writes to out/ the whole cycle as CSV, a Gantt picture and a page that plays
+about that axis in any way; the arm may reach it in several ways, too. It stays there
+for 0.3 s and goes on. Order, configurations and motions are found together, from home
+to home. Writes to out/ the whole cycle as CSV, a Gantt picture and a page that plays
 offline.
 
     python examples/drilling.py [--out FOLDER] [--seed 0] [--rows 5]
