@@ -3,8 +3,8 @@
 The conveyor brings two parts at once and stands still; which one is taken first, and to
 which place of the tray each goes, is left to the planning. A part that was picked is
 brought to a place at once; on its way its mass and its shape count. Gripping and
-letting go take 0.15 s each. Writes to out/ the whole cycle as CSV, a Gantt picture and a
-page that plays offline.
+letting go take 0.15 s each. Writes to out/ the whole cycle as CSV, a Gantt picture and
+a page that plays offline.
 
     python examples/cell_two_stations.py [--out FOLDER] [--seed 0]
 """
