@@ -255,7 +255,7 @@ class Rules:
 def _checked_precedence(
     given: object, index: Mapping[str, int]
 ) -> list[tuple[str, str]]:
-    expected = 'expected pairs of names of stations, as [("drill", "ream")]'
+    expected = 'expected pairs of names of stations, as [("drill", "tap")]'
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise ProblemError(f"precedence is {brief(given)}, {expected}", "precedence")
     found = []
