@@ -361,22 +361,16 @@ class Problem(Record):
         return self._with_goal(self.goal.nearest(RobotKinematics(self.robot), q, v))
 
     def with_ends(self, q_start: Array, goal: Goal) -> Problem:
-        """The same problem from another start at rest to another goal.
-
-        Args:
-            q_start: Positions at the start, shape (n,) [rad or m].
-            goal: The goal; there are no segments.
+        """The same problem from another start at rest to another goal, both checked.
 
         Raises:
             ProblemError: If one of them is wrong.
         """
         goal.validate(self.robot)
-        changes = {"q_start": q_start, "v_start": None, "goal": goal, "segments": ()}
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
         other = copy.copy(self)
-        for name, value in changes.items():
+        for name, value in (("q_start", q_start), ("v_start", None), ("goal", goal)):
             object.__setattr__(other, name, value)
-        other.__dict__.pop("_phases", None)
         other._snap_start()
         other._checks.clear(other.q_start, "start")
         other._checks.kept(other.q_start, other.v_start, "start", "q_start")

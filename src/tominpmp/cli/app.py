@@ -23,6 +23,7 @@ from tominpmp.cli.options import (
     ReportOptions,
     RobotOptions,
     ToleranceOptions,
+    TourOptions,
     VerifyOptions,
 )
 
@@ -47,6 +48,14 @@ Exit codes:
   0    all have a motion
   1    some have none: they are named
   2    bad input
+"""
+
+TOUR_CODES = """\b
+Exit codes:
+  0    a tour was found
+  1    none was found
+  2    bad input
+  130  interrupted (Ctrl-C)
 """
 
 app = new_app()
@@ -86,6 +95,9 @@ BatchSource = Annotated[
         "Folder with scenario files (.toml), or a file with a list of them: "
         "problems = ['a.toml', 'cells/*.toml'].",
     ),
+]
+TourScenario = Annotated[
+    Path, _argument("SCENARIO", "Scenario file (.toml) with stations.")
 ]
 RecordedMotion = Annotated[
     Path,
@@ -206,6 +218,19 @@ def live(args: AppOptions, robot: FirstRobot = "panda") -> None:
     from tominpmp.cli.live import run_app
 
     run_app(robot, args)
+
+
+@command(app, short_help=COMMANDS["tour"], epilog=TOUR_CODES)
+def tour(scenario: TourScenario, args: TourOptions) -> int:
+    """Plan the order of the stations of a scenario file, and the motions between them.
+
+    The file has a list of [[stations]] in place of a goal. The cycle begins at the
+    start and ends there, too, unless its table [tour] says otherwise; all motions are
+    verified. The report tells when the arm is where, and what no order can beat.
+    """
+    from tominpmp.cli.tour import run_tour
+
+    return run_tour(scenario, args)
 
 
 @command(app, short_help=COMMANDS["info"])

@@ -38,6 +38,7 @@ COMMANDS = {
     "replay": "Replay a motion in MuJoCo, or find the torque reserve that it needs.",
     "play": "Show a motion from a file in the browser.",
     "app": "Open a page in the browser where motions are planned while one drags.",
+    "tour": "Plan a tour over stations, in the order that takes least time.",
     "info": "Show the joints, limits and frames of a robot.",
     "robots": "List the robots known by name.",
 }

@@ -246,6 +246,28 @@ class BatchOptions(ReportOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TourOptions(ReportOptions):
+    """What of a tour to write and what to show.
+
+    Attributes:
+        output (FILE): Write the whole cycle there: .csv, .npz, or a ROS 2 message
+            (.yaml, .json, or .mcap for a bag); replaced if it exists.
+        dt (SECONDS): Time between the rows. Default: the nodes of the motions.
+        plot (FILE): Draw a Gantt picture: .png, .pdf or .svg.
+        html (FILE): Write a page that plays the cycle: .html.
+        max_time (SECONDS): Time limit of the planning.
+        verbose: Show the log too.
+    """
+
+    output: Path | None = field(default=None, metadata=OUTPUT_FILE)
+    dt: float | None = None
+    plot: Path | None = None
+    html: Path | None = None
+    max_time: float | None = field(default=None, metadata=PLANNING)
+    verbose: bool = field(default=False, metadata={"flags": ("--verbose", "-v")})
+
+
+@dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
     """How a motion is judged.
 

@@ -151,7 +151,7 @@ def load_scenario(path: str | Path) -> Scenario:
     document = Field(read_toml(path), path)
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))
-    options = _read_options(document.get("options"))
+    options = read_options(document.get("options"))
     start = document.need("start")
     start.only("q", "v", "state")
     q_start = positions(start, robot, None)
@@ -278,6 +278,11 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
     Raises:
+        ScenarioError: If it is none, or too large.
+    """
+    """Read a TOML file.
+
+    Raises:
         ScenarioError: If there is none.
     """
     content = read_bytes(path, MAX_BYTES)
@@ -289,7 +294,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path} is no TOML: {error}", path) from error
 
 
-def _read_options(table: Field) -> Options:
+def read_options(table: Field) -> Options:
+    """Read options; the defaults if they are left out.
+
+    Raises:
+        ScenarioError: If one is wrong.
+    """
     if not table.given:
         return Options()
     if "callback" in table.table():

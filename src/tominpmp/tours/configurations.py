@@ -49,13 +49,20 @@ class Configurations:
     goals: tuple[Goal, ...]
     weights: Array
     _rows: GoalRows = field(init=False, repr=False)
+    _counts: IntArray = field(init=False, repr=False)
+    _first: IntArray = field(init=False, repr=False)
     _kinematics: RobotKinematics = field(init=False, repr=False)
     _free: dict[bytes, bool] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Prepare what goals ask of many configurations."""
         robot = self.problem.robot
-        object.__setattr__(self, "_rows", GoalRows(robot, self.goals))
+        each = [goal.alternatives for goal in self.goals]
+        every = [one for alternatives in each for one in alternatives]
+        counts = np.array([len(alternatives) for alternatives in each])
+        object.__setattr__(self, "_counts", counts)
+        object.__setattr__(self, "_first", np.cumsum(counts) - counts)
+        object.__setattr__(self, "_rows", GoalRows(robot, every))
         object.__setattr__(self, "_kinematics", RobotKinematics(robot))
 
     @property
@@ -64,21 +71,43 @@ class Configurations:
         limits = self.problem.robot.limits
         return limits.position_lower, limits.position_upper
 
-    def projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
+    def projected(
+        self, q: Array, which: IntArray, *, in_turn: bool = False
+    ) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet goals, by damped least squares.
 
         Args:
             q: Where to begin, shape (m, n) [rad or m].
             which: Index of the goal of each, shape (m,).
+            in_turn: Whether the alternatives of a goal are aimed at in turn, else each
+                time the one that is missed by least.
 
         Returns:
             Configurations, shape (m, n), and which of them meet their goals.
         """
+        which = self._aimed_at(q, which, in_turn)
         out, good = np.array(q), np.zeros(len(q), dtype=bool)
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part], good[part] = self._projected(out[part], which[part])
         return out, good
+
+    def _aimed_at(self, q: Array, which: IntArray, in_turn: bool) -> IntArray:
+        """Of each goal one of its alternatives, as an index of all, shape (m,)."""
+        counts, first = self._counts[which], self._first[which]
+        if np.all(counts == 1):
+            return first
+        if in_turn:
+            return np.asarray(first + np.arange(len(which)) % counts)
+        best, least = np.zeros(len(which), dtype=np.int64), np.full(len(which), np.inf)
+        for k in range(int(counts.max())):
+            rows = np.flatnonzero(counts > k)
+            value, _ = self._rows(q[rows], first[rows] + k)
+            missed = np.max(np.abs(value), axis=1)
+            nearer = rows[missed < least[rows]]
+            least[rows] = np.minimum(least[rows], missed)
+            best[nearer] = k
+        return first + best
 
     def _projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
         low, high = self.limits
@@ -152,11 +181,16 @@ class Configurations:
             By station, shape (k, n) each; none where nothing was found.
         """
         found: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
-        fixed = [goal.configuration for goal in self.goals]
-        for g, q in enumerate(fixed):
-            if q is not None:
-                found[g] = q[None]
-        open_ones = [g for g, q in enumerate(fixed) if q is None]
+        open_ones = []
+        for g, goal in enumerate(self.goals):
+            given = [one.configuration for one in goal.alternatives]
+            rows = [q for q in given if q is not None]
+            if rows:
+                found[g] = np.stack(rows)
+                # Of several those that are blocked are left out.
+                found[g] = found[g][self.free(found[g])] if len(rows) > 1 else found[g]
+            if len(rows) < len(given):
+                open_ones.append(g)
         self._from_starts(found, open_ones, STARTS, rng)
         self._from_neighbours(found, open_ones)
         empty = [g for g in open_ones if not len(found[g])]
@@ -180,7 +214,7 @@ class Configurations:
             idle = self._idle(self.goals[g])
             starts[i][:, idle] = home[idle]
         rows = np.repeat(np.array(which, dtype=np.int64), count)
-        self._add(found, starts.reshape(-1, len(low)), rows)
+        self._add(found, starts.reshape(-1, len(low)), rows, in_turn=True)
 
     def _idle(self, goal: Goal) -> BoolArray:
         """Joints that do not carry the frame of a goal, shape (n,)."""
@@ -224,9 +258,15 @@ class Configurations:
             out.append([int(i) for i in order if np.isfinite(apart[i])])
         return out
 
-    def _add(self, found: list[Array], starts: Array, which: IntArray) -> None:
+    def _add(
+        self,
+        found: list[Array],
+        starts: Array,
+        which: IntArray,
+        in_turn: bool = False,
+    ) -> None:
         """Add configurations that starts lead to, if they are new and clear."""
-        q, good = self.projected(starts, which)
+        q, good = self.projected(starts, which, in_turn=in_turn)
         for g in np.unique(which[good]).tolist():
             mine = q[good & (which == g)]
             new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]

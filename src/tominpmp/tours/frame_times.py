@@ -2,135 +2,131 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array
 from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.tours.joint_times import JointTimes
 
-
-class FrameTimes:
-    """Times in which joints carry a frame from one place to another."""
-
-    def __init__(self, robot: Robot, times: JointTimes) -> None:
-        self.robot, self.times = robot, times
-        self._levers: dict[str, _Levers] = {}
-
-    def between(self, one: Goal, other: Goal, resting: int) -> float:
-        """Least time from a goal to another, of any configurations."""
-        return min(
-            self._between(a, b, resting)
-            for a in one.alternatives
-            for b in other.alternatives
-        )
-
-    def _between(self, one: Goal, other: Goal, resting: int) -> float:
-        frame = other.frame_name or one.frame_name
-        if frame is None:
-            return 0.0
-        here, there = (self._ball(goal, frame) for goal in (one, other))
-        if here is None or there is None:
-            return 0.0
-        (p, r), (q, s) = here, there
-        way = float(np.linalg.norm(p - q)) - r - s
-        if way <= 0.0:
-            return 0.0
-        if frame not in self._levers:
-            self._levers[frame] = _Levers(self.robot, frame)
-        levers = self._levers[frame].between(p, q, r + s)
-        return self._time(way, levers, resting)
-
-    def _ball(self, goal: Goal, frame: str) -> tuple[Array, float] | None:
-        """Where a frame is at a goal: centre and radius of a ball [m]."""
-        if goal.configuration is not None:
-            place = RobotKinematics(self.robot).placement(goal.configuration, frame)
-            return np.array(place.translation), 0.0
-        if goal.frame_name != frame or goal.ball is None:
-            return None
-        return goal.ball.centre, goal.ball.radius
-
-    def _time(self, way: float, levers: Array, resting: int) -> float:
-        """Least time by which the joints, at their levers, cover a way."""
-        used = levers > 0.0
-        if not np.any(used):
-            return 0.0
-        low, high = 0.0, 1e-3
-        while self._covered(high, levers, used, resting) < way and high < 1e4:
-            low, high = high, 2.0 * high
-        for _ in range(40):
-            T = 0.5 * (low + high)
-            near = self._covered(T, levers, used, resting) < way
-            low, high = (T, high) if near else (low, T)
-        return low
-
-    def _covered(self, T: float, levers: Array, used: BoolArray, resting: int) -> float:
-        """Farthest that a point gets in a time."""
-        v, a = self.times.velocity, self.times.acceleration
-        if resting == 0:
-            way = v * T
-        else:
-            ramp = np.where(np.isfinite(a), v / a, 0.0)
-            with np.errstate(invalid="ignore"):
-                short = 0.5 * a * T * T / resting
-                long = v * np.maximum(T - 0.5 * resting * ramp, 0.0)
-                way = np.where(T * a < resting * v, short, long)
-            way = np.where(np.isfinite(a), way, v * T)
-        return float(np.sum((way * levers)[used]))
+# Halvings of intervals of times, and the longest time [s].
+HALVINGS = 50
+LONGEST = 1e4
 
 
-class _Levers:
-    """How far from the axis of each joint a frame is, at the most.
+def frame_times(
+    robot: Robot, times: JointTimes, goals: Sequence[Goal], rests: Sequence[bool]
+) -> Array:
+    """Least times between goals on frames, of any configurations that meet them.
 
-    The frame and the joint are on one chain, so that they are no farther apart than its
-    links are long; and no farther than the frame from the first joint of the chain that
-    does not move, plus what is between that and the joint.
+    While the joints go from one configuration to another, a frame comes no farther than
+    each joint turns times how far the frame is from its axis, at the most: along the
+    straight line between both, too, which no motion undercuts in any joint.
+
+    Args:
+        robot: The robot.
+        times: Limits of its joints.
+        goals: The goals.
+        rests: Whether the arm is at rest at each.
+
+    Returns:
+        Times [s], shape (m, m); zero where nothing is known.
     """
+    m = len(goals)
+    out = np.zeros((m, m))
+    resting = np.add.outer(np.array(rests, dtype=int), np.array(rests, dtype=int))
+    names = {a.frame_name for goal in goals for a in goal.alternatives}
+    for name in sorted(name for name in names if name is not None):
+        apart = _distances(robot, goals, name)
+        levers = _levers(robot, name)
+        for count in range(3):
+            which = (resting == count) & (apart > 0.0)
+            if np.any(which):
+                found = _carrying_times(times, apart[which], levers, count)
+                out[which] = np.maximum(out[which], found)
+    np.fill_diagonal(out, 0.0)
+    return out
 
-    def __init__(self, robot: Robot, frame: str) -> None:
-        self.robot, model = robot, robot.model
-        item = model.frames[robot.frame_id(frame)]
-        chain = [j for j in model.supports[item.parentJoint] if j]
-        limits = robot.limits
-        S = (
-            np.eye(robot.n)
-            if robot.expansion_matrix is None
-            else robot.expansion_matrix
-        )
-        widest = np.maximum(
-            np.abs(limits.position_lower), np.abs(limits.position_upper)
-        )
-        offset = 0.0 if robot.expansion_offset is None else robot.expansion_offset
-        slides = np.abs(S) @ np.where(prismatic_joints(robot), widest, 0.0)
-        slides = slides + np.abs(offset)
-        self.S = np.abs(S)
-        self.chain, self.slide = chain, np.zeros(len(chain), dtype=bool)
-        lengths = []
-        for k, j in enumerate(chain):
-            length = float(np.linalg.norm(model.jointPlacements[j].translation))
-            joint = model.joints[j]
-            self.slide[k] = str(joint.shortname()).startswith("JointModelP")
-            if self.slide[k]:
-                length += float(slides[joint.idx_v])
-            lengths.append(length)
-        lengths.append(float(np.linalg.norm(item.placement.translation)))
-        # From the origin of each joint to the frame, and from the first one to each.
-        self.ahead = np.cumsum(lengths[::-1])[::-1][1:]
-        self.behind = np.concatenate([[0.0], np.cumsum(lengths[1:-1])])
-        first = model.jointPlacements[chain[0]] if chain else None
-        self.base = np.zeros(3) if first is None else np.array(first.translation)
-        self.columns = [model.joints[j].idx_v for j in chain]
 
-    def between(self, p: Array, q: Array, spread: float) -> Array:
-        """Levers of the joints for a way between two points, shape (n,).
+def _distances(robot: Robot, goals: Sequence[Goal], frame: str) -> Array:
+    """How far a frame has to go between goals at least, shape (m, m) [m]."""
+    kinematics = RobotKinematics(robot)
+    centre, radius, owner = [], [], []
+    for g, goal in enumerate(goals):
+        for one in goal.alternatives:
+            if one.configuration is not None:
+                place = kinematics.placement(one.configuration, frame)
+                centre.append(np.array(place.translation))
+                radius.append(0.0)
+            elif one.frame_name == frame and one.ball is not None:
+                centre.append(np.array(one.ball.centre))
+                radius.append(one.ball.radius)
+            else:
+                # It may be anywhere.
+                centre.append(np.zeros(3))
+                radius.append(np.inf)
+            owner.append(g)
+    points, around, of = np.array(centre), np.array(radius), np.array(owner)
+    out = np.full((len(goals), len(goals)), np.inf)
+    for k, point in enumerate(points):
+        way = np.linalg.norm(points - point, axis=1) - around - around[k]
+        np.minimum.at(out[of[k]], of, way)
+    return np.asarray(np.maximum(out, 0.0))
 
-        On the way the frame is anywhere that it can be carried to; what counts is that
-        it has to come from the one point to the other, for which the straight line in
-        the space of the joints will do: along it no joint moves farther than in any
-        other motion. There, too, it is within reach.
-        """
-        model_levers = np.zeros(self.robot.model.nv)
-        for k, column in enumerate(self.columns):
-            model_levers[column] = 1.0 if self.slide[k] else self.ahead[k]
-        return np.asarray(model_levers @ self.S)
+
+def _carrying_times(
+    times: JointTimes, way: Array, levers: Array, resting: int
+) -> Array:
+    """Least times by which joints, at their levers, cover ways, shape (k,) both."""
+    if not np.any(levers > 0.0):
+        return np.zeros_like(way)
+    low, high = np.zeros_like(way), np.full_like(way, LONGEST)
+    for _ in range(HALVINGS):
+        T = 0.5 * (low + high)
+        near = _covered(times, T, levers, resting) < way
+        low, high = np.where(near, T, low), np.where(near, high, T)
+    return low
+
+
+def _covered(times: JointTimes, T: Array, levers: Array, resting: int) -> Array:
+    """Farthest that a point gets in times, shape (k,) [m]."""
+    v, a, T = times.velocity, times.acceleration, T[:, None]
+    way = v * T
+    if resting:
+        finite = np.isfinite(a)
+        top = np.where(finite, a, 1.0)
+        with np.errstate(invalid="ignore"):
+            short = 0.5 * top * T * T / resting
+            long = v * np.maximum(T - 0.5 * resting * v / top, 0.0)
+            limited = np.where(T * top < resting * v, short, long)
+        way = np.where(finite, limited, way)
+    used = levers > 0.0
+    return np.asarray(np.sum(way[:, used] * levers[used], axis=1))
+
+
+def _levers(robot: Robot, frame: str) -> Array:
+    """How far a frame is from the axis of each joint at the most, shape (n,).
+
+    Both are on one chain, and no farther apart than its links are long; where a joint
+    slides, the frame goes as far as the joint: 1.
+    """
+    model = robot.model
+    item = model.frames[robot.frame_id(frame)]
+    low, high = robot.limits.position_lower, robot.limits.position_upper
+    S = robot.expansion_matrix
+    S = np.eye(robot.n) if S is None else S
+    offset = 0.0 if robot.expansion_offset is None else robot.expansion_offset
+    widest = np.where(prismatic_joints(robot), np.maximum(np.abs(low), np.abs(high)), 0)
+    slides = np.abs(S) @ widest + np.abs(offset)
+    levers = np.zeros(model.nv)
+    ahead = float(np.linalg.norm(item.placement.translation))
+    for j in reversed([j for j in model.supports[item.parentJoint] if j]):
+        joint = model.joints[j]
+        slide = str(joint.shortname()).startswith("JointModelP")
+        levers[joint.idx_v] = 1.0 if slide else ahead
+        ahead += float(np.linalg.norm(model.jointPlacements[j].translation))
+        ahead += float(slides[joint.idx_v]) if slide else 0.0
+    return np.asarray(levers @ np.abs(S))

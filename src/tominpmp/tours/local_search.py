@@ -25,6 +25,8 @@ STRETCH = 3
 LEAST_GAIN = 1e-9
 # Moves that are tried of those that promise most, where not all orders are allowed.
 TRIED = 200
+# Kicks of a search, at the most.
+MOST_KICKS = 300
 # Turns of order and configurations.
 ROUNDS = 12
 
@@ -228,7 +230,7 @@ def search_order(
         As :func:`~tominpmp.tours.exact_order.exact_order`.
     """
     n = table.stations
-    kicks = max(20, 3 * n) if kicks is None else kicks
+    kicks = min(max(20, 3 * n), MOST_KICKS) if kicks is None else kicks
     orders = [list(begin)] if begin is not None else _first_orders(table, rules)
     best: tuple[float, tuple[int, ...], tuple[int, ...]] = (np.inf, (), ())
     for order in orders:

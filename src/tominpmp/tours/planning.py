@@ -49,6 +49,7 @@ def plan_tour(
     may_touch: Sequence[tuple[str, str]] = (),
     precedence: Sequence[tuple[str, str]] = (),
     configurations: int = 40,
+    exact: bool = False,
     options: Options | None = None,
     **changes: Any,
 ) -> Tour:
@@ -72,8 +73,9 @@ def plan_tour(
         configurations: Configurations of a station that are looked at together; more
             of them are found near those that are chosen.
         options: How legs are planned; None for ``Options(effort="quick")``. The time
-            limit is one of the whole tour. With ``effort="thorough"`` no estimate is
-            relied on: legs are planned until no other order can be faster.
+            limit is one of the whole tour.
+        exact: Whether to rely on no estimate: legs are planned until no other order of
+            the configurations that were found can be faster. For few stations.
         **changes: Options by name.
 
     Returns:
@@ -91,6 +93,7 @@ def plan_tour(
     items = checked_stations(stations)
     rules = Rules.of(items, precedence)
     count = _checked_count(configurations)
+    expect(exact, bool, "exact", "True or False")
     problem, ends = _problem(
         robot,
         q_start,
@@ -105,7 +108,7 @@ def plan_tour(
     _check_stations(problem, items, rules)
     with bounded(chosen.max_planning_time):
         try:
-            tour = _plan(problem, items, rules, ends, count, chosen)
+            tour = _plan(problem, items, rules, ends, count, chosen, exact)
         except (Stop, KeyboardInterrupt) as stop:
             requested = not isinstance(stop, Stop) or stop.requested
             status = Status.INTERRUPTED if requested else Status.TIME_LIMIT
@@ -126,8 +129,9 @@ def _plan(
     ends: bool,
     count: int,
     options: Options,
+    exact: bool,
 ) -> Tour:
-    search = TourSearch.of(problem, stations, rules, ends, count, options)
+    search = TourSearch.of(problem, stations, rules, ends, count, options, exact)
     tour = search.run()
     q_end = problem.goal.configuration if ends else None
     bound = tour_bound(problem, stations, rules, q_end)

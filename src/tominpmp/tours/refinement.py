@@ -15,7 +15,8 @@ from tominpmp.arrays import Array
 from tominpmp.tours.configurations import Configurations
 from tominpmp.tours.leg_table import LegTable
 
-# Rounds, random trials of a station in each, and the radius of the first ones [rad].
+# Rounds unless others are asked for; random trials of a station in each, and the radius
+# of the first ones [rad].
 ROUNDS = 24
 TRIALS = 4
 RADIUS = 0.4
@@ -30,6 +31,7 @@ def refined(
     nodes: Sequence[int],
     way: Sequence[Array],
     rng: np.random.Generator,
+    rounds: int = ROUNDS,
 ) -> list[Array]:
     """Improve the configurations of a tour in a given order.
 
@@ -39,6 +41,7 @@ def refined(
         nodes: The nodes of the tour in their order.
         way: Their configurations, shape (n,) each.
         rng: Random numbers.
+        rounds: How often better ones are looked for.
 
     Returns:
         Configurations of all places.
@@ -54,7 +57,7 @@ def refined(
     if not open_ones:
         return way
     before = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         way, now = _round(
             configurations, table, nodes, way, stations, open_ones, radius, rng
         )

@@ -39,8 +39,10 @@ logger = logging.getLogger(__name__)
 # Turns of order and configurations before legs are planned.
 TURNS = 3
 # Rounds of planning legs by effort; more are made while there is no tour at all.
-ROUNDS = {"quick": 3, "standard": 10, "thorough": 10_000}
+ROUNDS = {"quick": 3, "standard": 8, "thorough": 20}
 MOST_ROUNDS = 60
+# Rounds of looking for better configurations, and while legs are blocked.
+REFINEMENTS, FEW_REFINEMENTS = 24, 6
 # Rounds of going around what is on the direct ways of legs.
 SETTLING = 18
 
@@ -61,6 +63,7 @@ class TourSearch:
         table: Times of the legs.
         legs: What is known of the legs.
         rng: Random numbers.
+        exact: Whether only times that no motion beats stand for legs not planned.
     """
 
     problem: Problem
@@ -71,6 +74,7 @@ class TourSearch:
     table: LegTable
     legs: KnownLegs
     rng: np.random.Generator
+    exact: bool = False
 
     @classmethod
     def of(
@@ -81,6 +85,7 @@ class TourSearch:
         ends: bool,
         count: int,
         options: Options,
+        exact: bool,
     ) -> TourSearch:
         """Look for configurations at all stations.
 
@@ -100,7 +105,7 @@ class TourSearch:
                     f"{finder.unreached(number)}",
                     "stations",
                 )
-        if options.effort != "thorough":
+        if not exact:
             times = times.with_acceleration(_torque_limited(problem, found))
         nodes = [problem.q_start[None], *found]
         rests = [True, *(station.stop for station in stations)]
@@ -110,13 +115,13 @@ class TourSearch:
         table = LegTable(nodes, rests, times, ends)
         planner = LegPlanner(problem, stations, options)
         legs = KnownLegs(table, planner)
-        return cls(problem, stations, rules, options, finder, table, legs, rng)
+        return cls(problem, stations, rules, options, finder, table, legs, rng, exact)
 
     def run(self) -> Tour:
         """Look for the tour."""
         way = self._improved()
         best: tuple[float, Way] | None = None
-        rounds = ROUNDS[self.options.effort]
+        rounds = 10_000 if self.exact else ROUNDS[self.options.effort]
         status, number = Status.CONVERGED, 0
         try:
             while way is not None:
@@ -171,7 +176,7 @@ class TourSearch:
 
         A leg that has to be planned costs more than one that has not.
         """
-        if self.options.effort == "thorough":
+        if self.exact:
             return way
         for _ in range(SETTLING if not self.legs.motions else SETTLING // 3):
             blocked = [leg for leg in self._legs(way) if not self.legs.direct(leg)]
@@ -184,7 +189,7 @@ class TourSearch:
                 break
             logger.info("%d legs are blocked", len(blocked))
             other = self._order(way)
-            if other is not None and self._refine(other):
+            if other is not None and self._refine(other, FEW_REFINEMENTS):
                 other = self._order(other)
             if other is None:
                 break
@@ -195,14 +200,16 @@ class TourSearch:
         end = [self.table.stations + 1] if self.table.ends else []
         return [0, *(i + 1 for i in order), *end]
 
-    def _refine(self, way: Way) -> bool:
+    def _refine(self, way: Way, rounds: int = REFINEMENTS) -> bool:
         """Add better configurations for an order; whether there are any."""
         order, chosen = way
         nodes = self._nodes(order)
         places = [
             self.table.nodes[node][c] for node, c in zip(nodes, chosen, strict=True)
         ]
-        better = refined(self.configurations, self.table, nodes, places, self.rng)
+        better = refined(
+            self.configurations, self.table, nodes, places, self.rng, rounds
+        )
         found = False
         for node, old, new in zip(nodes, places, better, strict=True):
             if not np.array_equal(old, new):
@@ -232,7 +239,7 @@ class TourSearch:
             seconds = self.legs.seconds(leg)
             missed = max(missed, seconds - before[leg])
             self.table.learn(leg, seconds)
-        if new and self.options.effort != "thorough":
+        if new and not self.exact:
             self.table.scaled(self.legs.factor())
         # As estimated, or sooner: no other order can be better by these estimates.
         return missed <= 1e-9

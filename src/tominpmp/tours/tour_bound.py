@@ -23,7 +23,7 @@ from tominpmp.goals import Goal, JointGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.tours.exact_order import exact_order
-from tominpmp.tours.frame_times import FrameTimes
+from tominpmp.tours.frame_times import frame_times
 from tominpmp.tours.joint_times import JointTimes
 from tominpmp.tours.leg_table import LegTable
 from tominpmp.tours.station import Rules, Station
@@ -96,22 +96,26 @@ def _least_times(
     ranges = [_ranges(goal, joints) for goal in goals]
     low = [np.stack([lo for lo, _ in r]) for r in ranges]
     high = [np.stack([hi for _, hi in r]) for r in ranges]
-    frames = FrameTimes(problem.robot, times)
+    frames = frame_times(problem.robot, times, goals, rests)
     sharp = _Sharp(problem, goals)
+    told = [bool(np.any(np.isfinite(rows))) for rows in low]
     for i in range(n):
         for j in range(n):
             if i == j:
+                continue
+            if not (told[i] and told[j]):
+                out[i, j] = frames[i, j]
                 continue
             resting = int(rests[i]) + int(rests[j])
             way = np.maximum(low[j][None] - high[i][:, None], 0.0)
             way = np.maximum(way, low[i][:, None] - high[j][None])
             way = np.where(np.isfinite(way), way, 0.0)
             each = np.max(times.of_joints(way, resting), axis=-1, initial=0.0)
-            bound = float(np.min(each))
-            bound = max(bound, frames.between(goals[i], goals[j], resting))
-            if resting == 2:
-                bound = max(bound, sharp.between(i, j))
-            out[i, j] = bound
+            out[i, j] = max(float(np.min(each)), float(frames[i, j]))
+            # What is carried changes what torques can do.
+            loaded = 0 < i <= len(stations) and stations[i - 1].payload is not None
+            if resting == 2 and not loaded:
+                out[i, j] = max(out[i, j], sharp.between(i, j))
     return out
 
 

@@ -1,0 +1,87 @@
+"""Tests of the command ``tour`` and of scenario files with stations."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from tominpmp.cli.app import app
+from tominpmp.scenario.tour_file import load_tour
+
+HEAD = """
+[robot]
+name = "planar3r"
+effort = 1e4
+
+[start]
+q = [0.5, 1.2, -0.7]
+
+[motion_limits]
+acceleration = 5.0
+"""
+STATIONS = """
+[[stations]]
+name = "drill"
+dwell = 0.2
+goal = {type = "joint", q = [0.9, 0.8, -0.4]}
+
+[[stations]]
+name = "tap"
+after = ["drill"]
+goal = {type = "joint", q = [0.6, 1.0, -0.3]}
+"""
+
+
+def run(path: Path, *arguments: str | Path) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["tour", str(path), *map(str, arguments)])
+    return done.exit_code, done.output
+
+
+def scenario(folder: Path, text: str) -> Path:
+    path = folder / "tour.toml"
+    path.write_text(HEAD + text)
+    return path
+
+
+def test_tours_of_files_are_planned_and_written(tmp_path: Path) -> None:
+    path = scenario(tmp_path, '[tour]\nend = "last"\n' + STATIONS)
+    code, output = run(path, "--json", "-o", tmp_path / "cycle.csv", "--dt", "0.01")
+    assert code == 0
+    found = json.loads(output)
+    assert [visit["station"] for visit in found["visits"]] == ["drill", "tap"]
+    assert found["verified"] and found["lower_bound"] <= found["cycle_time"]
+    motion = tm.load_motion(tmp_path / "cycle.csv")
+    assert motion.t[-1] == pytest.approx(found["cycle_time"])
+    code, output = run(path)
+    assert code == 0 and "drill" in output and "cycle" in output
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "stations"),
+        (STATIONS.replace("0.2", "-1"), "dwell"),
+        (STATIONS.replace('["drill"]', '["mill"]'), "mill"),
+        (STATIONS.replace("0.9,", "90.0,"), "drill"),
+        ('[tour]\nend = "home"\n' + STATIONS, "end"),
+        ('[tour]\nprecedence = [["tap", "drill"]]\n' + STATIONS, "circle"),
+        (STATIONS + "speed = 3", "speed"),
+    ],
+)
+def test_wrong_files_are_told_by_their_keys(
+    tmp_path: Path, text: str, named: str
+) -> None:
+    code, output = run(scenario(tmp_path, text))
+    assert code == 2
+    assert named in output
+
+
+def test_tours_of_files_are_those_of_the_library(tmp_path: Path) -> None:
+    task = load_tour(scenario(tmp_path, STATIONS))
+    assert [station.name for station in task.stations] == ["drill", "tap"]
+    tour = task.plan(seed=1)
+    assert tour.success and len(tour.motions) == 3
