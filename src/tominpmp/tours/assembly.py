@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tominpmp.arrays import Array
 from tominpmp.problem import Problem
+from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
+from tominpmp.tours.arms import arm_at, together
 from tominpmp.tours.known_legs import KnownLegs
 from tominpmp.tours.legs import DIRECT, LegPlanner
 from tominpmp.tours.station import Station
@@ -16,6 +18,41 @@ from tominpmp.tours.tour import Tour, Visit
 
 # Legs without a stop between them that are planned as one motion.
 MOST_TOGETHER = 8
+
+
+@dataclass(eq=False)
+class Halt:
+    """A robot at rest at one or more stations: several arms may work at once.
+
+    Attributes:
+        robot: The robot.
+        begin: When it comes to rest [s].
+        stays: Which arm stays how long [s], None for all of them.
+    """
+
+    robot: Robot
+    begin: float
+    stays: list[tuple[str | None, float]] = field(default_factory=list)
+
+    @property
+    def stay(self) -> float:
+        """How long it is at rest [s]."""
+        return together(self.stays)
+
+    @property
+    def end(self) -> float:
+        """When it goes on [s]."""
+        return self.begin + self.stay
+
+    def visit(self, station: Station | None, q: Array) -> list[Visit]:
+        """The visit of a station, as soon as its arm is free; none of no station."""
+        if station is None:
+            return []
+        arm = arm_at(self.robot, station.goal, q)
+        before = [item for item in self.stays if arm is None or item[0] in (arm, None)]
+        arrival = self.begin + together(before)
+        self.stays.append((arm, station.dwell))
+        return [Visit(station.name, q, arrival, arrival + station.dwell)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +82,7 @@ class Assembly:
             for node, c in zip(nodes, chosen, strict=True)
         ]
         motions: list[Solution] = []
-        stays = [0.0]
-        visits: list[Visit] = []
-        now, place = 0.0, 0
+        halts, visits, place = [Halt(self.problem.robot, 0.0)], list[Visit](), 0
         for last in self._stops(nodes):
             run = slice(place, last + 1)
             found = self._run(nodes[run], chosen[run], place, configurations[run])
@@ -55,21 +90,17 @@ class Assembly:
                 return failed(self.problem, self.stations, self.legs.planner)
             if not found:
                 # It is there already.
-                name, stay = self._stay(nodes[last])
-                if name is not None:
-                    visits.append(Visit(name, configurations[last], now, now + stay))
-                stays[-1] += stay
-                now += stay
+                visits += halts[-1].visit(self._at(nodes[last]), configurations[last])
             for motion, reached in found:
+                begin = halts[-1].end
                 ends = [part.arrival for part in motion.segments]
-                for k, end in zip(reached, ends, strict=True):
-                    name, stay = self._stay(nodes[k])
-                    if name is not None:
-                        q = motion.trajectory(end).q
-                        visits.append(Visit(name, q, now + end, now + end + stay))
                 motions.append(motion)
-                stays.append(stay)
-                now += motion.T + stay
+                for k, end in zip(reached, ends, strict=True):
+                    halts.append(Halt(self.problem.robot, begin + end))
+                    q = motion.trajectory(end).q
+                    visits += halts[-1].visit(self._at(nodes[k]), q)
+                    if k != reached[-1]:
+                        halts.pop()
             place = last
         message = self._message(status, len(visits))
         return Tour(
@@ -82,15 +113,12 @@ class Assembly:
             tuple(motions),
             direct=sum(m.message.endswith(DIRECT) for m in motions),
             legs_planned=self.legs.planner.planned,
-            stays=tuple(stays),
+            stays=tuple(halt.stay for halt in halts),
         )
 
-    def _stay(self, node: int) -> tuple[str | None, float]:
-        """Name of the station at a node, and how long the arm stays there [s]."""
+    def _at(self, node: int) -> Station | None:
         station = self.legs.station(node)
-        if station is None:
-            return None, 0.0
-        return self.stations[station].name, self.stations[station].dwell
+        return None if station is None else self.stations[station]
 
     def _stops(self, nodes: Sequence[int]) -> list[int]:
         """Places at which motions end: stops, and some between if these are rare."""

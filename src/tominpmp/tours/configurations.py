@@ -211,8 +211,12 @@ class Configurations:
         starts[:, 0] = home
         # What does not carry the frame stays where it is.
         for i, g in enumerate(which):
-            idle = self._idle(self.goals[g])
-            starts[i][:, idle] = home[idle]
+            alternatives = self.goals[g].alternatives
+            # They are aimed at in turn.
+            aimed = (i * count + np.arange(count)) % len(alternatives)
+            for k, one in enumerate(alternatives):
+                idle = self._idle(one)
+                starts[i][np.ix_(aimed == k, idle)] = home[idle]
         rows = np.repeat(np.array(which, dtype=np.int64), count)
         self._add(found, starts.reshape(-1, len(low)), rows, in_turn=True)
 

@@ -22,6 +22,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.tours.arms import least_stays
 from tominpmp.tours.exact_order import exact_order
 from tominpmp.tours.frame_times import frame_times
 from tominpmp.tours.joint_times import JointTimes
@@ -66,7 +67,7 @@ def tour_bound(
         q_end: Configuration at the end, shape (n,) [rad or m]; None for any.
     """
     least = _least_times(problem, stations, q_end)
-    stays = sum(station.dwell for station in stations)
+    stays = least_stays(problem.robot, [(s.goal, s.dwell) for s in stations])
     found = [
         TourBound(_assigned(least, rules, q_end is not None), "an assignment"),
         TourBound(_one_tree(np.minimum(least, least.T), q_end is not None), "a 1-tree"),
