@@ -25,11 +25,13 @@ class KnownLegs:
         table: Times of the legs, which are written down there.
         planner: Plans the legs.
         motions: Motions of the legs that were replayed or planned.
+        detours: What blocked legs have taken, as shares of their direct times.
     """
 
     table: LegTable
     planner: LegPlanner
     motions: dict[Leg, Solution] = field(default_factory=dict)
+    detours: list[float] = field(default_factory=list)
     _looked_at: set[Leg] = field(default_factory=set)
     _unverified: dict[Leg, Trajectory] = field(default_factory=dict)
 
@@ -92,6 +94,10 @@ class KnownLegs:
         if found is None or not found.success:
             return np.inf
         self.motions[leg] = found
+        if self.table.is_blocked(leg):
+            i, a, j, b = leg
+            ends = self.table.nodes[i][a], self.table.nodes[j][b]
+            self.detours.append(found.T / float(self.table.times.between(*ends)))
         return found.T
 
     def planned(self, leg: Leg) -> Solution | None:

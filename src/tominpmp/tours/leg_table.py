@@ -34,6 +34,8 @@ class LegTable:
         factor: What estimates are multiplied by.
         known: Times that were found, infinite where there is no motion [s].
         blocked: Ends of legs, by their nodes, on whose direct way is something.
+        detour_share: What these are taken to need: shares of the estimate, and
+        detour: [s].
         ends: Whether the last node is the end of the tour, else it ends anywhere.
     """
 
@@ -46,6 +48,8 @@ class LegTable:
     blocked: dict[tuple[int, int], list[tuple[Array, Array]]] = field(
         default_factory=dict
     )
+    detour_share: float = DETOUR_SHARE
+    detour: float = DETOUR
     _blocks: dict[tuple[int, int], Array] = field(default_factory=dict)
     _of_pair: dict[tuple[int, int], dict[tuple[int, int], float]] = field(
         default_factory=dict
@@ -80,7 +84,7 @@ class LegTable:
         around = np.zeros(guess.shape, dtype=bool)
         for one, other in self.blocked.get((i, j), ()):
             around |= _near(a, one)[:, None] & _near(b, other)[None]
-        return np.where(around, DETOUR + DETOUR_SHARE * guess, guess)
+        return np.where(around, self.detour + self.detour_share * guess, guess)
 
     def block_way(self, leg: Leg) -> None:
         """Take down that something is on the direct way of a leg, there and back."""
@@ -105,6 +109,20 @@ class LegTable:
         self._of_pair.get((i, j), {}).pop((a, b), None)
         self._blocks.pop((i, j), None)
 
+    def is_blocked(self, leg: Leg) -> bool:
+        """Whether something is likely to be on the direct way of a leg."""
+        i, a, j, b = leg
+        rows = self.nodes[i][a : a + 1], self.nodes[j][b : b + 1]
+        return any(
+            bool(_near(rows[0], one)[0] and _near(rows[1], other)[0])
+            for one, other in self.blocked.get((i, j), ())
+        )
+
+    def detours_take(self, share: float) -> None:
+        """Take blocked legs to need another share of their estimates from now on."""
+        self.detour_share, self.detour = max(1.0, share), 0.0
+        self._blocks.clear()
+
     def scaled(self, factor: float) -> None:
         """Multiply estimates by another factor from now on."""
         if factor != self.factor:
@@ -127,7 +145,16 @@ class LegTable:
             if pair in self.blocked
         }
         rests = [self.rests[node] for node in order]
-        return LegTable(rows, rests, self.times, True, self.factor, blocked=blocked)
+        return LegTable(
+            rows,
+            rests,
+            self.times,
+            True,
+            self.factor,
+            blocked=blocked,
+            detour_share=self.detour_share,
+            detour=self.detour,
+        )
 
     def fixed(self, chosen: Sequence[int]) -> Array:
         """Times between the nodes with one configuration each, shape (nodes, nodes)."""

@@ -41,6 +41,9 @@ TURNS = 3
 # Rounds of planning legs by effort; more are made while there is no tour at all.
 ROUNDS = {"quick": 3, "standard": 8, "thorough": 20}
 MOST_ROUNDS = 60
+# Share by which a leg may take less than estimated before other estimates of blocked
+# legs are taken for too long, too.
+SOONER = 0.02
 # Rounds of looking for better configurations, and while legs are blocked.
 REFINEMENTS, FEW_REFINEMENTS = 24, 6
 # Rounds of going around what is on the direct ways of legs.
@@ -234,15 +237,18 @@ class TourSearch:
             for leg in before
             if leg not in self.table.known and self.legs.resting(leg)
         ]
-        missed = 0.0
+        missed = sooner = 0.0
         for leg in new:
             seconds = self.legs.seconds(leg)
             missed = max(missed, seconds - before[leg])
+            sooner = max(sooner, 1.0 - seconds / max(before[leg], 1e-9))
             self.table.learn(leg, seconds)
+        if new and self.legs.detours:
+            self.table.detours_take(float(np.median(self.legs.detours)))
         if new and not self.exact:
             self.table.scaled(self.legs.factor())
-        # As estimated, or sooner: no other order can be better by these estimates.
-        return missed <= 1e-9
+        # As estimated: no other order can be better by these estimates.
+        return missed <= 1e-9 and sooner <= SOONER
 
     def _length(self, way: Way) -> float:
         """Time of the legs; those between places that are passed as estimated."""
