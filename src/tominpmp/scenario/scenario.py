@@ -278,11 +278,6 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
     Raises:
-        ScenarioError: If it is none, or too large.
-    """
-    """Read a TOML file.
-
-    Raises:
         ScenarioError: If there is none.
     """
     content = read_bytes(path, MAX_BYTES)
