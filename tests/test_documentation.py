@@ -160,3 +160,11 @@ def test_every_public_name_has_a_docstring() -> None:
     for name in tm.__all__:
         value = getattr(tm, name)
         assert (value.__doc__ or "").strip(), name
+
+
+def test_pages_stand_in_one_table_of_contents_each() -> None:
+    text = (ROOT / "docs" / "index.md").read_text("utf-8")
+    bodies = re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL)
+    listed = [line for body in bodies for line in body.split("\n")]
+    listed = [line for line in listed if line and not line.startswith(":")]
+    assert sorted(set(listed)) == sorted(listed)
