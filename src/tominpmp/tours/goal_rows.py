@@ -9,13 +9,10 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.placements import Placements
-from tominpmp.goals import AxisGoal, Goal, PoseGoal, PositionGoal
-from tominpmp.goals.direction import across
+from tominpmp.goals import Goal
+from tominpmp.goals.targets import FrameTarget, frame_target
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
-
-# Goals on frames that are evaluated for all configurations together.
-TOGETHER = (AxisGoal, PoseGoal, PositionGoal)
 
 
 class GoalRows:
@@ -34,12 +31,15 @@ class GoalRows:
         self.robot, self.goals = robot, tuple(goals)
         self.kinematics = RobotKinematics(robot)
         self._placements = Placements(robot.model)
-        self._together = np.array([isinstance(goal, TOGETHER) for goal in goals])
+        targets = [frame_target(goal) for goal in goals]
+        self._together = np.array([target is not None for target in targets])
         zero = np.zeros(robot.n)
-        others = (g for g in goals if not isinstance(g, TOGETHER))
+        found = zip(goals, targets, strict=True)
+        others = (goal for goal, target in found if target is None)
         sizes = [g.place(self.kinematics, zero).value.size for g in others]
         self.rows = max([6, *sizes])
-        self._targets = [self._target(goal) for goal in self.goals]
+        nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
+        self._targets = [target or nothing for target in targets]
 
     def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Evaluate residuals.
@@ -64,27 +64,6 @@ class GoalRows:
             value[i, : lack.size], jacobian[i, : lack.size] = lack, by_q
         return value, jacobian
 
-    def _target(self, goal: Goal) -> tuple[Array, Array, Array]:
-        """Position, rotation to turn to, and what of turn and shift counts, (6, 6).
-
-        Of a direction the rotation has the axis in the frame in its first row, the
-        direction in the second.
-        """
-        counts, turn, place = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(3)
-        if isinstance(goal, PoseGoal):
-            counts[:] = np.eye(6)
-            place, turn = np.array(goal.pose.translation), np.array(goal.pose.rotation)
-        elif isinstance(goal, PositionGoal):
-            counts[3:, 3:] = np.eye(3)
-            place = np.array(goal.position)
-        elif isinstance(goal, AxisGoal):
-            counts[:2, :3] = across(np.array(goal.direction))
-            turn[0], turn[1] = goal.axis, goal.direction
-            if goal.position is not None:
-                counts[3:, 3:] = np.eye(3)
-                place = np.array(goal.position)
-        return place, turn, counts
-
     def _frames(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Residuals of goals on frames."""
         model, robot = self.robot.model, self.robot
@@ -101,7 +80,7 @@ class GoalRows:
             origin = t[:, joint] + R[:, joint] @ np.array(there.translation)
             lack = self._lack(rotation, origin, which[mine])
             carried = self._carried(R, t, joint, origin)
-            counts = np.stack([self._targets[g][2] for g in which[mine].tolist()])
+            counts = np.stack([self._targets[g].counts for g in which[mine].tolist()])
             value[mine] = -np.einsum("mij,mj->mi", counts, lack)
             jacobian[mine] = counts @ carried
         return value, jacobian
@@ -110,9 +89,9 @@ class GoalRows:
         """Turn [rad] and shift [m] to the goal, shape (m, 6)."""
         out = np.zeros((len(rotation), 6))
         targets = [self._targets[g] for g in which.tolist()]
-        out[:, 3:] = np.stack([place for place, _, _ in targets]) - origin
-        turns = np.stack([turn for _, turn, _ in targets])
-        posed = [isinstance(self.goals[g], PoseGoal) for g in which.tolist()]
+        out[:, 3:] = np.stack([target.place for target in targets]) - origin
+        turns = np.stack([target.turn for target in targets])
+        posed = [target.posed for target in targets]
         for i in np.flatnonzero(posed).tolist():
             out[i, :3] = pin.log3(turns[i] @ rotation[i].T)
         pointed = ~np.array(posed)

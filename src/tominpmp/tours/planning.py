@@ -13,7 +13,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
-from tominpmp.goals import AxisGoal, Goal, JointGoal, PoseGoal
+from tominpmp.goals import Goal, JointGoal
+from tominpmp.goals.targets import place_of
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -31,8 +32,6 @@ logger = logging.getLogger(__name__)
 
 # Configurations kept of a station, at the most.
 MOST_CONFIGURATIONS = 200
-# Goals that differ by less are at one place [rad or m].
-SAME_PLACE = 1e-6
 
 
 def plan_tour(
@@ -197,7 +196,7 @@ def _check_stations(
     for number, station in enumerate(stations):
         station.goal.validate(problem.robot)
         finder.checked(number, station.name)
-        place = _place(station.goal)
+        place = place_of(station.goal)
         other = places.setdefault(place, number)
         if other != number and not _ordered(rules, other, number):
             raise ProblemError(
@@ -220,22 +219,3 @@ def _ordered(rules: Rules, one: int, other: int) -> bool:
         return start in seen
 
     return leads(one, other) or leads(other, one)
-
-
-def _place(goal: Goal) -> object:
-    """What is equal for goals at one place."""
-
-    def rounded(*values: Array | None) -> tuple[object, ...]:
-        return tuple(
-            None if x is None else tuple(np.round(np.ravel(x) / SAME_PLACE).tolist())
-            for x in values
-        )
-
-    if isinstance(goal, JointGoal):
-        return (JointGoal, *rounded(goal.q))
-    if isinstance(goal, PoseGoal):
-        return (PoseGoal, goal.frame, *rounded(goal.pose.homogeneous))
-    if isinstance(goal, AxisGoal):
-        numbers = rounded(goal.axis, goal.direction, goal.position)
-        return (AxisGoal, goal.frame, *numbers)
-    return goal
