@@ -64,7 +64,6 @@ def test_coarse_start(family: str, name: str, method: str) -> None:
         assert solution.T <= rough.T * (1.0 + 1e-9)
 
 
-@pytest.mark.xfail(reason="52 % are left since one correction a step is made, not 50")
 def test_half_of_the_excess_goes() -> None:
     """On the best grid of its size; equal intervals would bring as much as this."""
     case = CASES["vertical"]["vertical rods"]

@@ -57,3 +57,11 @@ def test_turns_have_an_instant_before_and_one_after(
 def test_no_peak_is_wide_enough_to_hide_between_instants() -> None:
     shares = np.sort(np.concatenate([*INSPECTED, [*TORQUE_SHARES, 1.0]]))
     assert np.diff(shares).max() <= 1.0 / 16.0
+
+
+def test_a_joint_with_friction_that_never_turns_is_looked_at_too() -> None:
+    arm = make_arm(rod(4.0, 0.6), effort=EFFORT[:1], friction=(0.6,))
+    problem = tm.Problem(arm, [0.0], tm.JointGoal([0.8]))
+    solution = tm.plan(problem, intervals=12, control="linear", refine=None)
+    assert solution.success, solution.message
+    assert solution.status is not tm.Status.FEASIBLE

@@ -188,9 +188,10 @@ def _jumping(
     if isinstance(constraint, MotorLimit) and constraint.motors.friction is not None:
         joints = constraint.motors.friction > 0.0
         at = turning(of, motion, joints, (first, end))
-        over = np.any(_excess(constraint, of, motion, at) > tolerance, axis=1)
-        shares = at.share[over].tolist()
-        found |= set(zip(at.interval[over].tolist(), shares, strict=True))
+        if at.size:
+            over = np.any(_excess(constraint, of, motion, at) > tolerance, axis=1)
+            shares = at.share[over].tolist()
+            found |= set(zip(at.interval[over].tolist(), shares, strict=True))
     return _listed(sorted(found))
 
 
