@@ -81,7 +81,7 @@ def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     assert finished is not None
     assert finished.found
     assert finished.duration < rough.duration < 1.1 * finished.duration
-    assert finished.trajectory.t.size - 1 == 40
+    assert finished.trajectory.t.size - 1 >= 40
 
 
 def test_detours_begin_and_end_where_the_guess_does_and_keep_the_limits():
@@ -112,6 +112,7 @@ def test_a_motion_at_its_lower_bound_is_not_searched_on_from(monkeypatch):
     assert tm.plan(case.problem()).T < 1.002 * case.minimum
 
 
+@pytest.mark.nightly
 def test_a_thorough_search_is_exact_on_two_links_and_keeps_to_its_time():
     case = all_cases()["vertical rods, friction"]
     solution = tm.plan(case.problem(), effort="thorough", max_planning_time=30.0)

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from dataclasses import MISSING, fields
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.exceptions import brief, shortened
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp  # the help of the command line does without
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -27,7 +27,7 @@ def test_the_help_that_comes_at_once_is_that_of_the_commands() -> None:
         quick, whole = (runner.invoke(one, words) for one in (front(), app))
         assert quick.stdout == whole.stdout
         assert quick.exit_code == whole.exit_code == 0
-    assert list(COMMANDS)[:2] == ["plan", "verify"]
+    assert next(iter(COMMANDS)) == "plan"
 
 
 # What takes more than a moment to import.

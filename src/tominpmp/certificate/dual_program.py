@@ -316,8 +316,11 @@ class _Program:
     @cached_property
     def _goal_intervals(self) -> IntArray:
         """The interval at whose end each row of a goal stands."""
-        columns = self.goal[0].indices[self.goal[0].indptr[:-1]]
-        return np.asarray(columns // (2 * self.n), dtype=np.int64)
+        found = []
+        for part in self.motion.segments:
+            lower, _ = part.task.problem.goal.bounds(part.task.kinematics)
+            found.append(np.full(lower.size, part.span[1] - 1, dtype=np.int64))
+        return np.concatenate(found)
 
     def _arriving(self, duals: Array) -> Array:
         """Share of the torques before a node in the multipliers there, shape (N, 2 n).

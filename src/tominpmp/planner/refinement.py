@@ -48,16 +48,22 @@ def refine(
     """
     if result.status in DONE:
         return program, result
-    if result.best is not None and options.refine not in LATER:
-        duration = program.trajectory(result.best.z).duration
-        if duration < SHORTEST_MOTION:
-            remark = "The start meets the goal: there is nothing to refine."
-            return program, replace(result, remark=remark)
-    if options.refine == "grid":
-        return refine_grid(system, options, program, result, lp, progress)
-    if options.refine == "switching":
-        return refine_switching(system, options, program, result, lp, progress)
+    if options.refine in LATER:
+        return program, result
+    if not _stands(program, result):
+        how = refine_grid if options.refine == "grid" else refine_switching
+        program, result = how(system, options, program, result, lp, progress)
+    if _stands(program, result):
+        remark = "The start meets the goal: there is nothing to refine."
+        result = replace(result, remark=remark)
     return program, result
+
+
+def _stands(program: Program, result: SlpResult) -> bool:
+    """Whether a motion takes no time to speak of."""
+    if result.best is None:
+        return False
+    return program.trajectory(result.best.z).duration < SHORTEST_MOTION
 
 
 def unrefined(options: Options, result: SlpResult) -> SlpResult:
