@@ -249,9 +249,9 @@ def test_friction_and_gravity(family: str, name: str, method: str) -> None:
 @pytest.mark.parametrize(
     ("family", "name", "method"),
     [
-        (family, name, method)
+        pytest.param(family, name, method, marks=marks)
         for family, name in names("level", "vertical")
-        for method in ("collocation", "adjoint")
+        for method, marks in (("collocation", ()), ("adjoint", pytest.mark.nightly))
     ],
 )
 def test_two_links(family: str, name: str, method: str) -> None:

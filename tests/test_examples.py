@@ -42,6 +42,7 @@ def test_ur5_post(tmp_path: Path) -> None:
         assert (tmp_path / f"ur5_post.{ending}").stat().st_size > 10_000
 
 
+@pytest.mark.nightly
 @needs_robots
 @needs_meshcat
 def test_pick_and_place(tmp_path: Path) -> None:
