@@ -36,7 +36,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -232,7 +232,15 @@ def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
     from tominpmp.scenario.moveit import load_moveit
 
     files = court.case.scene_path, court.case.request_path
-    problem = load_moveit(court.robot, *files)
+    limits = {
+        name: value
+        for name in ("acceleration", "jerk")
+        if (value := getattr(arguments, name)) is not None
+    }
+    robot = court.robot
+    if limits:
+        robot = replace(robot, motion_limits=tm.MotionLimits(**limits))
+    problem = load_moveit(robot, *files)
     options = tm.Options(
         effort=arguments.effort, max_planning_time=arguments.time_limit
     )
@@ -383,7 +391,7 @@ def _parser() -> argparse.ArgumentParser:
     def positive(text: str) -> float:
         value = float(text)
         if not 0.0 < value < float("inf"):
-            raise argparse.ArgumentTypeError("expected a positive time [s]")
+            raise argparse.ArgumentTypeError("expected a positive number")
         return value
 
     place = os.environ.get(VARIABLE)
@@ -414,6 +422,10 @@ def _parser() -> argparse.ArgumentParser:
         metavar="CSV",
         help="results of the rival to compare with, if they are there",
     )
+    for name, unit in (("acceleration", "rad/s^2"), ("jerk", "rad/s^3")):
+        parser.add_argument(
+            f"--{name}", type=positive, help=f"limit of every joint [{unit}]"
+        )
     parser.add_argument(
         "--time-limit", type=positive, metavar="S", help="planning time [s]"
     )
