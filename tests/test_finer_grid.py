@@ -42,9 +42,12 @@ def planned(mode: str, limits: tm.MotionLimits | None, refine: str | None):
 
 
 CASES = [
-    *((mode, None) for mode in MODES),
+    ("auto", None),
+    ("constant", None),
+    ("linear", None),
+    pytest.param("spline", None, marks=pytest.mark.nightly),
     ("auto", LIMITED),
-    ("auto", RATED),
+    pytest.param("auto", RATED, marks=pytest.mark.nightly),
 ]
 
 

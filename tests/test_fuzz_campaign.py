@@ -13,7 +13,7 @@ from tools.fuzz.campaign import Tally, attempt, campaign, inputs_of, judge
 
 
 def test_a_short_campaign_finds_nothing() -> None:
-    shares = {"files": 80, "arguments": 60, "signals": 1}
+    shares = {"files": 40, "arguments": 30, "signals": 1}
     assert not campaign(shares, seed=1, out=None)
 
 

@@ -33,7 +33,13 @@ def reach(**changes):
     return tm.Problem(robot, START, tm.JointGoal(END), **changes)
 
 
-@pytest.mark.parametrize("name", NEAREST_IS_NOT_BEST)
+@pytest.mark.parametrize(
+    "name",
+    [
+        *NEAREST_IS_NOT_BEST[:2],
+        *(pytest.param(n, marks=pytest.mark.nightly) for n in NEAREST_IS_NOT_BEST[2:]),
+    ],
+)
 def test_the_best_motion_is_found_where_the_nearest_is_slower(name):
     case = all_cases()[name]
     solution = tm.plan(case.problem())
@@ -46,7 +52,13 @@ def test_two_swings_are_found_where_one_descent_ends_elsewhere():
     assert tm.plan(case.problem()).T < ABOVE * case.minimum
 
 
-@pytest.mark.parametrize("name", NEAREST_IS_NOT_BEST[-2:])
+@pytest.mark.parametrize(
+    "name",
+    [
+        NEAREST_IS_NOT_BEST[1],
+        pytest.param(NEAREST_IS_NOT_BEST[-2], marks=pytest.mark.nightly),
+    ],
+)
 def test_more_effort_is_never_worse(name):
     problem = all_cases()[name].problem()
     quick, standard = (tm.plan(problem, effort=e) for e in ("quick", "standard"))

@@ -120,8 +120,17 @@ PLAN = "plan planar3r --start 0.5 1.7 -1.7 --goal 2 -1 0.5 -o motion.csv".split(
 PLAN += ["--planning-effort", "quick"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("where", ["loading", "planning", "writing"])
+@pytest.mark.parametrize(
+    ("number", "where"),
+    [
+        (signal.SIGINT, "loading"),
+        (signal.SIGINT, "planning"),
+        (signal.SIGTERM, "planning"),
+        (signal.SIGTERM, "writing"),
+        pytest.param(signal.SIGTERM, "loading", marks=pytest.mark.nightly),
+        pytest.param(signal.SIGINT, "writing", marks=pytest.mark.nightly),
+    ],
+)
 def test_the_command_writes_what_was_found(tmp_path, number, where):
     arguments = [str(int(number)), where, *PLAN]
     process = start(COMMAND, *arguments, cwd=tmp_path)

@@ -209,7 +209,7 @@ def test_no_bang_bang_motion_beats_the_bound(
     heavy: bool, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shares = []
-    for _ in range(60 if heavy else 120):
+    for _ in range(30 if heavy else 60):
         arm = random_arm(rng, heavy)
         q = start = float(rng.uniform(-3.0, 3.0))
         v = speed = float(rng.choice([0.0, rng.normal()]))

@@ -255,6 +255,7 @@ def test_the_command_line_takes_constraints(tmp_path):
     words = [sys.executable, "-m", "tominpmp", "plan", "planar3r"]
     words += ["--start", "0.5,1.7,-1.7", "--goal", "0.5,1.2,-1.2"]
     words += ["--gravity", "0,0,0", "--output", str(path)]
+    words += ["--planning-effort", "quick"]
     words += ["--constraint", "tool_speed:frame=tip:limit=1.5"]
     run = subprocess.run(words, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
