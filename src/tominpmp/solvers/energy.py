@@ -19,14 +19,15 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import Partials, States
-from tominpmp.linear_programs import LpSolution, solve_quadratic
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, SlpResult, Trial
-from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.step_search import StepSearch
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.quadratic import (
+    QuadraticProgram,
+    first_iterate,
+    iterate,
+    take_step,
+)
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
-from tominpmp.solvers.trust_region import TrustRegion
-from tominpmp.status import Status
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -34,16 +35,10 @@ from tominpmp.transcription.program import NonlinearProgram
 # parabola in time.
 SHARES = (0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15))
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-# Solver of the quadratic programs, and its tolerances: looser where it fails.
-QP_SOLVER = "piqp"
-QP_TOLERANCES = (1e-9, 1e-7)
 # Weight of violations before any multiplier is known, in shares of the objective.
 FIRST_WEIGHT = 10.0
-# The iteration ends when a step promises less than this share of the objective, or the
-# last few brought less.
-SETTLED, WINDOW = 1e-6, 3
-CORRECTIONS = 4
-LINE_SEARCH = (0.5, 0.25, 0.1, 0.03)
+# Share of the objective that further steps are not worth their time for.
+SETTLED = 1e-6
 # Change of the duration by which curvature along it is found.
 STRETCH = 1e-3
 
@@ -164,34 +159,19 @@ class EnergySolver:
             The outcome; the best iterate is that of the least objective that keeps all
             constraints.
         """
-        state, status = self.init(z), Status.ITERATION_LIMIT
-        best: tuple[float, Iterate] | None = None
-        costs: list[float] = []
-        for _ in range(self.options.max_iterations):
-            state, promised = self.step(state)
-            cost = self.objective(state.z)
-            costs = [*costs, cost][-WINDOW - 1 :]
-            if state.violation <= self.options.feasibility:
-                if best is None or cost < best[0]:
-                    best = cost, state
-                gained = costs[0] - cost if len(costs) > WINDOW else np.inf
-                if min(promised, gained) < SETTLED * cost:
-                    status = Status.CONVERGED
-                    break
-            if state.region.exhausted or self.over():
-                status = Status.TIME_LIMIT if self.over() else Status.STALLED
-                break
-        found = None if best is None else best[1]
-        return SlpResult(status, found or state, found, ())
+        return iterate(
+            self.init(z),
+            self.step,
+            lambda state: self.objective(state.z),
+            self.options,
+            self.over,
+            SETTLED,
+        )
 
     def init(self, z: Array) -> Iterate:
         """State at the start."""
-        nlp = self.nlp
-        weights = np.full(len(nlp.rows.kinds), FIRST_WEIGHT * self.objective(z))
-        merit = Merit(nlp.cost, nlp.rows, 0.0, weights)
-        return Iterate(
-            z, nlp.evaluate(z), merit, TrustRegion(), np.zeros(nlp.rows.size)
-        )
+        weight = FIRST_WEIGHT * self.objective(z)
+        return first_iterate(self.nlp, z, self.nlp.cost, weight)
 
     def objective(self, z: Array) -> float:
         """T + k times the integral [s]; infinite for no motion."""
@@ -210,64 +190,24 @@ class EnergySolver:
         linearization = nlp.linearize(z, values, bounds)
         frame = build_subproblem(state.merit, values, linearization, bounds, None, z)
         energy = Energy(nlp).model(z)
-        frame, curvature = self._with_energy(frame, energy)
-        solution = _solve(frame, curvature)
-        if solution is None:
-            return replace(state, region=state.region.after(0.0, 0.3)), np.inf
-        merit, step = state.merit, frame.step(solution)
-        now = self.objective(z) + merit.penalty(values)
-        expected = values.copy()
-        expected[frame.rows] += frame.matrix @ step
-        model = float(nlp.cost @ (z + step)) + merit.penalty(expected)
-        model += self.weight * (energy.value + energy.change(step))
-        promised = max(now - model, 0.0)
-
-        def resolve(error: Array) -> Array | None:
-            low, high = frame.corrected(error)
-            program = replace(frame.program, row_lower=low, row_upper=high)
-            again = _solve(replace(frame, program=program), curvature)
-            return None if again is None else frame.step(again)
-
-        search = StepSearch(
+        return take_step(
             nlp,
-            lambda z, values: self.objective(z) + merit.penalty(values),
-            frame,
-            CORRECTIONS,
-            LINE_SEARCH,
+            state,
+            self._with_energy(frame, energy),
+            lambda z, _: self.objective(z),
+            lambda step: (
+                float(nlp.cost @ (z + step))
+                + self.weight * (energy.value + energy.change(step))
+            ),
+            self.options.feasibility,
         )
-        outcome = search.run(
-            Trial(z, values, now),
-            step,
-            promised,
-            resolve,
-            lambda trial, violation: violation <= self.options.feasibility,
-        )
-        trial = outcome.trial
-        raised = merit.raised(frame.multipliers(solution), values, expected)
-        region = state.region.after(outcome.ratio, trial.damping)
-        state = replace(state, merit=raised, region=region)
-        if outcome.accepted:
-            state = replace(state, z=trial.z, values=trial.values)
-        return state, promised
 
-    def _with_energy(
-        self, frame: Subproblem, energy: EnergyModel
-    ) -> tuple[Subproblem, sp.csc_matrix]:
-        """The program with the energy in its objective, and its curvature."""
+    def _with_energy(self, frame: Subproblem, energy: EnergyModel) -> QuadraticProgram:
+        """The program with the energy in its objective."""
         program, free = frame.program, frame.free
         cost = program.cost.copy()
         cost[: free.size] += self.weight * energy.gradient[free]
         of_step = self.weight * energy.curvature[free][:, free]
         rest = program.cost.size - free.size
         curvature = sp.block_diag([of_step, sp.csc_matrix((rest, rest))], format="csc")
-        return replace(frame, program=replace(program, cost=cost)), curvature
-
-
-def _solve(frame: Subproblem, curvature: sp.csc_matrix) -> LpSolution | None:
-    for accuracy in QP_TOLERANCES:
-        solution = solve_quadratic(
-            frame.program, curvature, QP_SOLVER, eps_abs=accuracy, eps_rel=accuracy
-        )
-        if solution.optimal and np.all(np.isfinite(solution.x)):
-            return solution
-    return None
+        return QuadraticProgram(frame, replace(program, cost=cost), curvature)

@@ -14,36 +14,30 @@ and rows are linearised and the quadratic program is solved; steps are taken as 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.linear_programs import LinearProgram, LpSolution, solve_quadratic
+from tominpmp.linear_programs import LinearProgram
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, SlpResult, Trial
-from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.step_search import StepSearch
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.quadratic import (
+    QuadraticProgram,
+    first_iterate,
+    iterate,
+    take_step,
+)
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
-from tominpmp.solvers.trust_region import TrustRegion
-from tominpmp.status import Status
 from tominpmp.transcription.base import Linearization, Variation
 from tominpmp.transcription.program import NonlinearProgram
 
-# Solver of the quadratic programs, and its tolerances: looser where it fails.
-QP_SOLVER = "piqp"
-QP_TOLERANCES = (1e-9, 1e-7)
 # Weight of violations before any multiplier is known; the objective begins at 1/2.
 FIRST_WEIGHT = 10.0
-# The iteration ends when a step promises less than this share of the objective, or the
-# last few brought less.
+# Share of the objective that further steps are not worth their time for.
 SETTLED = 5e-3
-WINDOW = 3
-# Second-order corrections of a step at most.
-CORRECTIONS = 4
-LINE_SEARCH = (0.5, 0.25, 0.1, 0.03)
 # Residuals of motions whose torques do not vary at all are measured against this.
 LEAST_NORM = 1e-6
 
@@ -74,37 +68,17 @@ class TorqueVariationSolver:
             The outcome; the best iterate is the one of least torque variation that
             keeps all constraints.
         """
-        state = self.init(z)
+        state = first_iterate(self.nlp, z, np.zeros(z.size), FIRST_WEIGHT)
         norm = max(
             float(np.linalg.norm(self.torque_differences(z, state.values))), LEAST_NORM
         )
-        best: tuple[float, Iterate] | None = None
-        status = Status.ITERATION_LIMIT
-        costs: list[float] = []
-        for _ in range(self.options.max_iterations):
-            state, promised = self.step(state, norm)
-            cost = self.cost(state.z, state.values, norm)
-            costs = [*costs, cost][-WINDOW - 1 :]
-            if state.violation <= self.options.feasibility:
-                if best is None or cost < best[0]:
-                    best = cost, state
-                gained = costs[0] - cost if len(costs) > WINDOW else np.inf
-                if min(promised, gained) < SETTLED * cost:
-                    status = Status.CONVERGED
-                    break
-            if state.region.exhausted or self.over():
-                status = Status.TIME_LIMIT if self.over() else Status.STALLED
-                break
-        found = None if best is None else best[1]
-        return SlpResult(status, found or state, found, ())
-
-    def init(self, z: Array) -> Iterate:
-        """State at the start."""
-        nlp = self.nlp
-        weights = np.full(len(nlp.rows.kinds), FIRST_WEIGHT)
-        merit = Merit(np.zeros(z.size), nlp.rows, 0.0, weights)
-        return Iterate(
-            z, nlp.evaluate(z), merit, TrustRegion(), np.zeros(nlp.rows.size)
+        return iterate(
+            state,
+            lambda state: self.step(state, norm),
+            lambda state: self.cost(state.z, state.values, norm),
+            self.options,
+            self.over,
+            SETTLED,
         )
 
     def step(self, state: Iterate, norm: float) -> tuple[Iterate, float]:
@@ -124,50 +98,19 @@ class TorqueVariationSolver:
         linearization = nlp.linearize(z, values, bounds)
         frame = build_subproblem(state.merit, values, linearization, bounds, None, z)
         differences = self.linearized(z, values, linearization)
-        program, curvature = _with_squares(frame, differences, z, norm)
-        solution = _solve(program, curvature)
-        if solution is None:
-            return replace(state, region=state.region.after(0.0, 0.3)), np.inf
-        merit, now = state.merit, self.merit(state, z, values, norm)
-        step = frame.step(solution)
-        promised = max(now - self.model(frame, differences, state, step, norm), 0.0)
 
-        def resolve(error: Array) -> Array | None:
-            low, high = frame.corrected(error)
-            rest = slice(low.size, None)
-            again = _solve(
-                replace(
-                    program,
-                    row_lower=np.concatenate([low, program.row_lower[rest]]),
-                    row_upper=np.concatenate([high, program.row_upper[rest]]),
-                ),
-                curvature,
-            )
-            return None if again is None else frame.step(again)
+        def model(step: Array) -> float:
+            residual = differences.matrix @ (z + step) + differences.offset
+            return 0.5 * float(residual @ residual) / norm**2
 
-        search = StepSearch(
+        return take_step(
             nlp,
-            lambda z, values: self.merit(state, z, values, norm),
-            frame,
-            CORRECTIONS,
-            LINE_SEARCH,
+            state,
+            _with_squares(frame, differences, z, norm),
+            lambda z, values: self.cost(z, values, norm),
+            model,
+            self.options.feasibility,
         )
-        outcome = search.run(
-            Trial(z, values, now),
-            step,
-            promised,
-            resolve,
-            lambda trial, violation: violation <= self.options.feasibility,
-        )
-        trial = outcome.trial
-        expected = values.copy()
-        expected[frame.rows] += frame.matrix @ step
-        merit = merit.raised(frame.multipliers(solution), values, expected)
-        region = state.region.after(outcome.ratio, trial.damping)
-        state = replace(state, merit=merit, region=region)
-        if outcome.accepted:
-            state = replace(state, z=trial.z, values=trial.values)
-        return state, promised
 
     # -- torque variation --------------------------------------------------------------
 
@@ -230,28 +173,10 @@ class TorqueVariationSolver:
         """Objective: 1/2 at the start."""
         return 0.5 * float(np.sum(self.torque_differences(z, values) ** 2)) / norm**2
 
-    def merit(self, state: Iterate, z: Array, values: Array, norm: float) -> float:
-        """Objective and weighted violations."""
-        return self.cost(z, values, norm) + state.merit.penalty(values)
-
-    def model(
-        self,
-        frame: Subproblem,
-        differences: Variation,
-        state: Iterate,
-        step: Array,
-        norm: float,
-    ) -> float:
-        """Merit that the linearisation promises for a step."""
-        values = state.values.copy()
-        values[frame.rows] += frame.matrix @ step
-        residual = differences.matrix @ (state.z + step) + differences.offset
-        return 0.5 * float(residual @ residual) / norm**2 + state.merit.penalty(values)
-
 
 def _with_squares(
     frame: Subproblem, differences: Variation, z: Array, norm: float
-) -> tuple[LinearProgram, sp.csc_matrix]:
+) -> QuadraticProgram:
     """Program with columns y for the residuals, whose squares are the objective."""
     program, count = frame.program, differences.offset.size
     columns = program.cost.size
@@ -275,14 +200,4 @@ def _with_squares(
         keys,
     )
     squares = np.concatenate([np.zeros(columns), np.ones(count)])
-    return wide, sp.csc_matrix(sp.diags(squares))
-
-
-def _solve(program: LinearProgram, curvature: sp.csc_matrix) -> LpSolution | None:
-    for accuracy in QP_TOLERANCES:
-        solution = solve_quadratic(
-            program, curvature, QP_SOLVER, eps_abs=accuracy, eps_rel=accuracy
-        )
-        if solution.optimal and np.all(np.isfinite(solution.x)):
-            return solution
-    return None
+    return QuadraticProgram(frame, wide, sp.csc_matrix(sp.diags(squares)))
