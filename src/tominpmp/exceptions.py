@@ -11,7 +11,9 @@ from __future__ import annotations
 import copyreg
 import difflib
 import reprlib
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -239,6 +241,23 @@ class MissingDependency(TominpmpError):
         )
         self.package = package
         self.extra = extra
+
+
+@contextmanager
+def optional(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Import an optional package within this, where it is needed.
+
+    What it has deprecated itself is nothing that a user could mend.
+
+    Raises:
+        MissingDependency: If it is not installed.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            yield
+    except ImportError as error:
+        raise MissingDependency(package, extra, purpose) from error
 
 
 class PlanningFailed(TominpmpError):

@@ -34,7 +34,7 @@ from tominpmp.app.stage import (
     looks,
     outlines,
 )
-from tominpmp.exceptions import MissingDependency, OptionsError, TominpmpError
+from tominpmp.exceptions import OptionsError, TominpmpError, optional
 
 logger = logging.getLogger(__name__)
 
@@ -52,12 +52,8 @@ def import_viser() -> Any:
     Raises:
         MissingDependency: If it is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)
-            import viser
-    except ImportError as error:
-        raise MissingDependency("viser", "app", "the live page") from error
+    with optional("viser", "app", "the live page"):
+        import viser
     return viser
 
 

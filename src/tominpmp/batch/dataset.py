@@ -24,7 +24,7 @@ from tominpmp.batch.outcome import Outcome
 from tominpmp.bounds.result import LowerBound
 from tominpmp.description.paths import checked_path
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import MissingDependency, ScenarioError
+from tominpmp.exceptions import ScenarioError, optional
 from tominpmp.io.files import write_file
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -324,11 +324,9 @@ class Dataset(Record):
             MissingDependency: If pyarrow is not installed.
             ScenarioError: If a result is broken or the file cannot be written.
         """
-        try:
+        with optional("pyarrow", "parquet", "Parquet files"):
             import pyarrow as pa
             import pyarrow.parquet as pq
-        except ImportError as error:
-            raise MissingDependency("pyarrow", "parquet", "Parquet files") from error
         rows = [_row(entry) for entry in self]
         table = pa.Table.from_pylist(rows)
         return write_file(path, lambda file: pq.write_table(table, file))

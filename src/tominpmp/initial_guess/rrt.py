@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import ClearanceConstraint
-from tominpmp.exceptions import MissingDependency
+from tominpmp.exceptions import optional
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches that are grown at once [rad]; tries take turns. On the Panda among
@@ -139,11 +139,8 @@ def sample_path(
     Raises:
         MissingDependency: If OMPL is not installed.
     """
-    try:
+    with optional("ompl", "sampling", "looking for paths around obstacles"):
         from ompl import base, geometric, util
-    except ImportError as error:
-        purpose = "looking for paths around obstacles"
-        raise MissingDependency("ompl", "sampling", purpose) from error
     if not (is_free(system, system.problem.q_start) and is_free(system, q_end)):
         return None  # OMPL would wait for another end
     level = util.getLogLevel()

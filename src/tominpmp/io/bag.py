@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
+from tominpmp.exceptions import ProblemError, ScenarioError, optional
 from tominpmp.io.ros import MESSAGE, message_data
 from tominpmp.samples import Samples
 
@@ -33,12 +33,9 @@ RECORD, CHUNK, CHUNK_HEAD = 9, 6, 32
 
 def _rosbags() -> Any:
     """The package, and its types of the messages of ROS 2."""
-    try:
+    with optional("rosbags", "ros", "reading and writing bags (.mcap)"):
         from rosbags import rosbag2
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        purpose = "reading and writing bags (.mcap)"
-        raise MissingDependency("rosbags", "ros", purpose) from error
     return rosbag2, get_typestore(Stores.ROS2_HUMBLE)
 
 

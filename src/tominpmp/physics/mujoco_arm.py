@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import MissingDependency, ProblemError
+from tominpmp.exceptions import ProblemError, optional
 from tominpmp.robot import Robot
 
 # Where viscous friction slows a joint within a step, its integration is implicit.
@@ -34,10 +34,8 @@ def import_mujoco() -> Any:
     Raises:
         MissingDependency: If it is not installed.
     """
-    try:
+    with optional("mujoco", "mujoco", "replay in MuJoCo"):
         import mujoco
-    except ImportError as error:
-        raise MissingDependency("mujoco", "mujoco", "replay in MuJoCo") from error
     return mujoco
 
 

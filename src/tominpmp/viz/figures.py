@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import MissingDependency, ProblemError
+from tominpmp.exceptions import ProblemError, optional
 from tominpmp.io.files import write_file
 
 if TYPE_CHECKING:
@@ -90,10 +90,8 @@ def styled() -> Iterator[None]:
     Raises:
         MissingDependency: If matplotlib is not installed.
     """
-    try:
+    with optional("matplotlib", "plots", "plotting"):
         import matplotlib
-    except ImportError as error:
-        raise MissingDependency("matplotlib", "plots", "plotting") from error
     with matplotlib.rc_context(STYLE):
         yield
 

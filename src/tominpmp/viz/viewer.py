@@ -7,7 +7,6 @@ which sharp edges stay sharp and pages small.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import MissingDependency
+from tominpmp.exceptions import optional
 from tominpmp.viz.surfaces import Surface, shaded
 
 Command = dict[str, Any]
@@ -41,13 +40,8 @@ def import_meshcat() -> Any:
     Raises:
         MissingDependency: If it is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            # Of an event loop in pyzmq.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            import meshcat
-    except ImportError as error:
-        raise MissingDependency("meshcat", "viz", "playback") from error
+    with optional("meshcat", "viz", "playback"):
+        import meshcat
     return meshcat
 
 
