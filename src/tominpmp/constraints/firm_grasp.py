@@ -73,7 +73,6 @@ class FirmGrasp(HeldLoad):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        self._check_load()
         for name, unit in (("force", "N"), ("friction", "1"), ("pad_radius", "m")):
             number = positive(getattr(self, name), name, unit)
             object.__setattr__(self, name, number)

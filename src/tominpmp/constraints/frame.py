@@ -19,6 +19,14 @@ class FrameConstraint(PathConstraint):
     frame: str
     quantity: ClassVar[str]
 
+    def __post_init__(self) -> None:
+        """Check when it holds, and the name of the frame."""
+        super().__post_init__()
+        if not isinstance(self.frame, str) or not self.frame:
+            raise ProblemError(
+                f"frame is {brief(self.frame)}, expected the name of a frame", "frame"
+            )
+
     @property
     def name(self) -> str:
         """The quantity, and of what."""
@@ -70,23 +78,9 @@ class FrameLimit(FrameRows):
     def __post_init__(self) -> None:
         """Check the values."""
         super().__post_init__()
-        frame_name(self.frame)
         object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
 
     @property
     def largest(self) -> float:
         """The limit."""
         return self.limit
-
-
-def frame_name(value: object, name: str = "frame") -> str:
-    """Check a caller's name of a frame.
-
-    Raises:
-        ProblemError: If it is no text.
-    """
-    if not isinstance(value, str) or not value:
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected the name of a frame", name
-        )
-    return value

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import positive
 from tominpmp.frame_motions import SpatialStates, skew
 from tominpmp.goals.base import goal_vector
@@ -38,13 +38,9 @@ class HeldLoad(FrameRows):
     order = 2
     curable = True
 
-    def _check_load(self) -> None:
-        """Check and copy what the load is.
-
-        Raises:
-            ProblemError: If anything is wrong.
-        """
-        frame_name(self.frame)
+    def __post_init__(self) -> None:
+        """Check and copy what the load is."""
+        super().__post_init__()
         object.__setattr__(self, "mass", positive(self.mass, "mass", "kg"))
         center = goal_vector(self.center, "center", POINT, 3)
         object.__setattr__(self, "center", frozen_array(center))

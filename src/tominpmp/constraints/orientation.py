@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.frame import frame_name
 from tominpmp.constraints.upright import FrameAngle, KeepUpright
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.inputs import RotationLike, VectorLike
@@ -85,7 +84,6 @@ class KeepOrientation(FrameAngle):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         try:
             rotation = rotation_matrix(self.rotation, "")
         except SceneError as error:

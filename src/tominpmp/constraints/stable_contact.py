@@ -76,7 +76,6 @@ class StableContact(HeldLoad):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        self._check_load()
         object.__setattr__(self, "friction", positive(self.friction, "friction", "1"))
         pull = self.adhesion
         if pull != 0.0:

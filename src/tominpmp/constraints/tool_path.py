@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import Way, positive
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import goal_vector
@@ -124,7 +124,6 @@ class ToolLine(Tube):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         for name in ("start", "end"):
             point = goal_vector(getattr(self, name), name, POINT, 3)
             object.__setattr__(self, name, frozen_array(point))
@@ -175,7 +174,6 @@ class ToolPolyline(Tube):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         try:
             points = np.array(self.points, dtype=np.float64)
         except (TypeError, ValueError):
@@ -261,7 +259,6 @@ class ToolArc(Tube):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         for name in ("center", "start", "axis"):
             vector = goal_vector(getattr(self, name), name, POINT, 3)
             object.__setattr__(self, name, frozen_array(vector))

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, frozen_array
-from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
@@ -63,7 +63,6 @@ class WithinRegion(FrameRows):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         for name in ("lower", "upper"):
             corner = goal_vector(getattr(self, name), name, CORNER, 3, infinite=True)
             object.__setattr__(self, name, frozen_array(corner))
@@ -161,7 +160,6 @@ class KeepAway(FrameRows):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         point = goal_vector(self.point, "point", CORNER, 3)
         object.__setattr__(self, "point", frozen_array(point))
         distance = positive(self.distance, "distance", self.unit)

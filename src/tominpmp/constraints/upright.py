@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.constraints.frame import FrameRows, frame_name
+from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import goal_vector
@@ -86,7 +86,6 @@ class KeepUpright(FrameAngle):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        frame_name(self.frame)
         for name in ("axis", "direction"):
             expected = "three numbers, not all zero"
             vector = goal_vector(getattr(self, name), name, expected, 3)
