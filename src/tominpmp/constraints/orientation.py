@@ -85,10 +85,9 @@ class KeepOrientation(FrameAngle):
         """Check and copy the values."""
         super().__post_init__()
         try:
-            rotation = rotation_matrix(self.rotation, "")
+            rotation = rotation_matrix(self.rotation)
         except SceneError as error:
-            words = str(error).replace("obstacle '': ", "")
-            raise ProblemError(words, "rotation") from error
+            raise ProblemError(str(error), "rotation") from error
         object.__setattr__(self, "rotation", frozen_array(rotation))
         self._check_tolerance()
 

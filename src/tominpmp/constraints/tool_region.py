@@ -76,11 +76,7 @@ class WithinRegion(FrameRows):
         if not np.any(np.isfinite([self.lower, self.upper])):
             raise ProblemError("lower, upper: the box is infinite", "lower")
         if self.pose is not None:
-            try:
-                object.__setattr__(self, "pose", checked_pose(self.pose))
-            except ProblemError as error:
-                words = str(error).replace("goal.pose", "pose")
-                raise ProblemError(words, "pose") from error
+            object.__setattr__(self, "pose", checked_pose(self.pose, "pose"))
 
     def _values(self) -> tuple[Any, ...]:
         return pose_values(self)

@@ -326,8 +326,12 @@ def rotation_vector(rotation: Array) -> tuple[Array, Array]:
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
 
 
-def checked_pose(pose: object) -> pin.SE3:
+def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
     """Copy a caller's pose.
+
+    Args:
+        pose: The pose.
+        name: What it is called in messages.
 
     Raises:
         ProblemError: If it is none.
@@ -337,25 +341,24 @@ def checked_pose(pose: object) -> pin.SE3:
     turn = array_or_nan(None if parts is None else parts[1])
     if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
         raise ProblemError(
-            f"goal.pose is a {type(pose).__name__}, expected {POSE}",
-            field="goal.pose",
+            f"{name} is a {type(pose).__name__}, expected {POSE}", field=name
         )
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
-        raise ProblemError("goal.pose is not finite", field="goal.pose")
+        raise ProblemError(f"{name} is not finite", field=name)
     if turn.shape == (4,):
         try:
-            turn = rotation_matrix(turn, "")
+            turn = rotation_matrix(turn)
         except SceneError as error:
             raise ProblemError(
-                f"goal.pose has the quaternion {turn.tolist()}, expected one that is "
-                "not zero",
-                "goal.pose",
+                f"{name} has the quaternion {turn.tolist()}, expected one that is not "
+                "zero",
+                name,
             ) from error
     if not is_rotation(turn):
         raise ProblemError(
-            "the rotation of goal.pose is not a rotation matrix (orthonormal "
-            "columns, determinant 1)",
-            field="goal.pose",
+            f"the rotation of {name} is not a rotation matrix (orthonormal columns, "
+            "determinant 1)",
+            field=name,
         )
     return pin.SE3(np.array(turn), np.array(position))
 

@@ -240,7 +240,7 @@ def read_placement(item: Field) -> pin.SE3:
     position = np.array(item.need("position").numbers(3))
     rotation = item.get("rotation")
     try:
-        matrix = rotation_matrix(rotation.value, "")
+        matrix = rotation_matrix(rotation.value)
     except SceneError:
         rotation.fail(
             f"is {brief(rotation.value)}, expected a quaternion (x, y, z, w) or a "

@@ -203,7 +203,7 @@ class Waypoints(Motion):
         found = []
         for k, value in enumerate(given):
             try:
-                found.append(rotation_matrix(value, ""))
+                found.append(rotation_matrix(value))
             except SceneError as error:
                 raise SceneError(
                     f"motion: rotations: waypoint {k} (counted from 0) is "

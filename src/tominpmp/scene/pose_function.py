@@ -52,7 +52,7 @@ def _homogeneous(position: object, rotation: object) -> Array:
     """A placement of shape (4, 4) of a position and a rotation."""
     matrix = np.eye(4)
     turn = real_array(rotation)
-    matrix[:3, :3] = turn if turn.ndim == 2 else rotation_matrix(turn, "")
+    matrix[:3, :3] = turn if turn.ndim == 2 else rotation_matrix(turn)
     matrix[:3, 3] = real_array(position)
     return matrix
 

@@ -22,13 +22,15 @@ def is_rotation(matrix: Array) -> bool:
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
-def rotation_matrix(rotation: RotationLike | None, obstacle: str) -> Array:
+def rotation_matrix(
+    rotation: RotationLike | None, obstacle: str | None = None
+) -> Array:
     """Turn a rotation as users give it into a matrix.
 
     Args:
         rotation: None (no rotation), a 3x3 matrix, a quaternion (x, y, z, w), which is
             normalised, or a ``Rotation`` of SciPy.
-        obstacle: Name of the obstacle, for the message.
+        obstacle: Name of the obstacle, for the message; None if it is not of one.
 
     Returns:
         Rotation matrix, shape (3, 3).
@@ -41,26 +43,30 @@ def rotation_matrix(rotation: RotationLike | None, obstacle: str) -> Array:
     value = array_or_nan(plain_rotation(rotation))
     if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
         raise SceneError(
-            f"obstacle {obstacle!r}: rotation is {brief(rotation)}, expected a 3x3 "
-            "matrix or a quaternion (x, y, z, w) of finite numbers",
+            f"{_of(obstacle)}rotation is {brief(rotation)}, expected a 3x3 matrix or a "
+            "quaternion (x, y, z, w) of finite numbers",
             obstacle,
         )
     if value.size == 4:
         return _from_quaternion(value, obstacle)
     if not is_rotation(value):
         raise SceneError(
-            f"obstacle {obstacle!r}: the 3x3 rotation is not a rotation matrix "
+            f"{_of(obstacle)}the 3x3 rotation is not a rotation matrix "
             "(orthonormal columns, determinant 1)",
             obstacle,
         )
     return value
 
 
-def _from_quaternion(value: Array, obstacle: str) -> Array:
+def _of(obstacle: str | None) -> str:
+    return "" if obstacle is None else f"obstacle {obstacle!r}: "
+
+
+def _from_quaternion(value: Array, obstacle: str | None) -> Array:
     largest = float(np.max(np.abs(value)))
     if largest < 1e-9:
         raise SceneError(
-            f"obstacle {obstacle!r}: rotation {value.tolist()} is no quaternion "
+            f"{_of(obstacle)}rotation {value.tolist()} is no quaternion "
             "(x, y, z, w): its length must not be zero",
             obstacle,
         )
