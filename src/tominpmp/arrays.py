@@ -96,6 +96,15 @@ def number_or_nan(value: object) -> float:
         return float("nan")
 
 
+def pair_or_nan(value: object) -> tuple[float, float]:
+    """A caller's two numbers as by :func:`real_number`; NaN if they are not two."""
+    try:
+        first, second = map(number_or_nan, value)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        return float("nan"), float("nan")
+    return first, second
+
+
 def is_single(value: object) -> bool:
     """Whether a caller's value is one number, or anything that is no row of them.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Record, number_or_nan
+from tominpmp.arrays import Record, number_or_nan, pair_or_nan
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -144,10 +144,7 @@ def checked_arrival(given: object) -> tuple[float, float] | None:
     """
     if given is None:
         return None
-    try:
-        earliest, latest = map(number_or_nan, given)  # type: ignore[call-overload]
-    except (TypeError, ValueError):
-        earliest = latest = np.nan
+    earliest, latest = pair_or_nan(given)
     if not (0.0 <= earliest < np.inf and earliest <= latest and latest > 0.0):
         raise ProblemError(
             f"segment.arrival is {brief(given)}, expected the earliest and the latest "

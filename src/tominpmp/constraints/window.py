@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, number_or_nan
+from tominpmp.arrays import Array, BoolArray, pair_or_nan
 from tominpmp.exceptions import ProblemError, brief
 
 # Rows to begin with, and how far apart they are where the window has no end [s].
@@ -64,10 +64,7 @@ def checked_during(given: object) -> tuple[float, float] | None:
     """
     if given is None:
         return None
-    try:
-        begin, end = map(number_or_nan, given)  # type: ignore[call-overload]
-    except (TypeError, ValueError):
-        begin = end = np.nan
+    begin, end = pair_or_nan(given)
     if not (0.0 <= begin < np.inf and begin < end):
         raise ProblemError(
             f"during is {brief(given)}, expected two times (begin, end) from the start "
