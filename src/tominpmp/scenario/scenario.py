@@ -65,24 +65,21 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.scenario.conditions import read_conditions
 from tominpmp.scenario.goal_table import positions, read_goal, vector
 from tominpmp.scenario.limits_table import (
     beyond,
     motion_limits_table,
-    read_motion_limits,
 )
 from tominpmp.scenario.records import classes, field_table, make, same, to_table
 from tominpmp.scenario.robot_table import read_robot, robot_table
 from tominpmp.scenario.scene_table import (
     constraint_tables,
-    read_constraints,
-    read_scene,
     scene_table,
 )
 from tominpmp.scenario.segments_table import (
     blamed_segment,
     pair_lists,
-    read_pairs,
     read_segments,
     segment_table,
 )
@@ -158,20 +155,14 @@ def load_scenario(path: str | Path) -> Scenario:
     v_start = start.get("v")
     goal = _read_goal(document, robot, q_start)
     segments = read_segments(document.get("segments"), robot, q_start)
-    margin, own = document.get("margin"), document.get("self_collision")
     try:
         problem = Problem(
             robot,
             q_start,
             goal,  # type: ignore[arg-type]
-            scene=read_scene(document.get("scene")),
-            margin=margin.number() if margin.value is not None else 0.0,
             v_start=None if v_start.value is None else vector(v_start, robot),
-            motion_limits=read_motion_limits(document.get("motion_limits"), robot),
-            self_collision=None if own.value is None else own.flag(),
-            constraints=read_constraints(document.get("constraints")),
             segments=segments,
-            may_touch=read_pairs(document.get("may_touch")),
+            **read_conditions(document, robot),
         )
     except ScenarioError:
         raise

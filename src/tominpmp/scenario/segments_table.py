@@ -91,7 +91,7 @@ def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
             read_goal(table.need("goal"), robot, before),
             constraints=read_constraints(table.get("constraints")),
             motion_limits=_read_limits(table.get("motion_limits"), robot),
-            payload=_read_payload(table.get("payload")),
+            payload=read_payload(table.get("payload")),
             scene=None if scene.value is None else read_scene(scene),
             may_touch=read_pairs(table.get("may_touch")),
             stop=False if stop.value is None else stop.flag(),
@@ -109,7 +109,12 @@ def _read_limits(table: Field, robot: Robot) -> MotionLimits | None:
     return read_motion_limits(table, robot)
 
 
-def _read_payload(table: Field) -> Payload | None:
+def read_payload(table: Field) -> Payload | None:
+    """Read a payload; None if it is left out.
+
+    Raises:
+        ScenarioError: If it is none.
+    """
     if table.value is None:
         return None
     return make(Payload, table.table(), table, classes(Obstacle))

@@ -40,16 +40,12 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError
 from tominpmp.options import Options
-from tominpmp.payload import Payload
 from tominpmp.robot import Robot
+from tominpmp.scenario.conditions import read_conditions
 from tominpmp.scenario.goal_table import positions, read_goal, vector
-from tominpmp.scenario.limits_table import read_motion_limits
-from tominpmp.scenario.records import classes, make
 from tominpmp.scenario.robot_table import read_robot
 from tominpmp.scenario.scenario import read_options, read_toml
-from tominpmp.scenario.scene_table import read_constraints, read_scene
-from tominpmp.scenario.segments_table import read_pairs
-from tominpmp.scene import Obstacle
+from tominpmp.scenario.segments_table import read_pairs, read_payload
 from tominpmp.tours import Station, Tour, plan_tour
 
 SECTIONS = (
@@ -122,15 +118,7 @@ def load_tour(path: str | Path) -> TourScenario:
     start = document.need("start")
     start.only("q", "state")
     q_start = positions(start, robot, None)
-    margin, own = document.get("margin"), document.get("self_collision")
-    arguments: dict[str, Any] = {
-        "scene": read_scene(document.get("scene")),
-        "margin": margin.number() if margin.value is not None else 0.0,
-        "motion_limits": read_motion_limits(document.get("motion_limits"), robot),
-        "self_collision": None if own.value is None else own.flag(),
-        "constraints": read_constraints(document.get("constraints")),
-        "may_touch": read_pairs(document.get("may_touch")),
-    }
+    arguments = read_conditions(document, robot)
     arguments |= _read_tour(document.get("tour"), robot)
     items = document.need("stations").items()
     return TourScenario(
@@ -163,7 +151,7 @@ def _read_tour(table: Field, robot: Robot) -> dict[str, Any]:
 
 def _read_station(table: Field, robot: Robot, q_start: Array) -> Station:
     table.only(*KEYS)
-    dwell, stop, payload = table.get("dwell"), table.get("stop"), table.get("payload")
+    dwell, stop = table.get("dwell"), table.get("stop")
     try:
         return Station(
             table.need("name").text(),
@@ -171,9 +159,7 @@ def _read_station(table: Field, robot: Robot, q_start: Array) -> Station:
             dwell=0.0 if dwell.value is None else dwell.number(),
             after=[name.text() for name in table.get("after").items()],
             then=[name.text() for name in table.get("then").items()],
-            payload=None
-            if payload.value is None
-            else make(Payload, payload.table(), payload, classes(Obstacle)),
+            payload=read_payload(table.get("payload")),
             stop=True if stop.value is None else stop.flag(),
             may_touch=read_pairs(table.get("may_touch")),
         )
