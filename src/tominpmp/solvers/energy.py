@@ -95,8 +95,8 @@ class Energy:
         longer = 0.5 * torques.ravel() * share / size
         jacobian = sp.csr_matrix(jacobian + sp.diags(longer) @ by_length)
         gradient = 2.0 * (jacobian.T @ residual)
-        curvature = 2.0 * (jacobian.T @ jacobian) + self._of_pace(z, jacobian)
         value = float(residual @ residual)
+        curvature = 2.0 * (jacobian.T @ jacobian) + self._of_pace(z, value, jacobian)
         return EnergyModel(value, np.asarray(gradient), sp.csc_matrix(curvature))
 
     def _states(self, z: Array) -> tuple[Instants, Array, States]:
@@ -122,11 +122,13 @@ class Energy:
         )
         return sp.csr_matrix(ends - begins)
 
-    def _of_pace(self, z: Array, jacobian: sp.csr_matrix) -> sp.csr_matrix:
+    def _of_pace(
+        self, z: Array, value: float, jacobian: sp.csr_matrix
+    ) -> sp.csr_matrix:
         """Curvature along slower motions that the squares alone do not have."""
         nlp = self.nlp
         slower, faster = (nlp.stretch(z, 1.0 + sign * STRETCH) for sign in (1, -1))
-        bend = (self(slower) - 2.0 * self(z) + self(faster)) / STRETCH**2
+        bend = (self(slower) - 2.0 * value + self(faster)) / STRETCH**2
         along = jacobian @ ((slower - faster) / (2.0 * STRETCH))
         missing = max(bend - 2.0 * float(along @ along), 0.0)
         pace = sp.csr_matrix(nlp.cost / float(nlp.cost @ z))
@@ -190,14 +192,15 @@ class EnergySolver:
         linearization = nlp.linearize(z, values, bounds)
         frame = build_subproblem(state.merit, values, linearization, bounds, None, z)
         energy = Energy(nlp).model(z)
+        here = float(nlp.cost @ z) + self.weight * energy.value
         return take_step(
             nlp,
             state,
             self._with_energy(frame, energy),
+            here,
             lambda z, _: self.objective(z),
             lambda step: (
-                float(nlp.cost @ (z + step))
-                + self.weight * (energy.value + energy.change(step))
+                here + float(nlp.cost @ step) + self.weight * energy.change(step)
             ),
             self.options.feasibility,
         )

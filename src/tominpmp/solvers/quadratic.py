@@ -136,6 +136,7 @@ def take_step(
     nlp: Program,
     state: Iterate,
     quadratic: QuadraticProgram,
+    here: float,
     objective: Callable[[Array, Array], float],
     model: Callable[[Array], float],
     feasibility: float,
@@ -146,6 +147,7 @@ def take_step(
         nlp: The nonlinear program.
         state: The state.
         quadratic: Its quadratic program.
+        here: The objective at the state.
         objective: What is to be least, of unknowns and row values.
         model: What the quadratic program has it be after a step.
         feasibility: Violations that need no correction.
@@ -164,7 +166,7 @@ def take_step(
     def merit(z: Array, values: Array) -> float:
         return objective(z, values) + state.merit.penalty(values)
 
-    now = merit(z, values)
+    now = here + state.merit.penalty(values)
     promised = max(now - (model(step) + state.merit.penalty(expected)), 0.0)
     outcome = StepSearch(nlp, merit, frame, CORRECTIONS, LINE_SEARCH).run(
         Trial(z, values, now),

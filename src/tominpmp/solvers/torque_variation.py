@@ -107,6 +107,7 @@ class TorqueVariationSolver:
             nlp,
             state,
             _with_squares(frame, differences, z, norm),
+            self.cost(z, values, norm),
             lambda z, values: self.cost(z, values, norm),
             model,
             self.options.feasibility,
