@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from tominpmp.exceptions import OptionsError
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
-from tominpmp.planner.energy import check_energy
 from tominpmp.problem import Problem
 
 # Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
@@ -69,11 +69,45 @@ def check_segments(problem: Problem, options: Options) -> None:
         "refine": ("auto", "grid", None),
         "slack": (None,),
     }
+    _check_known(options, known, "the problem has several segments")
+
+
+def check_energy(problem: Problem, options: Options) -> None:
+    """Refuse options that know no energy.
+
+    Raises:
+        OptionsError: If there is one.
+    """
+    if options.energy_weight == 0.0:
+        return
+    known = {
+        "method": ("auto", "inverse", "collocation"),
+        "objective": ("time",),
+        "control_period": (None,),
+        "slack": (None,),
+    }
+    _check_known(options, known, f"energy_weight is {options.energy_weight:g}")
+    if problem.segments:
+        raise OptionsError(
+            f"energy_weight is {options.energy_weight:g}, and the problem has several "
+            "segments: expected 0 for these",
+            "energy_weight",
+        )
+
+
+def _check_known(
+    options: Options, known: Mapping[str, tuple[object, ...]], reason: str
+) -> None:
+    """Refuse values of options other than those that are known.
+
+    Raises:
+        OptionsError: If there is one; says the reason.
+    """
     for name, allowed in known.items():
         value = getattr(options, name)
         if value not in allowed:
             raise OptionsError(
-                f"{name} is {value!r}, and the problem has several segments: expected "
+                f"{name} is {value!r}, and {reason}: expected "
                 f"{' or '.join(map(repr, allowed))}",
                 name,
             )

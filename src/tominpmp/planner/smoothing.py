@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tominpmp.arrays import Array, number_or_nan
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
-from tominpmp.planner.attempt import REFINEMENTS
-from tominpmp.planner.rescue import NUMERICAL
+from tominpmp.planner.later_stage import Over, bettered, made
 from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.status import Status
-from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.torque_measures import roughness
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.ticks import Ticks, ticks_of
-from tominpmp.verification import Verification, verify
 
-logger = logging.getLogger(__name__)
-
-# Time for the replay of what was found, in multiples of what the last one took.
-REPLAYS = 2.0
 NO_QUIETER = "no quieter motion was found."
 
 
@@ -68,63 +59,28 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"
         )
-    begin = time.perf_counter()
 
     def left(reason: str) -> Solution:
         message = f"{solution.message} Its torques were left as they are: {reason}"
-        seconds = solution.planning_time + time.perf_counter() - begin
-        return replace(solution, message=message, planning_time=seconds)
+        return replace(solution, message=message)
 
-    try:
-        with bounded(solution.options.max_planning_time):
-            found = _quietest(solution, former, share)
-    except (Stop, KeyboardInterrupt) as stop:
-        if isinstance(stop, Stop) and not stop.requested:
-            return left("the time was used up.")
-        return replace(left("this was interrupted."), status=Status.INTERRUPTED)
-    except NUMERICAL as error:
-        logger.warning("making torques quiet failed: %r", error)
-        return left(f"that failed ({type(error).__name__}).")
-    if isinstance(found, str):
-        return left(found)
-    seconds = solution.planning_time + time.perf_counter() - begin
-    return replace(found, planning_time=seconds)
+    return bettered(
+        solution, partial(_quietest, solution, former, share), left, "making them quiet"
+    )
 
 
 def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution | str:
     """The solution with quiet torques, or why there are none."""
-    options, problem = solution.options, solution.problem
-    replay = 0.0 if solution.verification is None else solution.verification.seconds
-
-    def over() -> bool:
-        return seconds_left() < REPLAYS * replay
-
-    reached = problem.alternative_at(former.q[-1], former.v[-1])
-    complete = ProblemFunctions.of(reached)
-    system = complete.first_tried
-    guess = warm_start(system, former)
-    before = roughness(former, problem.robot.limits)
-    intervals = former.t.size - 1
-    found: tuple[Trajectory, Verification] | None = None
-    for refinement in range(1 + REFINEMENTS):
-        quiet = _quieter(system, options, guess, former, intervals, share, over)
-        if quiet is None:
-            break
-        found = (
-            quiet,
-            verify(problem, quiet, options.tolerances, checker=problem.checker),
-        )
-        if found[1].ok or over():
-            break
-        if any(item.kind == "clearance" for item in found[1].violations):
-            system = complete  # with rows for the links
-        intervals = intervals * 2 ** (refinement + 1)
+    options, limits = solution.options, solution.problem.robot.limits
+    before = roughness(former, limits)
+    make = partial(_quieter, options, former, share)
+    found = made(solution, former, former.t.size - 1, make)
     if found is None:
         return NO_QUIETER
-    trajectory, verification = found
-    if not verification.ok:
-        return verification.message
-    after = roughness(trajectory, problem.robot.limits)
+    trajectory = found.trajectory
+    if not found.verification.ok:
+        return found.verification.message
+    after = roughness(trajectory, limits)
     if after >= before:
         return NO_QUIETER
     gained = trajectory.duration / former.duration - 1.0
@@ -137,20 +93,20 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
         trajectory=trajectory,
         initial=former,
         violations={},
-        verification=verification,
+        verification=found.verification,
     )
 
 
 def _quieter(
-    system: ProblemFunctions,
     options: Options,
-    guess: WarmStart,
     former: Trajectory,
-    intervals: int,
     slack: float,
-    over: Callable[[], bool],
-) -> Trajectory | None:
-    """Quieter motion in the form of the former one; None if there is none."""
+    system: ProblemFunctions,
+    guess: WarmStart,
+    intervals: int,
+    over: Over,
+) -> tuple[Trajectory | None, Status]:
+    """Quieter motion in the form of the former one, and how the iteration ended."""
     ticks = None
     if options.control_period is None:
         program, z = _program(system, options, guess, former, intervals)
@@ -169,9 +125,9 @@ def _quieter(
 
     program, result = solve_in_rounds(program, z, options, solve, rough=False)
     if result.best is None:
-        return None
+        return None, result.status
     motion = program.trajectory(result.best.z)
-    return motion if ticks is None else ticks.timed(motion)
+    return motion if ticks is None else ticks.timed(motion), result.status
 
 
 def _program(
