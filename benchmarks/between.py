@@ -23,7 +23,6 @@ one_thread()
 
 import argparse
 import json
-import subprocess
 import sys
 import time
 import warnings
@@ -35,6 +34,7 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.between_cases import KINDS, draw
+from benchmarks.verdicts import verdict_of
 
 JUDGE = Path(__file__).with_name("between_judge.py")
 COLUMNS = (
@@ -55,18 +55,11 @@ def planned(problem: tm.Problem, limit: float) -> tuple[tm.Solution, float]:
 def judged(case: dict[str, Any], solution: tm.Solution, folder: Path) -> dict[str, Any]:
     """What the judge says of the exported motion."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"{case['number']}.{end}" for end in ("json", "csv")]
+    name = str(case["number"])
+    files = folder / f"{name}.json", folder / f"{name}.csv"
     files[0].write_text(json.dumps(case), encoding="utf-8")
     solution.export(files[1], dt=STEP)
-    found = subprocess.run(
-        [sys.executable, str(JUDGE), *map(str, files)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if found.returncode not in (0, 1) or not found.stdout.strip():
-        raise RuntimeError(f"the judge failed on {files[0]}: {found.stderr[-2000:]}")
-    return dict(json.loads(found.stdout))
+    return verdict_of(JUDGE, *files)
 
 
 def run(seed: int, number: int, limit: float, folder: Path) -> dict[str, Any]:

@@ -18,7 +18,6 @@ torques), prints what it finds as JSON, and exits with 1 if it refutes the motio
 from __future__ import annotations
 
 import csv
-import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -35,6 +34,7 @@ if not __package__:  # run as a file
 from benchmarks.cell_arms import inverse, read_member
 from benchmarks.cell_clearance import Cell, read_obstacle
 from benchmarks.exact_geometry import Array
+from benchmarks.verdicts import judge_named
 
 GOAL, REST, LIMIT = 1.1e-3, 1.1e-2, 5.5e-3
 TORQUE = 1e-5  # of the limit: how well torques are those of the movement
@@ -261,16 +261,7 @@ class Judge:
 
 def main() -> int:
     """Judge the motion that the command line names."""
-    if len(sys.argv) != 3:
-        print(__doc__)
-        return 0
-    case = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    judge = Judge(case, Table(Path(sys.argv[2])))
-    judge.run()
-    if any(name.split(".")[0] == "tominpmp" for name in sys.modules):
-        raise RuntimeError("the judge has imported what it judges")
-    print(json.dumps({"faults": judge.faults, **judge.figures}))
-    return 1 if judge.faults else 0
+    return judge_named(__doc__, lambda case, path: Judge(case, Table(path)))
 
 
 if __name__ == "__main__":

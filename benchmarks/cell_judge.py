@@ -24,7 +24,6 @@ A motion is refuted if
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,6 +41,7 @@ from benchmarks.cell_clearance import Cell, read_obstacle
 from benchmarks.cell_dynamics import Plant
 from benchmarks.cell_movement import Movement, read_movement
 from benchmarks.exact_geometry import Array
+from benchmarks.verdicts import judge_named
 
 GOAL, SPEED, LIMIT = 1.1e-3, 1.1e-2, 5.5e-3
 TORQUE = 1e-5  # of the range: how well torques must be those of the movement
@@ -248,16 +248,7 @@ class Judge:
 
 def main() -> int:
     """Judge the motion that the command line names."""
-    if len(sys.argv) != 3:
-        print(__doc__)
-        return 0
-    case = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    judge = Judge(case, read_movement(Path(sys.argv[2])))
-    judge.run()
-    if any(name.split(".")[0] == "tominpmp" for name in sys.modules):
-        raise RuntimeError("the judge has imported what it judges")
-    print(json.dumps({"faults": judge.faults, **judge.figures}))
-    return 1 if judge.faults else 0
+    return judge_named(__doc__, lambda case, path: Judge(case, read_movement(path)))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,6 @@ for _name in (
 import argparse
 import csv
 import json
-import subprocess
 import sys
 import time
 import warnings
@@ -45,6 +44,7 @@ if not __package__:  # run as a file
 
 import tominpmp as tm
 from benchmarks.cell_cases import KINDS, Case, draw_case, draw_problem, has_friction
+from benchmarks.verdicts import verdict_of
 from tominpmp.reversals import torque_breaks
 
 JUDGE = Path(__file__).with_name("cell_judge.py")
@@ -110,15 +110,7 @@ def run_case(seed: int, kind: str, number: int, limit: float, folder: Path) -> C
     files = folder / f"{kind}_{number}.json", folder / f"{kind}_{number}.npz"
     files[0].write_text(json.dumps(case), encoding="utf-8")
     write_motion(solution, files[1])
-    found = subprocess.run(
-        [sys.executable, str(JUDGE), *map(str, files)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if found.returncode not in (0, 1) or not found.stdout.strip():
-        raise RuntimeError(f"the judge failed on {files[0]}: {found.stderr[-2000:]}")
-    judged = json.loads(found.stdout)
+    judged = verdict_of(JUDGE, *files)
     row |= {"claimed_T": solution.T, "refuted": bool(judged["faults"])}
     row |= judged | {"faults": "; ".join(judged["faults"])}
     if not judged["faults"]:
