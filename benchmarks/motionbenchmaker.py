@@ -3,12 +3,13 @@
     python -m benchmarks.motionbenchmaker --data DIR
     python -m benchmarks.motionbenchmaker --data DIR --scenes box,cage --problems 1-5
     python -m benchmarks.motionbenchmaker --data DIR --rival
+    python -m benchmarks.motionbenchmaker --data DIR --both
 
 DIR holds a folder for each scene with ``scene0001.yaml``, ``request0001.yaml`` and so
 on; the environment variable ``MOTIONBENCHMAKER`` may name it. Each motion is judged
 with exact meshes by the replay of its torques (see ``benchmarks/judging.py``), whatever
 the planner says of it. With ``--rival`` the problems are given to RRT-Connect with path
-simplification and TOPP-RA instead.
+simplification and TOPP-RA instead; with ``--both`` the two take turns.
 
 Results go to a CSV file, a row as soon as it is known; what is there already is not
 computed again. A table is printed at the end.
@@ -334,20 +335,33 @@ def _text(value: Any) -> str:
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
-    """Run the missing problems and return all rows that were asked for."""
-    table = Table(arguments.out, KEY + COMMON + own_columns(arguments.rival) + JUDGED)
+    """Run the missing problems and return all rows that were asked for.
+
+    With ``--both`` the library and its rival take turns, so that a slow hour of the
+    machine meets both; the rows are the library's.
+    """
     wanted = []
+    sides = (False, True) if arguments.both else (arguments.rival,)
+    tables = {
+        rival: Table(
+            arguments.against if arguments.both and rival else arguments.out,
+            KEY + COMMON + own_columns(rival) + JUDGED,
+        )
+        for rival in sides
+    }
     for scene in arguments.scenes:
         for problem in arguments.problems:
             case = Case(scene, problem, arguments.data)
             if not case.request_path.exists():
                 raise SystemExit(f"there is no file {case.request_path}")
             wanted.append(case.key)
-            if case.key not in table.rows or arguments.rerun:
-                row = run_case(case, arguments)
-                table.add(row)
-                print(_progress(row), flush=True)
-    return [table.rows[key] for key in wanted]
+            for rival, table in tables.items():
+                if case.key not in table.rows or arguments.rerun:
+                    asked = argparse.Namespace(**vars(arguments) | {"rival": rival})
+                    row = run_case(case, asked)
+                    table.add(row)
+                    print(_progress(row), flush=True)
+    return [tables[sides[0]].rows[key] for key in wanted]
 
 
 def own_columns(rival: bool) -> tuple[str, ...]:
@@ -414,6 +428,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, help="CSV file")
     parser.add_argument(
         "--rival", action="store_true", help="RRT-Connect and TOPP-RA instead"
+    )
+    parser.add_argument(
+        "--both", action="store_true", help="one after the other, problem by problem"
     )
     parser.add_argument(
         "--against",

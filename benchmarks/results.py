@@ -99,6 +99,7 @@ def markdown_table(rows: Sequence[Row], others: Sequence[Row] = ()) -> str:
     header = ["scene", "solved", "mean T [s]", "median s", "95 % s", "max s"]
     header += ["least clearance [mm]", "largest excess [%]"]
     if others:
+        header += ["rival: solved", "median s", "95 % s"]
         header += ["mean T / rival's", "both solved"]
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     for scene in [*dict.fromkeys(row["scene"] for row in rows), "all"]:
@@ -116,6 +117,12 @@ def markdown_table(rows: Sequence[Row], others: Sequence[Row] = ()) -> str:
             _cell(solved, "limit_excess", lambda values: 100 * max(values)),
         ]
         if others:
+            rivals = [row for row in others if scene in ("all", row["scene"])]
+            cells += [
+                f"{sum(row['success'] == 'True' for row in rivals)} / {len(rivals)}",
+                _cell(rivals, "process_seconds", statistics.median),
+                _cell(rivals, "process_seconds", percentile_95),
+            ]
             ratio, count = compare(group, others)
             cells += [f"{ratio:.3f}", str(count)]
         lines.append("| " + " | ".join(cells) + " |")
