@@ -17,14 +17,17 @@ from __future__ import annotations
 
 import argparse
 import ast
+import io
 import os
 import re
 import shutil
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -115,7 +118,7 @@ def run_page(page: Path, folder: Path, *, slow: bool = False) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run pages and say how long each took."""
+    """Run pages and say how long each took and which failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE")
     parser.add_argument("--slow", action="store_true", help="blocks marked slow, too")
@@ -124,16 +127,32 @@ def main() -> int:
     # Of an event loop that the viewer's server brings, and of strings of TOPP-RA.
     warnings.filterwarnings("ignore", "zmq.eventloop.ioloop is deprecated")
     warnings.filterwarnings("ignore", "invalid escape sequence")
-    for page in arguments.pages or pages():
-        count = len(list(blocks(page)))
-        if not count:
-            continue
-        begin = time.process_time()
-        with tempfile.TemporaryDirectory() as folder:
-            run_page(page.resolve(), Path(folder), slow=arguments.slow)
-        seconds = time.process_time() - begin
-        sys.stdout.write(f"{seconds:6.1f} s  {count:2d} blocks  {page}\n")
-    return 0
+    failed = [
+        page
+        for page in arguments.pages or pages()
+        if not tell_of(page.resolve(), slow=arguments.slow)
+    ]
+    for page in failed:
+        sys.stderr.write(f"failed: {page}\n")
+    return 1 if failed else 0
+
+
+def tell_of(page: Path, *, slow: bool) -> bool:
+    """Run a page, and write how long it took or why it failed."""
+    count = len(list(blocks(page)))
+    if not count:
+        return True
+    begin, said = time.process_time(), io.StringIO()
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(said):
+        try:
+            run_page(page, Path(folder), slow=slow)
+        except Exception:
+            sys.stderr.write(f"{said.getvalue()}{traceback.format_exc()}")
+            return False
+    seconds = time.process_time() - begin
+    sys.stdout.write(f"{seconds:6.1f} s  {count:2d} blocks  {page}\n")
+    sys.stdout.flush()
+    return True
 
 
 if __name__ == "__main__":
