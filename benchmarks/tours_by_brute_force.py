@@ -4,10 +4,15 @@ Every leg between any two configurations is planned, and the best of all orders 
 configurations is taken; `tm.plan_tour` is to find a tour that is as fast, from fewer
 plans. The arm is the planar one of three joints, ruled by its torques.
 
-    python benchmarks/tours_by_brute_force.py [--stations 3] [--seeds 1]
+    python -m benchmarks.tours_by_brute_force [--stations 3] [--seeds 1]
 """
 
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
 from __future__ import annotations
+
+from benchmarks.sheet import one_thread
+
+one_thread()
 
 import argparse
 import time
@@ -17,14 +22,27 @@ import numpy as np
 
 import tominpmp as tm
 
-HOME = np.array([0.5, 1.2, -0.7])
+# Configurations are up to so far from home, joint by joint [rad].
+HOME, REACH = np.array([0.5, 1.2, -0.7]), 1.2
 FEW = {"intervals": 12, "refine": None, "starts": 1, "effort": "quick"}
 
 
 def choices(robot: tm.Robot, count: int, seed: int) -> list[list[np.ndarray]]:
-    """Two configurations for each station, clear of the arm itself."""
+    """Two configurations for each station, within limits and clear of itself."""
     rng = np.random.default_rng(seed)
-    return [[rng.uniform(-1.2, 1.2, robot.n) for _ in range(2)] for _ in range(count)]
+    lower = np.maximum(HOME - REACH, robot.limits.position_lower)
+    upper = np.minimum(HOME + REACH, robot.limits.position_upper)
+
+    def drawn() -> np.ndarray:
+        while True:
+            q = rng.uniform(lower, upper)
+            try:
+                tm.Problem(robot, HOME, tm.JointGoal(q))
+            except tm.ProblemError:
+                continue
+            return q
+
+    return [[drawn(), drawn()] for _ in range(count)]
 
 
 def brute_force(robot: tm.Robot, at: list[list[np.ndarray]]) -> tuple[float, int]:
