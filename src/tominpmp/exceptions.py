@@ -82,6 +82,7 @@ def closest(name: object, known: Sequence[str]) -> str:
     found = difflib.get_close_matches(name.lower(), lower, n=2, cutoff=0.6)
     # Many names of frames begin with that of the robot.
     found += [item for item in lower if item.endswith(name.lower()) and name]
+    found += [item for item in lower if item.startswith(name.lower()) and name[2:]]
     names = list(dict.fromkeys(lower[item] for item in found))[:2]
     return f" (did you mean {' or '.join(names)}?)" if names else ""
 

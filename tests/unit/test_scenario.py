@@ -380,7 +380,7 @@ joint_limits:
         (
             ("[robot]", "[robots]"),
             "robots",
-            "no such key; there are: margin, self_collision, robot",
+            r"no such key .did you mean robot\?.; there are: margin, .*robot",
         ),
         (('name = "planar3r"', ""), "robot", "either the name or the path"),
         (('"planar3r"', '"planar9r"'), "robot", "no robot 'planar9r'"),
@@ -423,7 +423,11 @@ joint_limits:
             "start.v",
             "2 numbers, expected 3",
         ),
-        (('"joint"', '"joints"'), "goal.type", "no goal 'joints'; there are: .*joint"),
+        (
+            ('"joint"', '"joints"'),
+            "goal.type",
+            r"no goal .joints. .did you mean joint\?",
+        ),
         (('type = "joint"', ""), "goal.type", "is missing"),
         (('"joint"', '"joint"\nframe = "tip"'), "goal.frame", "no such key"),
         (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ScenarioError, shortened
+from tominpmp.exceptions import ScenarioError, closest, shortened
 
 # Characters of a whole message: it may list the joints of a large robot.
 LONGEST = 3000
@@ -41,6 +41,21 @@ class Field:
         key = f"{shortened(self.key)}: " if self.key else ""
         text = f"{self.path}: {key}{shortened(message, LONGEST)}"
         raise ScenarioError(text, self.path, self.key or None)
+
+    def unknown(self, known: Iterable[str]) -> NoReturn:
+        """Raise the error that there is no such key.
+
+        Args:
+            known: The keys that there are.
+
+        Raises:
+            ScenarioError: Always.
+        """
+        names = list(known)
+        name = self.key.rpartition(".")[2]
+        self.fail(
+            f"there is no such key{closest(name, names)}; there are: {', '.join(names)}"
+        )
 
     def _expected(self, what: str) -> NoReturn:
         self.fail(f"is {shortened(repr(self.value))}, expected {what}")
@@ -75,7 +90,7 @@ class Field:
         """Refuse keys of a table that are not among those named."""
         for name, item in self.table().items():
             if name not in names:
-                item.fail(f"there is no such key; there are: {', '.join(names)}")
+                item.unknown(names)
 
     def items(self) -> Iterator[Field]:
         """Values of a list; none if it is left out."""

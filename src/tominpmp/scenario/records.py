@@ -18,7 +18,13 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ScenarioError, SceneError, TominpmpError, brief
+from tominpmp.exceptions import (
+    ScenarioError,
+    SceneError,
+    TominpmpError,
+    brief,
+    closest,
+)
 from tominpmp.scene import Mesh, Motion, PoseFunction, rotation_matrix
 
 T = TypeVar("T")
@@ -173,7 +179,8 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
     kind = table.need("type")
     if not isinstance(kind.value, str) or kind.value not in kinds:
         kind.fail(
-            f"there is no {what} {brief(kind.value)}; there are: {', '.join(kinds)}"
+            f"there is no {what} {brief(kind.value)}{closest(kind.value, list(kinds))}"
+            f"; there are: {', '.join(kinds)}"
         )
     values = {k: v for k, v in table.table().items() if k != "type"}
     return make(kinds[kind.value], values, table, kinds)
@@ -190,7 +197,7 @@ def make(
     known = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
     for name, item in values.items():
         if name not in known:
-            item.fail(f"there is no such key; there are: {', '.join(known)}")
+            item.unknown(known)
     for name, field in known.items():
         needed = field.default is MISSING and field.default_factory is MISSING
         if needed and name not in values:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +17,7 @@ from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.paths import checked_path
+from tominpmp.description.srdf import SemanticDescription
 from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
@@ -26,6 +29,7 @@ from tominpmp.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
 from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
 from tominpmp.scenario.records import classes, field_table, file_name, make
+from tominpmp.scenario.robot_files import Beside, alike
 from tominpmp.scene import Obstacle
 
 # Overrides per joint, as load_robot has them.
@@ -132,8 +136,15 @@ def _path(item: Field) -> Path:
         item.fail(str(error))
 
 
-def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
+def robot_table(
+    robot: Robot, folder: Path, beside: Beside | None = None
+) -> dict[str, Any]:
     """Write down how to load a robot.
+
+    Args:
+        robot: The robot.
+        folder: Folder of the scenario; paths inside it are written relative to it.
+        beside: Takes the files of a robot that was loaded from none; None refuses it.
 
     Returns:
         The table for :func:`read_robot`.
@@ -146,17 +157,12 @@ def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
             f"it was combined from several: {', '.join(robot.parts)}; expected one "
             "that was loaded"
         )
-    if not robot.urdf_path.is_file():
-        raise TypeError(
-            f"it was loaded from {robot.urdf_path}; expected one that was loaded from "
-            "a file"
-        )
-    table = _source(robot, folder)
+    table = _source(robot, folder, beside)
     default = find_srdf(robot.urdf_path)
     if "name" in table:
         default = find_robot(robot.name).srdf
     if robot.srdf is not None and robot.srdf.path != default:
-        table["srdf"] = file_name(robot.srdf.path, folder)
+        table["srdf"] = _srdf(robot, robot.srdf, folder, beside)
     if robot.package_dirs:
         table["package_dirs"] = [file_name(d, folder) for d in robot.package_dirs]
     gravity = robot.description.gravity or DEFAULT_GRAVITY
@@ -175,7 +181,15 @@ def robot_table(robot: Robot, folder: Path) -> dict[str, Any]:
     return table | _overrides(robot, locked)
 
 
-def _source(robot: Robot, folder: Path) -> dict[str, Any]:
+def _source(robot: Robot, folder: Path, beside: Beside | None) -> dict[str, Any]:
+    """Name or path of the description, which may be one of the files beside."""
+    if not robot.urdf_path.is_file():
+        if beside is None:
+            raise TypeError(
+                f"it was loaded from {robot.urdf_path}, expected one that was loaded "
+                "from a file: tominpmp.save_scenario() writes one beside the scenario"
+            )
+        return {"path": beside.urdf(robot)}
     try:
         if find_robot(robot.name).urdf == robot.urdf_path:
             return {"name": robot.name}
@@ -184,9 +198,54 @@ def _source(robot: Robot, folder: Path) -> dict[str, Any]:
     return {"path": file_name(robot.urdf_path, folder)}
 
 
+def _srdf(
+    robot: Robot, semantics: SemanticDescription, folder: Path, beside: Beside | None
+) -> str:
+    """Path of the semantic description, which may be one of the files beside."""
+    path = semantics.path
+    if path.is_file():
+        return file_name(path, folder)
+    if beside is None:
+        raise TypeError(
+            f"its SRDF file is {path}, expected one that was loaded from a file: "
+            "tominpmp.save_scenario() writes one beside the scenario"
+        )
+    return beside.srdf(robot, semantics)
+
+
+def gives_back(robot: Robot, folder: Path, stem: str) -> bool:
+    """Whether a robot that is written down and loaded again is the same.
+
+    One whose files would lie beside the scenario may differ by rounding, and by where
+    it comes from.
+
+    Args:
+        robot: The robot.
+        folder: Folder of the scenario.
+        stem: How names of files beside it begin.
+
+    Raises:
+        ScenarioError: If it cannot be loaded again.
+        TypeError: If it cannot be written.
+    """
+    beside = Beside(stem)
+    table = robot_table(robot, folder, beside)
+    with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is to be told was told at first loading
+        if not beside.files:
+            return read_robot(Field(table, folder / stem, "robot")) == robot
+        elsewhere = Path(name)
+        beside.write(elsewhere)
+        table = robot_table(robot, elsewhere, Beside(stem))
+        loaded = read_robot(Field(table, elsewhere / stem, "robot"))
+        return alike(loaded, robot)
+
+
 def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     """Values per joint that are not those of the description."""
     joints, limits = robot.description.joints, robot.limits
+    # No URDF file says these, which models of Pinocchio have.
+    joints = tuple(replace(joint, armature=0.0) for joint in joints)
     plain = JointTable.from_description(
         robot.joint_names, joints, Linkage.resolve(joints, locked)
     )

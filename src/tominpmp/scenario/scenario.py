@@ -72,7 +72,8 @@ from tominpmp.scenario.limits_table import (
     motion_limits_table,
 )
 from tominpmp.scenario.records import classes, field_table, make, same, to_table
-from tominpmp.scenario.robot_table import read_robot, robot_table
+from tominpmp.scenario.robot_files import Beside
+from tominpmp.scenario.robot_table import gives_back, read_robot, robot_table
 from tominpmp.scenario.scene_table import (
     constraint_tables,
     scene_table,
@@ -220,7 +221,9 @@ def save_scenario(
     """Write a problem as a scenario file.
 
     Loading the file gives an equal problem and equal options, but for the callback,
-    which no file can hold.
+    which no file can hold. The description of a robot that was given as a text or as a
+    model of another library is written beside it: ``cell.toml`` refers to
+    ``cell_robot.urdf``, and to ``cell_robot.srdf`` and meshes where there are any.
 
     Args:
         path: File to write, ending in ``.toml``; replaced if it exists.
@@ -235,12 +238,19 @@ def save_scenario(
             cannot be written.
     """
     path = checked_path(path, "path", ScenarioError)
-    content = scenario_text(path, problem, options).encode()
+    beside = Beside(f"{path.stem}_robot")
+    content = scenario_text(path, problem, options, beside=beside).encode()
+    beside.write(path.parent)
     return write_file(path, lambda file: file.write(content))
 
 
 def scenario_text(
-    path: Path, problem: Problem, options: Options | None = None, *, check: bool = True
+    path: Path,
+    problem: Problem,
+    options: Options | None = None,
+    *,
+    check: bool = True,
+    beside: Beside | None = None,
 ) -> str:
     """A problem as the text of a scenario file.
 
@@ -249,6 +259,8 @@ def scenario_text(
         problem: The problem.
         options: The options; None for the defaults.
         check: Whether to read the robot back, to see that it is the same.
+        beside: Takes files that are to lie beside it; None refuses robots that need
+            some.
 
     Raises:
         ScenarioError: If the problem holds something that a file cannot.
@@ -257,7 +269,7 @@ def scenario_text(
     if options is not None:
         expect(options, Options, "options", "Options or None")
     given = Options() if options is None else options
-    text = toml_text(_document(path, problem, given, check))
+    text = toml_text(_document(path, problem, given, check, beside))
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -294,7 +306,11 @@ def read_options(table: Field) -> Options:
 
 
 def _document(
-    path: Path, problem: Problem, options: Options, check: bool = True
+    path: Path,
+    problem: Problem,
+    options: Options,
+    check: bool = True,
+    beside: Beside | None = None,
 ) -> dict[str, Any]:
     """Turn problem and options into tables.
 
@@ -318,11 +334,13 @@ def _document(
     if problem.self_collision is not None:
         document["self_collision"] = problem.self_collision
     try:
-        document["robot"] = robot_table(problem.robot, folder)
+        document["robot"] = robot_table(problem.robot, folder, beside)
+        if check and not gives_back(problem.robot, folder, f"{path.stem}_robot"):
+            fail(
+                "robot", "it differs from its files by more than load_robot's arguments"
+            )
     except TypeError as error:
         fail("robot", error)
-    if check:
-        _check_robot(document["robot"], problem.robot, path)
     document["start"] = {"q": problem.q_start.tolist()}
     if problem.v_start is not None and np.any(problem.v_start):
         document["start"]["v"] = problem.v_start.tolist()
@@ -369,19 +387,3 @@ def _changed(record: Any, without: Iterable[str]) -> list[str]:
 def _without_callback(options: Options) -> Options:
     values = {f.name: getattr(options, f.name) for f in fields(options) if f.init}
     return Options(**(values | {"callback": None}))
-
-
-def _check_robot(table: dict[str, Any], robot: Robot, path: Path) -> None:
-    """Check that a table gives the robot back: with a changed model it would not."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is to be told was told at first loading
-        loaded = read_robot(Field(table, path, "robot"))
-    if loaded != robot:
-        raise ScenarioError(
-            f"{path}: robot: cannot be saved: it differs from its files by more than "
-            "the arguments of load_robot",
-            path,
-            "robot",
-        )
