@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "extensions")]
@@ -45,6 +46,30 @@ autodoc_default_options = {"members": True, "show-inheritance": False}
 napoleon_use_ivar = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
+
+# What napoleon would take for "type: text" in the first line of a property, and how it
+# would write the type of an array.
+COLON, ARRAY = "\N{RATIO}", "numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float64]]"
+
+
+def before_napoleon(*event: Any) -> None:
+    """Keep the colons of properties."""
+    what, lines = event[1], event[5]
+    if what == "property" and lines:
+        lines[0] = lines[0].replace(":", COLON)
+
+
+def after_napoleon(*event: Any) -> None:
+    """Put colons back, and name the type of arrays as the code does."""
+    lines = event[5]
+    lines[:] = [line.replace(COLON, ":").replace(ARRAY, "Array") for line in lines]
+
+
+def setup(app: Any) -> None:
+    """Connect what goes before and after napoleon, whose priority is 500."""
+    app.connect("autodoc-process-docstring", before_napoleon, priority=400)
+    app.connect("autodoc-process-docstring", after_napoleon, priority=600)
+
 
 # Notebooks are run when the pages are built; what they print is in the page.
 nb_execution_mode = "cache"

@@ -63,12 +63,16 @@ def _loads(robot: Robot) -> list[str]:
     return [payload.name for payload in robot.payloads]
 
 
-def alike(one: Robot, other: Robot) -> bool:
-    """Whether two robots are the same but for rounding and where they come from."""
-    return _joints(one) == _joints(other) and _same_bodies(one, other)
+def unlike(one: Robot, other: Robot) -> str:
+    """What two robots differ in by more than rounding and where they come from."""
+    mine, theirs = _values(one), _values(other)
+    different = next((name for name in mine if mine[name] != theirs[name]), "")
+    if different or _same_bodies(one, other):
+        return different
+    return "placements or inertias"
 
 
-def _joints(robot: Robot) -> Mapping[str, object]:
+def _values(robot: Robot) -> Mapping[str, object]:
     """What robots have by joint, and what collides."""
     numbers = ("damping", "armature", "friction", "gravity")
     items = robot.collision_model.geometryObjects
@@ -76,14 +80,14 @@ def _joints(robot: Robot) -> Mapping[str, object]:
     kinds = [type(item.geometry).__name__ for item in items]
     said = robot.srdf
     return {
-        "names": robot.joint_names,
-        "locked": dict(robot.locked_joints),
+        "joints, or another order of them": robot.joint_names,
+        "locked joints": dict(robot.locked_joints),
         "limits": robot.limits,
         "motion limits": robot.motion_limits,
         "frames": [frame.name for frame in robot.model.frames],
         "shapes": sorted(zip(movers, kinds, strict=True)),
-        "pairs": () if said is None else sorted(said.disabled_pairs),
-        "states": {} if said is None else dict(said.group_states),
+        "pairs of links": () if said is None else sorted(said.disabled_pairs),
+        "group states": {} if said is None else dict(said.group_states),
         **{name: getattr(robot, name).tolist() for name in numbers},
     }
 

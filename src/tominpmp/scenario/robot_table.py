@@ -29,7 +29,7 @@ from tominpmp.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
 from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
 from tominpmp.scenario.records import classes, field_table, file_name, make
-from tominpmp.scenario.robot_files import Beside, alike
+from tominpmp.scenario.robot_files import Beside, unlike
 from tominpmp.scene import Obstacle
 
 # Overrides per joint, as load_robot has them.
@@ -213,8 +213,8 @@ def _srdf(
     return beside.srdf(robot, semantics)
 
 
-def gives_back(robot: Robot, folder: Path, stem: str) -> bool:
-    """Whether a robot that is written down and loaded again is the same.
+def check_given_back(robot: Robot, folder: Path, stem: str) -> None:
+    """Check that a robot that is written down and loaded again is the same.
 
     One whose files would lie beside the scenario may differ by rounding, and by where
     it comes from.
@@ -226,19 +226,27 @@ def gives_back(robot: Robot, folder: Path, stem: str) -> bool:
 
     Raises:
         ScenarioError: If it cannot be loaded again.
-        TypeError: If it cannot be written.
+        TypeError: If it would be another, or cannot be written.
     """
     beside = Beside(stem)
     table = robot_table(robot, folder, beside)
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is to be told was told at first loading
         if not beside.files:
-            return read_robot(Field(table, folder / stem, "robot")) == robot
+            if read_robot(Field(table, folder / stem, "robot")) != robot:
+                raise TypeError(
+                    "it differs from its files by more than the arguments of load_robot"
+                )
+            return
         elsewhere = Path(name)
-        beside.write(elsewhere)
         table = robot_table(robot, elsewhere, Beside(stem))
-        loaded = read_robot(Field(table, elsewhere / stem, "robot"))
-        return alike(loaded, robot)
+        beside.write(elsewhere)
+        different = unlike(read_robot(Field(table, elsewhere / stem, "robot")), robot)
+    if different:
+        raise TypeError(
+            f"it was loaded from {robot.urdf_path}, and a URDF file of it would have "
+            f"other {different}; expected one that was loaded from a file"
+        )
 
 
 def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:

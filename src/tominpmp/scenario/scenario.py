@@ -73,7 +73,11 @@ from tominpmp.scenario.limits_table import (
 )
 from tominpmp.scenario.records import classes, field_table, make, same, to_table
 from tominpmp.scenario.robot_files import Beside
-from tominpmp.scenario.robot_table import gives_back, read_robot, robot_table
+from tominpmp.scenario.robot_table import (
+    check_given_back,
+    read_robot,
+    robot_table,
+)
 from tominpmp.scenario.scene_table import (
     constraint_tables,
     scene_table,
@@ -335,10 +339,8 @@ def _document(
         document["self_collision"] = problem.self_collision
     try:
         document["robot"] = robot_table(problem.robot, folder, beside)
-        if check and not gives_back(problem.robot, folder, f"{path.stem}_robot"):
-            fail(
-                "robot", "it differs from its files by more than load_robot's arguments"
-            )
+        if check:
+            check_given_back(problem.robot, folder, f"{path.stem}_robot")
     except TypeError as error:
         fail("robot", error)
     document["start"] = {"q": problem.q_start.tolist()}
