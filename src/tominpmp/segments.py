@@ -263,7 +263,7 @@ def segments_of(
 
     Args:
         motion: The motion.
-        segments: What was asked of them; empty for one segment.
+        segments: What was asked of them; empty where nothing is known of them.
     """
     ends = [motion.duration]
     if motion.segment_ends is not None:

@@ -176,6 +176,13 @@ class Trajectory(Record):
         return float(self.t[-1])
 
     @property
+    def degree(self) -> int:
+        """Degree of the positions between the nodes: 2, 3 or 5."""
+        if self.a is None:
+            return 3
+        return 5 if len(self.a) == self.t.size else 2
+
+    @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)

@@ -91,8 +91,7 @@ class WarmStart(Guess):
     @property
     def continuous(self) -> bool:
         """Whether its accelerations are continuous."""
-        motion = self.trajectory
-        return not self.held and (motion.a is None or len(motion.a) == motion.t.size)
+        return not self.held and self.trajectory.degree > 2
 
     def remainder(self, system: ProblemFunctions) -> Trajectory | None:
         """The motion as it was from the entry on; None if it was bent.
@@ -143,8 +142,7 @@ class WarmStart(Guess):
         """Program in constant accelerations, and the motion as its iterate."""
         T, motion = self.duration, self.trajectory
         nodes = self.grid(intervals)
-        constant = motion.a is not None and motion.a.shape[0] == motion.t.size - 1
-        if nodes is None or not constant:
+        if nodes is None or motion.degree != 2:
             transcription = InverseTranscription(
                 system, interval_shares(kind, intervals), T
             )

@@ -141,7 +141,7 @@ def bring_segments(
     chosen = _rounded(problem.alternative_of(motion), period)
     system = ProblemFunctions.of(chosen)
     guess = solved_guess("clock", motion, problem.segments)
-    nodes, degree = _nodes(motion, problem), _degree(motion)
+    nodes, degree = _nodes(motion, problem), motion.degree
     last, factor, fruitless = Clocked(Status.INFEASIBLE), 1.0, 0
     for _ in range(TRIES):
         knots = SegmentTicks.near(period, guess, nodes, factor, degree)
@@ -191,10 +191,3 @@ def _nodes(motion: Trajectory, problem: Problem) -> Array:
     for end, segment in reversed(list(ends)):
         t[motion.t >= end - 1e-12] -= segment.dwell
     return np.unique(np.round(t, 12))
-
-
-def _degree(motion: Trajectory) -> int:
-    """Degree of the positions of a motion between its nodes."""
-    if motion.a is None:
-        return 3
-    return 5 if len(motion.a) == motion.t.size else 2

@@ -141,7 +141,6 @@ def _program(
     kind = options.grid
     if former.inverse_dynamics is None:
         return guess.lifted_program(system, intervals, kind)
-    if former.a is not None and former.a.shape[0] == former.t.size - 1:
+    if former.degree == 2:
         return guess.inverse_program(system, intervals, kind)
-    degree = 3 if former.a is None else 5
-    return guess.spline_program(system, intervals, kind, degree)
+    return guess.spline_program(system, intervals, kind, former.degree)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.segments import segments_of
 from tominpmp.trajectory import InverseDynamics, Trajectory
 
 # Nodes that a motion of degree 5 is given where others are of lower degree.
@@ -24,12 +25,12 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     Returns:
         One motion; its segments are the motions, each with the stay at its end.
     """
-    parts = _alike([piece for m in motions for piece in _segments(m)])
-    counts = [len(_segments(m)) for m in motions]
+    pieces = [_segments(motion) for motion in motions]
+    parts = _alike([piece for some in pieces for piece in some])
     waits = [
-        stay if k == count - 1 else 0.0
-        for count, stay in zip(counts, stays[1:], strict=True)
-        for k in range(count)
+        stay if k == len(some) - 1 else 0.0
+        for some, stay in zip(pieces, stays[1:], strict=True)
+        for k in range(len(some))
     ]
     t = [np.zeros(1)]
     q: list[Array] = []
@@ -115,33 +116,20 @@ def _append(
 
 def _segments(motion: Trajectory) -> list[Trajectory]:
     """The segments of a motion, each from time 0."""
-    if motion.segment_ends is None:
-        return [motion]
-    from tominpmp.segments import segments_of
-
-    return [
-        part.trajectory
-        for part in segments_of(motion, [None] * motion.segment_ends.size)  # type: ignore[list-item]
-    ]
+    return [part.trajectory for part in segments_of(motion, ())]
 
 
 def _alike(parts: Sequence[Trajectory]) -> list[Trajectory]:
     """The same motions as polynomials of one degree, from rest to rest."""
-    degrees = {_degree(part) for part in parts}
+    degrees = {part.degree for part in parts}
     if len(degrees) == 1:
         return list(parts)
     return [_cubic(part) for part in parts]
 
 
-def _degree(part: Trajectory) -> int:
-    if part.a is None:
-        return 3
-    return 5 if len(part.a) == part.t.size else 2
-
-
 def _cubic(part: Trajectory) -> Trajectory:
     """A motion by positions and velocities alone: exact up to degree 3."""
-    if _degree(part) < 5:
+    if part.degree < 5:
         return replace(part, a=None)
     fine = [
         np.linspace(a, b, 2 + int((b - a) / FINE))[:-1]

@@ -74,10 +74,8 @@ class Layout:
         """
         if motion.inverse_dynamics is None or motion.segment_ends is not None:
             return None
-        h, degree = np.diff(motion.t), 5
-        if motion.a is None or len(motion.a) == h.size:
-            degree = 3 if motion.a is None else QUADRATIC
-        return cls(degree, h[:, None] / motion.duration, np.array([motion.duration]))
+        shares = np.diff(motion.t)[:, None] / motion.duration
+        return cls(motion.degree, shares, np.array([motion.duration]))
 
     def transcription(self, system: ProblemFunctions) -> Gridded:
         """The parameterisation, for the functions of a problem."""
