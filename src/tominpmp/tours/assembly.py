@@ -117,7 +117,7 @@ class Assembly:
         )
 
     def _at(self, node: int) -> Station | None:
-        station = self.legs.station(node)
+        station = self.legs.table.station(node)
         return None if station is None else self.stations[station]
 
     def _stops(self, nodes: Sequence[int]) -> list[int]:
@@ -148,7 +148,7 @@ class Assembly:
                 return None
             return [(found, [place + 1])]
         self.legs.limit_time()
-        stations = [self.legs.station(node) for node in nodes]
+        stations = [self.legs.table.station(node) for node in nodes]
         passing = self.legs.planner.passing(stations, q)
         if passing is not None:
             return [(passing, list(range(place + 1, place + len(nodes))))]

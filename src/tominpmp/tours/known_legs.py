@@ -6,15 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, check, seconds_left
+from tominpmp.tours.direct_motion import NO_WAY
 from tominpmp.tours.leg_table import Leg, LegTable
 from tominpmp.tours.legs import LegPlanner
 from tominpmp.trajectory import Trajectory
-
-# Configurations that differ by less are one [rad or m].
-NO_WAY = 1e-9
 
 
 @dataclass(eq=False)
@@ -35,9 +34,10 @@ class KnownLegs:
     _looked_at: set[Leg] = field(default_factory=set)
     _unverified: dict[Leg, Trajectory] = field(default_factory=dict)
 
-    def station(self, node: int) -> int | None:
-        """Index of the station at a node; None for the start and the end."""
-        return node - 1 if 0 < node <= self.table.stations else None
+    def _ends(self, leg: Leg) -> tuple[int | None, int | None, Array, Array]:
+        """Stations where a leg begins and ends, and the configurations there."""
+        begin, end = self.table.station(leg[0]), self.table.station(leg[2])
+        return begin, end, *self.table.rows(leg)
 
     def resting(self, leg: Leg) -> bool:
         """Whether the arm is at rest at both ends of a leg."""
@@ -52,9 +52,7 @@ class KnownLegs:
         if self.stays(leg):
             self.table.learn(leg, 0.0)
             return True
-        i, a, j, b = leg
-        rows = self.table.nodes[i][a], self.table.nodes[j][b]
-        found = self.planner.direct(self.station(i), self.station(j), *rows)
+        found = self.planner.direct(*self._ends(leg))
         if isinstance(found, Trajectory):
             self._unverified[leg] = found
             self.table.learn(leg, found.duration)
@@ -67,10 +65,7 @@ class KnownLegs:
         motion = self._unverified.pop(leg, None)
         if motion is None:
             return True
-        i, a, j, b = leg
-        rows = self.table.nodes[i][a], self.table.nodes[j][b]
-        ends = self.station(i), self.station(j)
-        found = self.planner.verified(*ends, *rows, motion)
+        found = self.planner.verified(*self._ends(leg), motion)
         if found is None:
             self.table.forget(leg)
             self.table.block_way(leg)
@@ -80,9 +75,8 @@ class KnownLegs:
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg leads nowhere."""
-        i, a, j, b = leg
-        apart = np.abs(self.table.nodes[i][a] - self.table.nodes[j][b])
-        return float(np.max(apart, initial=0.0)) < NO_WAY
+        begin, end = self.table.rows(leg)
+        return float(np.max(np.abs(begin - end), initial=0.0)) < NO_WAY
 
     def seconds(self, leg: Leg) -> float:
         """Time of a leg that is not known yet, infinite where there is no motion."""
@@ -95,17 +89,14 @@ class KnownLegs:
             return np.inf
         self.motions[leg] = found
         if self.table.is_blocked(leg):
-            i, a, j, b = leg
-            ends = self.table.nodes[i][a], self.table.nodes[j][b]
-            self.detours.append(found.T / float(self.table.times.between(*ends)))
+            least = float(self.table.times.between(*self.table.rows(leg)))
+            self.detours.append(found.T / least)
         return found.T
 
     def planned(self, leg: Leg) -> Solution | None:
         """Plan a leg; None where it is not possible at all."""
-        i, a, j, b = leg
         self.limit_time()
-        rows = self.table.nodes[i][a], self.table.nodes[j][b]
-        found = self.planner.leg(self.station(i), self.station(j), *rows)
+        found = self.planner.leg(*self._ends(leg))
         if found is not None and found.status is Status.INTERRUPTED:
             raise Stop(True)
         if found is not None and not found.success:
@@ -123,9 +114,7 @@ class KnownLegs:
         """How much longer legs take than by the estimates of the joints."""
         ratios = []
         for leg, seconds in self.table.known.items():
-            i, a, j, b = leg
-            rows = self.table.nodes[i][a], self.table.nodes[j][b]
-            guess = float(self.table.times.between(*rows))
+            guess = float(self.table.times.between(*self.table.rows(leg)))
             if guess > 0.0 and np.isfinite(seconds):
                 ratios.append(seconds / guess)
         return max(1.0, float(np.median(ratios))) if ratios else 1.0

@@ -65,6 +65,20 @@ class LegTable:
         """Pairs of nodes of which times of legs are known."""
         return iter(self._of_pair)
 
+    def station(self, node: int) -> int | None:
+        """Index of the station at a node; None for the start and the end."""
+        return node - 1 if 0 < node <= self.stations else None
+
+    def way(self, order: Sequence[int]) -> list[int]:
+        """Nodes of an order of stations, with the start and the end."""
+        end = [self.stations + 1] if self.ends else []
+        return [0, *(i + 1 for i in order), *end]
+
+    def rows(self, leg: Leg) -> tuple[Array, Array]:
+        """Configurations that a leg begins and ends at, shape (n,) each."""
+        i, a, j, b = leg
+        return self.nodes[i][a], self.nodes[j][b]
+
     def resting(self, i: int, j: int) -> int:
         """At how many ends of a leg the arm is at rest."""
         return int(self.rests[i]) + int(self.rests[j])
@@ -88,8 +102,8 @@ class LegTable:
 
     def block_way(self, leg: Leg) -> None:
         """Take down that something is on the direct way of a leg, there and back."""
-        i, a, j, b = leg
-        one, other = self.nodes[i][a], self.nodes[j][b]
+        i, _, j, _ = leg
+        one, other = self.rows(leg)
         self.blocked.setdefault((i, j), []).append((one, other))
         self.blocked.setdefault((j, i), []).append((other, one))
         for pair in ((i, j), (j, i)):
@@ -111,11 +125,10 @@ class LegTable:
 
     def is_blocked(self, leg: Leg) -> bool:
         """Whether something is likely to be on the direct way of a leg."""
-        i, a, j, b = leg
-        rows = self.nodes[i][a : a + 1], self.nodes[j][b : b + 1]
+        begin, end = self.rows(leg)
         return any(
-            bool(_near(rows[0], one)[0] and _near(rows[1], other)[0])
-            for one, other in self.blocked.get((i, j), ())
+            bool(_near(begin, one) and _near(end, other))
+            for one, other in self.blocked.get((leg[0], leg[2]), ())
         )
 
     def detours_take(self, share: float) -> None:
@@ -129,13 +142,11 @@ class LegTable:
             self.factor = factor
             self._blocks.clear()
 
-    def add(self, node: int, rows: Array) -> int:
-        """Add configurations to a node; how many there were before."""
-        before = len(self.nodes[node])
+    def add(self, node: int, rows: Array) -> None:
+        """Add configurations to a node."""
         self.nodes[node] = np.concatenate([self.nodes[node], rows])
         for pair in [pair for pair in self._blocks if node in pair]:
             del self._blocks[pair]
-        return before
 
     def along(self, order: Sequence[int], rows: list[Array]) -> LegTable:
         """A table of other configurations for the nodes of a tour, in their order."""
@@ -179,9 +190,8 @@ class LegTable:
         """Time of a leg, known or estimated [s]."""
         if leg in self.known:
             return self.known[leg]
-        i, a, j, b = leg
-        rows = self.nodes[i][a : a + 1], self.nodes[j][b : b + 1]
-        return float(self._guess(i, j, *rows)[0, 0])
+        begin, end = self.rows(leg)
+        return float(self._guess(leg[0], leg[2], begin[None], end[None])[0, 0])
 
     def best_configurations(self, order: Sequence[int]) -> tuple[float, list[int]]:
         """Best configurations for nodes in a given order, by dynamic programming.
@@ -205,5 +215,5 @@ class LegTable:
 
 
 def _near(rows: Array, q: Array) -> BoolArray:
-    """Which configurations are near to one, shape (k,)."""
-    return np.asarray(np.max(np.abs(rows - q), axis=1) < NEAR)
+    """Which configurations, shape (..., n), are near to one, shape (n,)."""
+    return np.asarray(np.max(np.abs(rows - q), axis=-1) < NEAR)

@@ -234,26 +234,21 @@ def search_order(
     orders = [list(begin)] if begin is not None else _first_orders(table, rules)
     best: tuple[float, tuple[int, ...], tuple[int, ...]] = (np.inf, (), ())
     for order in orders:
-        length, chosen = table.best_configurations(_nodes(table, order))
+        length, chosen = table.best_configurations(table.way(order))
         for turn in range(ROUNDS):
             at = np.zeros(len(table.nodes), dtype=int)
-            at[_nodes(table, order)] = chosen
+            at[table.way(order)] = chosen
             search = OrderSearch(table.fixed(at.tolist()), rules, table.ends)
             order = search.improved(order)
             if turn < 3:
                 order = search.kicked(order, kicks, rng)
-            now, chosen = table.best_configurations(_nodes(table, order))
+            now, chosen = table.best_configurations(table.way(order))
             if turn >= 3 and now > length - LEAST_GAIN:
                 break
             length = now
         if rules.allow(order) and length < best[0]:
             best = length, tuple(order), tuple(chosen)
     return best
-
-
-def _nodes(table: LegTable, order: Sequence[int]) -> list[int]:
-    end = [table.stations + 1] if table.ends else []
-    return [0, *(i + 1 for i in order), *end]
 
 
 def _first_orders(table: LegTable, rules: Rules) -> list[list[int]]:

@@ -47,7 +47,7 @@ def refined(
         Configurations of all places.
     """
     goals = configurations.goals
-    stations = [k - 1 if 0 < k <= table.stations else None for k in nodes]
+    stations = [table.station(node) for node in nodes]
     open_ones = [
         k
         for k, g in enumerate(stations)

@@ -149,7 +149,7 @@ class TourSearch:
             return failed(self.problem, self.stations, self.legs.planner)
         order, chosen = best[1]
         legs = Assembly(self.problem, self.stations, self.legs)
-        return legs.tour(self._nodes(order), chosen, status)
+        return legs.tour(self.table.way(order), chosen, status)
 
     # -- order and configurations ------------------------------------------------------
 
@@ -199,14 +199,10 @@ class TourSearch:
             way = other
         return way
 
-    def _nodes(self, order: Sequence[int]) -> list[int]:
-        end = [self.table.stations + 1] if self.table.ends else []
-        return [0, *(i + 1 for i in order), *end]
-
     def _refine(self, way: Way, rounds: int = REFINEMENTS) -> bool:
         """Add better configurations for an order; whether there are any."""
         order, chosen = way
-        nodes = self._nodes(order)
+        nodes = self.table.way(order)
         places = [
             self.table.nodes[node][c] for node, c in zip(nodes, chosen, strict=True)
         ]
@@ -223,7 +219,7 @@ class TourSearch:
     # -- legs --------------------------------------------------------------------------
 
     def _legs(self, way: Way) -> list[Leg]:
-        nodes = self._nodes(way[0])
+        nodes = self.table.way(way[0])
         places = list(zip(nodes, way[1], strict=True))
         return [(*a, *b) for a, b in pairwise(places)]
 
