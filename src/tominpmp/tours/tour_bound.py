@@ -162,8 +162,6 @@ def _assigned(least: Array, rules: Rules, ends: bool) -> float:
     for i, j in rules.before:
         cost[j + 1, i + 1] = big
         cost[0, j + 1] = big
-        if ends:
-            continue
     for i, allowed in rules.then.items():
         for j in range(n):
             if j not in allowed:
@@ -186,20 +184,17 @@ def _closed(least: Array, ends: bool) -> Array:
 
 def _one_tree(least: Array, ends: bool) -> float:
     """Bound by trees, with multipliers that make them look like circles."""
-    if ends:
-        cost = least[:-1, :-1].copy()
-        home = least[1:-1, -1]
-        # Start and end are one place, left by one of its legs and entered by the other.
-        depart = least[0, 1:-1]
-        cost[0, 1:] = cost[1:, 0] = np.minimum(depart, home)
-    else:
-        cost = least.copy()
-        cost[0, 1:] = cost[1:, 0] = 0.0
-    n = len(cost)
+    n = len(least) - ends
     if n < 4:
         return 0.0
     if not ends:
-        return _open_tree(least)
+        # A way that ends anywhere is a tree that spans all places.
+        return _spanning_tree(least)[0]
+    cost = least[:-1, :-1].copy()
+    home = least[1:-1, -1]
+    # Start and end are one place, left by one of its legs and entered by the other.
+    depart = least[0, 1:-1]
+    cost[0, 1:] = cost[1:, 0] = np.minimum(depart, home)
     weights, best = np.zeros(n), 0.0
     step = 0.1 * float(np.mean(cost))
     for _ in range(ASCENT):
@@ -214,28 +209,23 @@ def _one_tree(least: Array, ends: bool) -> float:
     return best
 
 
-def _open_tree(least: Array) -> float:
-    """A tree that spans all places: a way that ends anywhere is one."""
-    return _tree_from(least, 0)[0]
-
-
 def _tree(cost: Array) -> tuple[float, Array]:
     """Shortest tree over all places but the first, and the two edges of that."""
-    total, degree = _tree_from(cost[1:, 1:], 0)
+    total, degree = _spanning_tree(cost[1:, 1:])
     degree = np.concatenate([[2], degree])
     two = np.argsort(cost[0, 1:], kind="stable")[:2]
     degree[two + 1] += 1
     return total + float(np.sum(cost[0, 1:][two])), degree
 
 
-def _tree_from(cost: Array, root: int) -> tuple[float, Array]:
+def _spanning_tree(cost: Array) -> tuple[float, Array]:
     """Shortest spanning tree (Prim): its length and the degrees of the places."""
     n = len(cost)
     degree = np.zeros(n, dtype=int)
     inside = np.zeros(n, dtype=bool)
-    inside[root] = True
-    near, parent = cost[root].copy(), np.full(n, root)
-    near[root] = np.inf
+    inside[0] = True
+    near, parent = cost[0].copy(), np.zeros(n, dtype=int)
+    near[0] = np.inf
     total = 0.0
     for _ in range(n - 1):
         k = int(np.argmin(near))
