@@ -203,11 +203,8 @@ class Configurations:
         """Add what random starts lead to."""
         if not which:
             return
-        low, high = self.limits
         home = self.problem.q_start
-        low, high = np.maximum(low, home - np.pi), np.minimum(high, home + np.pi)
-        low, high = np.minimum(low, high), np.maximum(low, high)
-        starts = rng.uniform(low, high, (len(which), count, len(low)))
+        starts = self._random(rng, (len(which), count, home.size))
         starts[:, 0] = home
         # What does not carry the frame stays where it is.
         for i, g in enumerate(which):
@@ -218,7 +215,13 @@ class Configurations:
                 idle = self._idle(one)
                 starts[i][np.ix_(aimed == k, idle)] = home[idle]
         rows = np.repeat(np.array(which, dtype=np.int64), count)
-        self._add(found, starts.reshape(-1, len(low)), rows, in_turn=True)
+        self._add(found, starts.reshape(-1, home.size), rows, in_turn=True)
+
+    def _random(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        """Configurations at most half a turn of each joint from the start."""
+        (low, high), home = self.limits, self.problem.q_start
+        low, high = np.maximum(low, home - np.pi), np.minimum(high, home + np.pi)
+        return rng.uniform(np.minimum(low, high), np.maximum(low, high), shape)
 
     def _idle(self, goal: Goal) -> BoolArray:
         """Joints that do not carry the frame of a goal, shape (n,)."""
@@ -292,13 +295,7 @@ class Configurations:
 
     def unreached(self, g: int) -> str:
         """Why no configuration was found for a station, in a clause."""
-        rng = np.random.default_rng(0)
-        low, high = self.limits
-        home = self.problem.q_start
-        low, high = np.maximum(low, home - np.pi), np.minimum(high, home + np.pi)
-        starts = rng.uniform(
-            np.minimum(low, high), np.maximum(low, high), (60, len(low))
-        )
+        starts = self._random(np.random.default_rng(0), (60, self.problem.robot.n))
         q, good = self.projected(starts, np.full(60, g, dtype=np.int64))
         if not np.any(good):
             rests = [
