@@ -211,17 +211,22 @@ def checked_pairs(given: object, name: str) -> tuple[tuple[str, str], ...]:
     return tuple((str(one), str(other)) for one, other in given)
 
 
+def known_names(robot: Robot, scene: Scene) -> set[str]:
+    """Names of what may touch: links that have a shape, and obstacles."""
+    links = {
+        robot.model.frames[item.parentFrame].name
+        for item in robot.collision_model.geometryObjects
+    }
+    return links | {item.name for item in scene.obstacles}
+
+
 def check_names(pairs: Sequence[tuple[str, str]], robot: Robot, scene: Scene) -> None:
     """Check that pairs name links of a robot, or obstacles of a scene.
 
     Raises:
         ProblemError: If one is neither.
     """
-    links = {
-        robot.model.frames[item.parentFrame].name
-        for item in robot.collision_model.geometryObjects
-    }
-    known = links | {item.name for item in scene.obstacles}
+    known = known_names(robot, scene)
     for pair in pairs:
         for one in pair:
             if one not in known:

@@ -13,9 +13,10 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 from tominpmp.options import Options
+from tominpmp.payload import Payload
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
-from tominpmp.segments import Segment
+from tominpmp.segments import Segment, known_names
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.tours.direct_motion import direct_motion
@@ -61,13 +62,7 @@ class LegPlanner:
             begin: Index of the station where it begins; None for the start.
             end: Where it ends; None for the end of the tour.
         """
-        touch: list[tuple[str, str]] = []
-        payload = None
-        for index in (begin, end):
-            if index is not None:
-                touch += self.stations[index].may_touch
-        if begin is not None:
-            payload = self.stations[begin].payload
+        payload, touch = self._carried(begin, end)
         if payload is None and not touch:
             return self.problem
         key = begin, end if touch else None
@@ -75,12 +70,20 @@ class LegPlanner:
             robot = self.problem.robot
             if payload is not None:
                 robot = robot.with_payload(payload)
-            known = _names(robot, self.problem)
+            known = known_names(robot, self.problem.scene)
             # What is carried elsewhere is not there to touch anything.
             pairs = [pair for pair in touch if set(pair) <= known]
             allowed = (*self.problem.may_touch, *pairs)
             self._settings[key] = replace(self.problem, robot=robot, may_touch=allowed)
         return self._settings[key]
+
+    def _carried(
+        self, begin: int | None, end: int | None
+    ) -> tuple[Payload | None, list[tuple[str, str]]]:
+        """What is carried between two stations, and the pairs that may touch."""
+        ends = [self.stations[index] for index in (begin, end) if index is not None]
+        payload = None if begin is None else self.stations[begin].payload
+        return payload, [pair for station in ends for pair in station.may_touch]
 
     def leg(
         self, begin: int | None, end: int | None, q_start: Array, q_end: Array
@@ -213,22 +216,11 @@ class LegPlanner:
         segments = []
         for begin, end, there in zip(way[:-1], way[1:], q[1:], strict=True):
             station = None if end is None else self.stations[end]
-            carried = None if begin is None else self.stations[begin].payload
-            touch: list[tuple[str, str]] = []
-            for index in (begin, end):
-                touch += () if index is None else self.stations[index].may_touch
+            payload, touch = self._carried(begin, end)
             goal = JointGoal(there)
             if station is not None and not station.stop and not exactly:
                 goal = station.goal  # type: ignore[assignment]
-            segments.append(Segment(goal, payload=carried, may_touch=touch))
+            segments.append(Segment(goal, payload=payload, may_touch=touch))
         base = self.problem
         last = segments[-1].goal
         return replace(base, q_start=q[0], goal=last, segments=segments)
-
-
-def _names(robot: object, problem: Problem) -> set[str]:
-    """Names of links with shapes and of obstacles."""
-    frames = robot.model.frames  # type: ignore[attr-defined]
-    shapes = robot.collision_model.geometryObjects  # type: ignore[attr-defined]
-    links = {frames[item.parentFrame].name for item in shapes}
-    return links | {item.name for item in problem.scene.obstacles}
