@@ -105,19 +105,13 @@ class OrderSearch:
             cut = np.sort(rng.choice(np.arange(1, width), 3, replace=False)) + begin
             a, b, c = cut.tolist()
             other = best[:a] + best[b:c] + best[a:b] + best[c:]
-            if not self._before_kept(other):
+            if self.rules.before and not self.rules.in_turn(other):
                 continue
             other = self.improved(other)
             length = self.length(self.way(other))
             if length < shortest - LEAST_GAIN:
                 best, shortest = other, length
         return best
-
-    def _before_kept(self, order: Sequence[int]) -> bool:
-        if not self.rules.before:
-            return True
-        place = {station: k for k, station in enumerate(order)}
-        return all(place[i] < place[j] for i, j in self.rules.before)
 
     def _step(self, way: IntArray) -> IntArray | None:
         """The best move that is allowed; None if none gains."""
@@ -133,7 +127,7 @@ class OrderSearch:
             if gain > -LEAST_GAIN:
                 return None
             other = self._moved(way, kind, i, j)
-            if self._before_kept(self.order(other)):
+            if self.rules.in_turn(self.order(other)):
                 return other
         return None
 

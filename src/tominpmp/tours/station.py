@@ -218,14 +218,16 @@ class Rules:
         """Whether a station may be the last one."""
         return station not in self.then
 
+    def in_turn(self, order: Sequence[int]) -> bool:
+        """Whether an order of all stations has none before what it comes after."""
+        place = {station: k for k, station in enumerate(order)}
+        return all(place[i] < place[j] for i, j in self.before)
+
     def allow(self, order: Sequence[int]) -> bool:
         """Whether an order of all stations keeps the rules."""
         if self.free:
             return True
-        place = {station: k for k, station in enumerate(order)}
-        if any(place[i] > place[j] for i, j in self.before):
-            return False
-        if not self.may_end(order[-1]):
+        if not self.in_turn(order) or not self.may_end(order[-1]):
             return False
         return all(self.follows(i, j) for i, j in pairwise(order))
 
