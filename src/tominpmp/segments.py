@@ -195,13 +195,16 @@ def checked_segments(given: object) -> tuple[Segment, ...]:
     return tuple(given)
 
 
-def checked_pairs(given: object, name: str) -> tuple[tuple[str, str], ...]:
+def checked_pairs(
+    given: object,
+    name: str,
+    expected: str = 'expected pairs of names, as [("hand", "box")]',
+) -> tuple[tuple[str, str], ...]:
     """Check a caller's pairs of names.
 
     Raises:
         ProblemError: If they are none.
     """
-    expected = 'expected pairs of names, as [("hand", "box")]'
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise ProblemError(f"{name} is {brief(given)}, {expected}", name)
     for pair in given:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from tominpmp.arrays import Record, number_or_nan
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal
 from tominpmp.payload import Payload
+from tominpmp.segments import checked_pairs
 
 # More stations than this are taken for a mistake.
 MOST_STATIONS = 5_000
@@ -85,6 +86,8 @@ class Station(Record):
                 "stop=False lets the arm pass it at any velocity",
                 "station.goal",
             )
+        pairs = checked_pairs(self.may_touch, "station.may_touch")
+        object.__setattr__(self, "may_touch", pairs)
         # A stay is a stop.
         object.__setattr__(self, "stop", bool(self.stop) or dwell > 0.0)
 
@@ -229,7 +232,7 @@ class Rules:
             return True
         if not self.in_turn(order) or not self.may_end(order[-1]):
             return False
-        return all(self.follows(i, j) for i, j in pairwise(order))
+        return all(self.follows(i, j) for i, j in itertools.pairwise(order))
 
     def _check_cycles(self, names: Sequence[str]) -> None:
         """Check that what is to be earlier is not to be later, too."""
@@ -256,21 +259,14 @@ class Rules:
 
 def _checked_precedence(
     given: object, index: Mapping[str, int]
-) -> list[tuple[str, str]]:
+) -> tuple[tuple[str, str], ...]:
     expected = 'expected pairs of names of stations, as [("drill", "tap")]'
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise ProblemError(f"precedence is {brief(given)}, {expected}", "precedence")
-    found = []
-    for pair in given:
-        two = isinstance(pair, list | tuple) and len(pair) == 2
-        if not two or not all(isinstance(name, str) for name in pair):
-            raise ProblemError(f"precedence holds {brief(pair)}, {expected}")
-        for name in pair:
-            if name not in index:
-                raise ProblemError(
-                    f"precedence names {brief(name)}, expected one of the stations "
-                    f"{brief(', '.join(index))}",
-                    "precedence",
-                )
-        found.append((pair[0], pair[1]))
-    return found
+    pairs = checked_pairs(given, "precedence", expected)
+    for name in itertools.chain.from_iterable(pairs):
+        if name not in index:
+            raise ProblemError(
+                f"precedence names {brief(name)}, expected one of the stations "
+                f"{brief(', '.join(index))}",
+                "precedence",
+            )
+    return pairs

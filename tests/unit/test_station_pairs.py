@@ -1,0 +1,25 @@
+"""Pairs of names that a caller gives stations and tours are checked at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import tominpmp as tm
+from tominpmp.tours.station import Rules
+
+
+@pytest.mark.parametrize("wrong", [3, "hand", [("hand",)], [("hand", 2)], [("", "a")]])
+def test_what_may_touch_at_a_station_are_pairs_of_names(wrong: Any) -> None:
+    with pytest.raises(tm.ProblemError, match=r"station\.may_touch") as caught:
+        tm.Station("drill", tm.JointGoal([0.0]), may_touch=wrong)
+    assert caught.value.field == "station.may_touch"
+
+
+@pytest.mark.parametrize("wrong", [3, "drill", [("drill",)], [("drill", 2)]])
+def test_precedence_names_its_field_whatever_is_wrong(wrong: Any) -> None:
+    stations = [tm.Station("drill", tm.JointGoal([0.0]))]
+    with pytest.raises(tm.ProblemError, match="precedence") as caught:
+        Rules.of(stations, wrong)
+    assert caught.value.field == "precedence"
