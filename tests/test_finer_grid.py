@@ -161,7 +161,8 @@ def test_a_joint_at_its_speed_limit_all_the_way_has_nothing_to_gain():
     for goal, expected in ((1.0, True), (1e-5, False)):
         problem = tm.Problem(rail, [0.0], tm.JointGoal([goal]))
         motion = tm.plan(problem, refine=None).trajectory
-        assert nothing_to_gain(problem, motion) == expected
+        system = ProblemFunctions.of(problem)
+        assert nothing_to_gain(system, motion) == expected
 
 
 def test_knots_stay_on_the_ticks_of_a_controller():

@@ -122,14 +122,27 @@ class BodyPlacements:
     """
 
     def __init__(self, joint: IntArray, placements: Sequence[pin.SE3]) -> None:
-        self._joint = joint
-        self._R = np.array([item.rotation for item in placements]).reshape(-1, 3, 3)
-        self._t = np.array([item.translation for item in placements]).reshape(-1, 3)
+        R = np.array([item.rotation for item in placements]).reshape(-1, 3, 3)
+        t = np.array([item.translation for item in placements]).reshape(-1, 3)
+        self._fixed, self._carried = np.flatnonzero(joint == 0), np.flatnonzero(joint)
+        self._joint = joint[self._carried]
+        self._R, self._t = R[self._carried], t[self._carried]
+        self._fixed_R, self._fixed_t = R[self._fixed], t[self._fixed]
 
     def place(self, joints: tuple[Array, Array]) -> tuple[Array, Array]:
         """Placements body_to_world, shapes (m, bodies, 3, 3) and (m, bodies, 3).
 
         From the placements of the joints, shapes (m, joints, 3, 3) and (m, joints, 3).
         """
+        count = self._fixed.size + self._carried.size
+        placed_R = np.empty((len(joints[0]), count, 3, 3))
+        placed_t = np.empty((len(joints[0]), count, 3))
+        placed_R[:, self._fixed], placed_t[:, self._fixed] = (
+            self._fixed_R,
+            self._fixed_t,
+        )
         R, t = joints[0][:, self._joint], joints[1][:, self._joint]
-        return R @ self._R, t + np.einsum("mbij,bj->mbi", R, self._t)
+        placed_R[:, self._carried] = R @ self._R
+        turned = (R @ self._t[:, :, None])[..., 0]
+        placed_t[:, self._carried] = t + turned
+        return placed_R, placed_t

@@ -23,6 +23,7 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
+from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
@@ -87,9 +88,11 @@ def on_finer_grid(
     if not found:
         return
     best = min(found, key=lambda attempt: attempt.duration)
-    if best.status in STOPPED or nothing_to_gain(problem, best.trajectory):
+    if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
         return
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    if nothing_to_gain(system, best.trajectory):
+        return
     progress.share(1)
     progress.begin()
     made = sum(r.programs for attempt in attempts for r in attempt.history)
@@ -102,12 +105,10 @@ def on_finer_grid(
     progress.deadline.check()
 
 
-def nothing_to_gain(problem: Problem, motion: Trajectory) -> bool:
+def nothing_to_gain(system: ProblemFunctions, motion: Trajectory) -> bool:
     """Whether a joint needs nearly all of T for its way at its speed limit alone."""
-    if motion.duration < SHORTEST_MOTION:
-        return True
-    way = np.abs(motion.q[-1] - motion.q[0]) / problem.robot.limits.velocity
-    return bool(np.max(way) > (1.0 - WORTH) * motion.duration)
+    least = time_at_speed_limits(system, motion)
+    return bool(least > (1.0 - WORTH) * motion.duration)
 
 
 class Work:

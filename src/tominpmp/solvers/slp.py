@@ -189,7 +189,7 @@ class SlpSolver:
             if attempt == ADDITIONS or not np.any(broken):
                 break
             selecting = np.where(broken, reached, selecting)
-        outcome = self.search(iterate, program, solution, variation, effort)
+        outcome = self.search(iterate, program, solution, variation, effort, reached)
         multipliers = program.multipliers(solution)
         promised = self.promised(iterate, program, program.step(solution))
         merit = merit.raised(multipliers, iterate.values, promised)
@@ -267,6 +267,7 @@ class SlpSolver:
         solution: LpSolution,
         variation: Variation | None,
         effort: Effort,
+        reached: Array | None = None,
     ) -> Outcome:
         """Full step, second-order correction, then a line search on the merit."""
         merit = iterate.merit
@@ -296,7 +297,7 @@ class SlpSolver:
             LINE_SEARCH,
         )
         origin = Trial(iterate.z, iterate.values, now)
-        return search.run(origin, step, predicted, resolve, enough)
+        return search.run(origin, step, predicted, resolve, enough, reached)
 
     def model(
         self,

@@ -48,6 +48,7 @@ class StepSearch:
         predicted: float,
         resolve: Callable[[Array], Array | None],
         enough: Callable[[Trial, float], bool],
+        reached: Array | None = None,
     ) -> Outcome:
         """Try the step, corrections of it, then shorter ones.
 
@@ -58,10 +59,11 @@ class StepSearch:
             resolve: Solves the program again for the error of its rows; the step, None
                 if that fails.
             enough: Whether a trial, with its violation, needs no correction.
+            reached: Row values where the step leads, if they are known.
         """
         frame, rows = self.frame, self.nlp.rows
         z, values = origin.z, origin.values
-        trial = best = self.attempt(z, step)
+        trial = best = self.attempt(z, step, known=reached)
         for _ in range(self.corrections):
             left = rows.largest_violation(trial.values)
             if enough(trial, left):
@@ -88,9 +90,11 @@ class StepSearch:
         actual = origin.merit - best.merit
         return Outcome(best, predicted, actual, ratio, actual > 0.0)
 
-    def attempt(self, z: Array, step: Array, damping: float = 1.0) -> Trial:
-        """Evaluate a share of a step."""
+    def attempt(
+        self, z: Array, step: Array, damping: float = 1.0, known: Array | None = None
+    ) -> Trial:
+        """Evaluate a share of a step, unless the row values there are known."""
         check()
         there = z + damping * step
-        values = self.nlp.evaluate(there)
+        values = self.nlp.evaluate(there) if known is None else known
         return Trial(there, values, self.merit(there, values), damping)
