@@ -257,7 +257,7 @@ class _Program:
             falls[:, :n] = rows.slopes
             falls[:, n:] = 0.0 if rows.speed_slopes is None else rows.speed_slopes
             falls *= self.T * y[:, None]
-            share = np.broadcast_to(rows.share, y.shape)
+            share = rows.at.share
             inside = share < 1.0
             place = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)[inside]
             np.add.at(pushes, (rows.interval[inside], place), falls[inside])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.perturbations import Perturbations
+from tominpmp.certificate.perturbations import JUST_INSIDE, Perturbations
 
 
 class Instants(NamedTuple):
@@ -34,6 +34,12 @@ class Instants(NamedTuple):
         interval = np.clip(interval, 0, changes.N - 1)
         share = (times - changes.t[interval]) / changes.h[interval]
         return cls(interval, np.clip(share, 0.0, 1.0))
+
+    @property
+    def inside(self) -> Instants:
+        """The same, just inside of their intervals where they are at ends of them."""
+        share = np.clip(self.share, JUST_INSIDE, 1.0 - JUST_INSIDE)
+        return Instants(self.interval, share)
 
     def times(self, changes: Perturbations) -> Array:
         """When they are [s], shape (m,)."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tominpmp.arrays import Array, IntArray
+from tominpmp.certificate.instants import Instants
 from tominpmp.certificate.perturbations import Linearised
 
 
@@ -50,6 +53,12 @@ class LimitRows:
         if isinstance(self.share, float) and self.share in (0.0, 1.0):
             return int(self.share)
         return None
+
+    @property
+    def at(self) -> Instants:
+        """Where the rows stand."""
+        share = np.asarray(self.share, dtype=float)
+        return Instants(self.interval, np.broadcast_to(share, self.interval.shape))
 
     def kept(self, rows: IntArray) -> LimitRows:
         """Some of the rows."""

@@ -12,7 +12,6 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.sensitivities.records import Sensitivity
 
@@ -86,8 +85,7 @@ class LimitValues:
             return np.asarray(motion.load[rows.interval, rows.subject])
         if rows.end is not None:
             return np.asarray(motion.loads[rows.interval, rows.end, rows.subject])
-        changes, task = motion.changes, motion.task
-        time = changes.t[rows.interval] + rows.share * changes.h[rows.interval]
+        task, time = motion.task, rows.at.times(motion.changes)
         load = (motion.trajectory(time).u - task.effort_middle) / task.effort_half
         return np.asarray(load[np.arange(time.size), rows.subject])
 
@@ -138,9 +136,7 @@ class LimitValues:
         for rows, y in self.found.rows:
             if rows.kind != "effort over speed":
                 continue
-            share = np.broadcast_to(np.asarray(rows.share, dtype=float), y.shape)
-            inside = np.clip(share, JUST_INSIDE, 1.0 - JUST_INSIDE)
-            time = changes.t[rows.interval] + inside * changes.h[rows.interval]
+            time = rows.at.inside.times(changes)
             state, every = motion.trajectory(time), np.arange(y.size)
             u, v = state.u[every, rows.subject], state.v[every, rows.subject]
             slope = np.array(

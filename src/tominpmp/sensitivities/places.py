@@ -19,7 +19,6 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.multipliers import GOAL
-from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.sensitivities.records import Sensitivity
@@ -126,9 +125,7 @@ class PlaceValues:
             held = (rows.subject < checker.obstacle_pairs) & (worth > NOTHING)
             if rows.kind != "clearance" or not held.any():
                 continue
-            share = np.broadcast_to(np.asarray(rows.share, dtype=float), y.shape)[held]
-            interval, pair = rows.interval[held], rows.subject[held]
-            time = changes.t[interval] + share * changes.h[interval]
+            pair, time = rows.subject[held], rows.at.kept(held).times(changes)
             q = self.motion.trajectory(time).q
             normal, point = checker.witnesses(q, pair, time)
             # An obstacle that goes along the normal gives room.
@@ -180,10 +177,7 @@ class PlaceValues:
             if rows.kind not in names or rows.component is None:
                 continue
             held = np.abs(y) > NOTHING
-            share = np.broadcast_to(np.asarray(rows.share, dtype=float), y.shape)[held]
-            interval = rows.interval[held]
-            inside = np.minimum(share, 1.0 - JUST_INSIDE)
-            time = changes.t[interval] + inside * changes.h[interval]
+            time = rows.at.kept(held).inside.times(changes)
             for index in np.unique(rows.subject[held]).tolist():
                 own = rows.subject[held] == index
                 which = rows.component[held][own]

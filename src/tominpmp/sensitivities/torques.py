@@ -17,8 +17,8 @@ import pinocchio as pin
 from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_solution import DualSolution
+from tominpmp.certificate.instants import Instants
 from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.perturbations import JUST_INSIDE
 from tominpmp.payload import Payload
 from tominpmp.robot import Robot
 
@@ -26,6 +26,7 @@ from tominpmp.robot import Robot
 NOTHING = 1e-12
 
 Term = tuple[IntArray, Array, IntArray, Array]
+NO_TERM: Term = np.zeros(0, int), np.zeros(0), np.zeros(0, int), np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +54,15 @@ class TorqueWeights:
         """Gather the multipliers of a motion."""
         terms = [term for rows, y in found.rows for term in _terms(motion, rows, y)]
         n, changes = motion.changes.n, motion.changes
-        interval, share, joint, worth = (
-            (
-                np.concatenate([np.zeros(0, dtype=kind), *parts])
-                for kind, parts in zip(
-                    (int, float, int, float), zip(*terms, strict=True), strict=True
-                )
-            )
-            if terms
-            else (np.zeros(0, int), np.zeros(0), np.zeros(0, int), np.zeros(0))
-        )
+        parts = zip(NO_TERM, *terms, strict=True)
+        interval, share, joint, worth = (np.concatenate(part) for part in parts)
         kept = np.abs(worth) > NOTHING * np.max(np.abs(worth), initial=0.0)
         place = np.stack([interval + 0.0, share], axis=1)[kept]
         place, row = np.unique(place, axis=0, return_inverse=True)
         weight = np.zeros((len(place), n))
         np.add.at(weight, (row.ravel(), joint[kept]), worth[kept])
         interval, share = place[:, 0].astype(int), place[:, 1]
-        inside = np.clip(share, JUST_INSIDE, 1.0 - JUST_INSIDE)
-        time = changes.t[interval] + inside * changes.h[interval]
+        time = Instants(interval, share).inside.times(changes)
         state = motion.trajectory(time)
         a = np.array(state.a)
         for end in (0, 1):
@@ -148,8 +140,7 @@ def _levels(motion: Motion, rows: LimitRows, y: Array) -> list[Term]:
     if rows.mean:
         half = 0.5 * worth
         return _at_both_ends(rows.interval, rows.subject, half)
-    share = np.broadcast_to(np.asarray(rows.share, dtype=float), y.shape)
-    return [(rows.interval, share, rows.subject, worth)]
+    return [(*rows.at, rows.subject, worth)]
 
 
 def _rates(motion: Motion, rows: LimitRows, y: Array) -> list[Term]:
@@ -168,13 +159,10 @@ def _rates(motion: Motion, rows: LimitRows, y: Array) -> list[Term]:
 
 def _over_speed(motion: Motion, rows: LimitRows, y: Array) -> list[Term]:
     """Rows are of either sign: the one whose limit is near is that of the torque."""
-    share = np.broadcast_to(np.asarray(rows.share, dtype=float), y.shape)
-    inside = np.clip(share, JUST_INSIDE, 1.0 - JUST_INSIDE)
-    changes = motion.changes
-    time = changes.t[rows.interval] + inside * changes.h[rows.interval]
+    time = rows.at.inside.times(motion.changes)
     u = motion.trajectory(time).u[np.arange(y.size), rows.subject]
     worth = np.sign(u) * y / motion.task.effort_half[rows.subject]
-    return [(rows.interval, share, rows.subject, worth)]
+    return [(*rows.at, rows.subject, worth)]
 
 
 def _at_both_ends(interval: IntArray, joint: IntArray, worth: Array) -> list[Term]:
