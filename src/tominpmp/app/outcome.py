@@ -10,13 +10,11 @@ from tominpmp.app.request import Request
 from tominpmp.arrays import Array, Record
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.problem import Problem
 from tominpmp.solution import Solution
+from tominpmp.viz.shares import AT_LIMIT, used
 
 # Instants at which a motion is shown.
 INSTANTS = 241
-# A torque or speed is at its limit from this share of it on.
-AT_LIMIT = 0.985
 # So many of the limits that hold a motion are told.
 MOST_HELD = 8
 
@@ -118,7 +116,7 @@ def show(solution: Solution, frame: str, *, certified: bool = False) -> Shown | 
     problem, bound = solution.problem, solution.lower_bound
     t = np.linspace(0.0, motion.duration, INSTANTS)
     at = motion(t)
-    speed, torque = _shares(problem, at.v, at.u)
+    speed, torque = used(problem, at.v, at.u)
     kinematics = RobotKinematics(problem.robot)
     path = [kinematics.placement(q, frame).translation for q in at.q]
     held, sentence = None, ""
@@ -139,20 +137,6 @@ def show(solution: Solution, frame: str, *, certified: bool = False) -> Shown | 
         held=_sampled(motion.joint_names, speed, torque) if held is None else held,
         optimality=sentence,
     )
-
-
-def _shares(problem: Problem, v: Array, u: Array) -> tuple[Array, Array]:
-    """Speeds and torques as shares of their limits, shape (m, n) each."""
-    limits = problem.robot.limits
-    motion = problem.motion_limits
-    scale = 1.0 if motion is None else motion.effort_scale
-    finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
-    speed = np.where(finite, v / np.where(finite, limits.velocity, 1.0), 0.0)
-    middle = (limits.effort_upper + limits.effort_lower) / 2
-    half = scale * (limits.effort_upper - limits.effort_lower) / 2
-    driven = np.isfinite(half) & (half > 0.0)
-    middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
-    return speed, np.where(driven, (u - middle) / half, 0.0)
 
 
 def _sampled(names: tuple[str, ...], speed: Array, torque: Array) -> tuple[Held, ...]:

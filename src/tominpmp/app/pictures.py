@@ -7,8 +7,9 @@ from html import escape
 
 import numpy as np
 
-from tominpmp.app.outcome import AT_LIMIT, Held, Outcome, Shown
+from tominpmp.app.outcome import Held, Outcome, Shown
 from tominpmp.arrays import Array
+from tominpmp.viz.shares import AT_LIMIT
 
 SPEED, TORQUE, HOT = "#3b82f6", "#f59e0b", "#e11d48"
 INK, FAINT, TRACK = "#1f2937", "#6b7280", "#e5e7eb"

@@ -46,17 +46,27 @@ def shares_of_limits(problem: Problem, trajectory: Trajectory) -> Shares:
 
     The share of the torque that ``effort_scale`` leaves to motions counts as all of it.
     """
-    limits, motion_limits = problem.robot.limits, problem.motion_limits
-    scale = 1.0 if motion_limits is None else motion_limits.effort_scale
     times = np.linspace(0.0, trajectory.duration, INSTANTS)
     # Both sides of a jump at a node.
     nodes = trajectory.t[1:-1]
     times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
     state = trajectory(times)
-    middle = 0.5 * (limits.effort_upper + limits.effort_lower)
-    half = 0.5 * scale * (limits.effort_upper - limits.effort_lower)
-    driven = half > 0.0
-    torque = np.where(driven, (state.u - middle) / np.where(driven, half, 1.0), 0.0)
-    return Shares(
-        trajectory.joint_names, times, torque, np.asarray(state.v / limits.velocity)
-    )
+    speed, torque = used(problem, state.v, state.u)
+    return Shares(trajectory.joint_names, times, torque, speed)
+
+
+def used(problem: Problem, v: Array, u: Array) -> tuple[Array, Array]:
+    """Speeds and torques of shape (m, n) as shares of their limits.
+
+    A torque in the middle of its range is zero, and so is whatever has no limit or no
+    motor.
+    """
+    limits, motion_limits = problem.robot.limits, problem.motion_limits
+    scale = 1.0 if motion_limits is None else motion_limits.effort_scale
+    finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
+    speed = np.where(finite, v / np.where(finite, limits.velocity, 1.0), 0.0)
+    middle = (limits.effort_upper + limits.effort_lower) / 2
+    half = scale * (limits.effort_upper - limits.effort_lower) / 2
+    driven = np.isfinite(half) & (half > 0.0)
+    middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
+    return speed, np.where(driven, (u - middle) / half, 0.0)
