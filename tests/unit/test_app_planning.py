@@ -209,12 +209,12 @@ def test_changes_are_planned_and_repeated_ones_are_not(controller: Controller) -
     controller.start()
     controller.change(q_goal=NEAR.q_goal)
     controller.change(q_goal=NEAR.q_goal)
-    controller.change_limits(effort_scale=0.5)
+    controller.change(limits=replace(NEAR.limits, effort_scale=0.5))
     asked = recorder(controller).asked
     assert [number for number, _ in asked] == [1, 2, 3]
     assert asked[-1][1] == replace(NEAR, limits=Limits(0.5, margin=0.0))
     with pytest.raises(ProblemError, match="speed_scale"):
-        controller.change_limits(speed_scale=-1.0)
+        controller.change(limits=replace(NEAR.limits, speed_scale=-1.0))
     assert len(asked) == 3
 
 

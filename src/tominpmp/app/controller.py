@@ -103,15 +103,6 @@ class Controller:
         with self._lock:
             self.ask(replace(self._request, **changes))
 
-    def change_limits(self, **changes: float | None) -> None:
-        """Ask for the same with other limits.
-
-        Raises:
-            ProblemError: If a value is wrong.
-        """
-        with self._lock:
-            self.change(limits=replace(self._request.limits, **changes))  # type: ignore[arg-type]
-
     def choose(self, choice: RobotChoice) -> None:
         """Ask for a motion of another robot, with start and goal of its own.
 

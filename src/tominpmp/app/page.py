@@ -31,10 +31,10 @@ from tominpmp.app.stage import (
     START_COLOR,
     Arm,
     draw_path,
-    looks,
     outlines,
 )
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
+from tominpmp.viz.bodies import robot_bodies
 
 logger = logging.getLogger(__name__)
 
@@ -211,7 +211,7 @@ class Page:
             self._size = size_of(robot, request)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                bodies = looks(robot)
+                bodies = robot_bodies(robot)
             ghost = outlines(robot, bodies)
             tints = ("q_start", START_COLOR), ("q_goal", GOAL_COLOR)
             self._arms = {

@@ -11,7 +11,7 @@ import pinocchio as pin
 from tominpmp.app.outcome import Shown
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
-from tominpmp.viz.bodies import Body, robot_bodies
+from tominpmp.viz.bodies import Body
 from tominpmp.viz.surfaces import Surface, native_surface, shaded, tube
 
 Color = tuple[float, float, float]
@@ -65,18 +65,9 @@ class Arm:
             node.position = place[:3]
             node.wxyz = place[[6, 3, 4, 5]]
 
-    def show(self, visible: bool) -> None:
-        """Show or hide it."""
-        self._root.visible = visible
-
     def remove(self) -> None:
         """Take it off the stage."""
         self._root.remove()
-
-
-def looks(robot: Robot) -> list[Body]:
-    """The bodies of a robot, as they are seen."""
-    return robot_bodies(robot)
 
 
 def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
