@@ -132,6 +132,19 @@ class MujocoArm:
             self.mujoco.mj_mulM(self.model, self.data, full[i], unit)
         return np.array(np.diag(full)[self._order])
 
+    def gains(self, q: Array, bandwidth: float) -> tuple[Array, Array]:
+        """Gains of position and velocity that bring errors to zero so fast [1/s].
+
+        Args:
+            q: Configurations, of which the one of the largest inertia counts, (m, n).
+            bandwidth: How fast [1/s]: both poles of each joint are there.
+
+        Returns:
+            Stiffnesses and dampings, shape (n,) each.
+        """
+        masses = np.array([self.masses(row) for row in q]).max(axis=0)
+        return bandwidth**2 * masses, 2.0 * bandwidth * masses
+
     def choose_integrator(self, step: float, q: Array) -> str:
         """Fourth order, unless friction is stiff; returns its name."""
         kinds = self.mujoco.mjtIntegrator

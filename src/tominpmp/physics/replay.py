@@ -115,14 +115,7 @@ def replay(
     """
     if engine != "mujoco":
         raise ProblemError(f"engine is {brief(engine)}, expected 'mujoco'", "engine")
-    for name, value in (
-        ("step", step), ("bandwidth", bandwidth), ("tolerance", tolerance)
-    ):  # fmt: skip
-        number = number_or_nan(value)
-        if not (np.isfinite(number) and number > 0.0):
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected a positive number", name
-            )
+    check_positive(step=step, bandwidth=bandwidth, tolerance=tolerance)
     if any(segment.payload is not None for segment in problem.segments):
         raise ProblemError(
             "segments: a load changes on the way, expected one robot for the whole "
@@ -145,6 +138,19 @@ def replay(
     )
 
 
+def check_positive(**values: object) -> None:
+    """Check a caller's positive numbers.
+
+    Raises:
+        ProblemError: If one is none.
+    """
+    for name, value in values.items():
+        if not 0.0 < number_or_nan(value) < np.inf:
+            raise ProblemError(
+                f"{name} is {brief(value)}, expected a positive number", name
+            )
+
+
 def simulate(
     arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float = 0.0
 ) -> Run:
@@ -154,8 +160,8 @@ def simulate(
     # A torque that is constant on a step is that of its middle.
     plan, force = trajectory(times), trajectory(middle).u
     wanted = trajectory(middle)
-    masses = np.array([arm.masses(q) for q in trajectory.q]).max(axis=0)
-    stiffness, damping = bandwidth**2 * masses, 2.0 * bandwidth * masses
+    if bandwidth:
+        stiffness, damping = arm.gains(trajectory.q, bandwidth)
     q, v, u = (np.empty((times.size, arm.robot.n)) for _ in range(3))
     arm.set_state(plan.q[0], plan.v[0])
     for k, seconds in enumerate(np.diff(times)):

@@ -19,6 +19,7 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
+from tominpmp.physics.replay import check_positive
 from tominpmp.problem import Problem
 from tominpmp.trajectory import State, Trajectory
 
@@ -155,13 +156,7 @@ def robustness(
     from tominpmp.planner.planning import plan
 
     shares = _checked_reserves(reserves)
-    for name, value in (
-        ("tolerance", tolerance), ("bandwidth", bandwidth), ("period", period)
-    ):  # fmt: skip
-        if not 0.0 < number_or_nan(value) < np.inf:
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected a positive number", name
-            )
+    check_positive(tolerance=tolerance, bandwidth=bandwidth, period=period)
     whole = isinstance(samples, int) and not isinstance(samples, bool)
     if not whole or not 1 <= samples <= MOST_SAMPLES:
         raise ProblemError(
@@ -241,8 +236,7 @@ class _Trial:
         self.plan: State = trajectory(self.times)
         self.force = trajectory(0.5 * (self.times[:-1] + self.times[1:])).u
         arm = MujocoArm(problem.robot)
-        masses = np.array([arm.masses(q) for q in trajectory.q]).max(axis=0)
-        self.gains = bandwidth**2 * masses, 2.0 * bandwidth * masses
+        self.gains = arm.gains(trajectory.q, bandwidth)
 
     def error(self, world: Disturbances, rng: np.random.Generator) -> float:
         """Largest distance of a joint from the motion in one trial."""
