@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from tominpmp.initial_guess.parallel import end_with
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
+from tominpmp.robot import Robot
 from tominpmp.scenario.scenario import Scenario, load_scenario, scenario_text
 from tominpmp.trajectory import Trajectory
 
@@ -115,7 +117,8 @@ class Ready:
     untold: str = ""
 
 
-_checked_robots: set[int] = set()
+# By their numbers, which others may get once they are gone: so they are compared.
+_checked_robots: WeakValueDictionary[int, Robot] = WeakValueDictionary()
 
 
 def ready(item: Item, settings: Settings, began_with: int | None = None) -> Ready:
@@ -134,10 +137,10 @@ def ready(item: Item, settings: Settings, began_with: int | None = None) -> Read
         robot = problem.robot
         try:
             # To read a robot back takes longer than many a plan.
-            known = id(robot) in _checked_robots
+            known = _checked_robots.get(id(robot)) is robot
             place = settings.folder / "problem.toml"
             text = scenario_text(place, problem, options, check=not known)
-            _checked_robots.add(id(robot))
+            _checked_robots[id(robot)] = robot
         except ScenarioError as error:
             untold = str(error)
     digest = ""
