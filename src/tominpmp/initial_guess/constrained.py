@@ -95,12 +95,13 @@ def held_positions(problem: Problem) -> list[PathConstraint]:
     return [item for item in every if item.order == 0 and item.window is None]
 
 
-def keeping_paths(system: ProblemFunctions, q_end: Array) -> list[Array]:
+def keeping_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[Array]:
     """Paths from the start to a configuration that keep constraints on the way.
 
     Args:
         system: The problem.
         q_end: Final configuration, shape (n,).
+        keeps: Whether a straight line keeps constraints on positions.
 
     Returns:
         Corners of each, shape (m, n): one within the constraints on positions, where a
@@ -117,7 +118,7 @@ def keeping_paths(system: ProblemFunctions, q_end: Array) -> list[Array]:
     if guided:
         along = partial(_off_points, system, guided)
         found.append(_shifted(system, line, _both(along, inside)))
-    elif held and not _kept(held, line):
+    elif not keeps:
         found.append(_shifted(system, line, lambda _, q: inside(q)))
     always = [item for item in problem.ready_constraints if item.window is None]
     fast = [item.top_speed[0] for item in always if item.top_speed is not None]
@@ -158,15 +159,11 @@ def _both(along: Residual, inside: Callable[[Array], tuple[Array, Array]]) -> Re
 
 def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
     """Whether a straight line to a configuration keeps constraints on positions."""
-    held = held_positions(system.problem)
-    return _kept(held, np.linspace(system.problem.q_start, q_end, PLACES + 1))
-
-
-def _kept(held: Sequence[PathConstraint], path: Array) -> bool:
+    path = np.linspace(system.problem.q_start, q_end, PLACES + 1)
     none = np.zeros(0)
     return all(
         item.measure(q, none, none) <= item.largest + CLOSE * item.scale
-        for item in held
+        for item in held_positions(system.problem)
         for q in path
     )
 

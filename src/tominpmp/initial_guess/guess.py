@@ -114,7 +114,7 @@ def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     Where the line keeps the constraints on positions, the fastest of both.
     """
     keeps = keeps_positions(system, q_end)
-    paths = keeping_paths(system, q_end)
+    paths = keeping_paths(system, q_end, keeps)
     found = [along_guess(system, path, KEEPING) for path in paths]
     if keeps or not found:
         found.insert(0, replace(straight_guess(system, q_end), keeps=keeps))
