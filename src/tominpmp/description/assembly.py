@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, real_array
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.description.urdf_syntax import write_numbers
+from tominpmp.description.urdf_syntax import write_numbers, write_origin
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import by_joint, in_order
 
@@ -74,7 +74,7 @@ def with_link(
     robot = fromstring(description.xml)
     new = SubElement(robot, "link", name=link.name)
     inertial = SubElement(new, "inertial")
-    _origin(inertial, pin.SE3(np.eye(3), np.array(link.com)))
+    write_origin(inertial, pin.SE3(np.eye(3), np.array(link.com)))
     write_numbers(SubElement(inertial, "mass"), "value", [link.mass])
     inertia = SubElement(inertial, "inertia")
     for i, one in enumerate("xyz"):
@@ -97,7 +97,7 @@ def with_link(
 
 
 def _add_shape(element: Element, shape: Shape) -> None:
-    _origin(element, shape.placement)
+    write_origin(element, shape.placement)
     # URDF knows no capsule; those to collide with are marked as such.
     tag = "cylinder" if shape.kind == "capsule" else shape.kind
     copy = SubElement(SubElement(element, "geometry"), tag)
@@ -176,7 +176,7 @@ def on_base(description: UrdfDescription, base: pin.SE3) -> UrdfDescription:
         origin = mount.find("origin")
         if origin is not None:
             mount.remove(origin)
-        _origin(mount, base)
+        write_origin(mount, base)
     if not mounts:
         SubElement(robot, "link", name=GROUND)
         _fix(robot, MOUNT, GROUND, _root(description), base)
@@ -212,16 +212,9 @@ def _fix(
     robot: Element, name: str, parent: str, child: str, placement: pin.SE3
 ) -> None:
     joint = SubElement(robot, "joint", name=name, type="fixed")
-    _origin(joint, placement)
+    write_origin(joint, placement)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
-
-
-def _origin(element: Element, placement: pin.SE3) -> None:
-    origin = SubElement(element, "origin")
-    write_numbers(origin, "xyz", placement.translation.tolist())
-    # Exact to rounding also where the pitch is a right angle.
-    write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
 
 
 def joint_order(xml: str) -> tuple[str, ...]:

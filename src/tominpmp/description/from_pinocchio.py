@@ -21,7 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.description.geometry_shapes import add_shapes
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import JointDescription, Mimic, UrdfDescription
-from tominpmp.description.urdf_syntax import write_numbers
+from tominpmp.description.urdf_syntax import write_numbers, write_origin
 from tominpmp.description.xml_reader import MAX_NUMBER
 from tominpmp.exceptions import RobotLoadError, brief
 
@@ -264,9 +264,7 @@ def _inertial(link: Element, inertia: pin.Inertia) -> None:
 
 
 def _fix(element: Element, parent: str, child: str, placement: pin.SE3) -> None:
-    origin = SubElement(element, "origin")
-    write_numbers(origin, "xyz", placement.translation.tolist())
-    write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
+    write_origin(element, placement)
     SubElement(element, "parent", link=parent)
     SubElement(element, "child", link=child)
 

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.description.urdf_syntax import write_numbers
+from tominpmp.description.urdf_syntax import write_numbers, write_origin
 from tominpmp.exceptions import RobotLoadError, brief
 
 # How names of meshes begin that a description carries itself.
@@ -58,9 +58,7 @@ def add_shapes(
         element = SubElement(link, tag)
         if tag == "collision":
             element.set("name", str(len(link.findall("collision")) - 1))
-        origin = SubElement(element, "origin")
-        write_numbers(origin, "xyz", placement.translation.tolist())
-        write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
+        write_origin(element, placement)
         shape = SubElement(element, "geometry")
         if not _add_primitive(shape, item.geometry, link, element):
             meshes |= _add_mesh(shape, item, path)

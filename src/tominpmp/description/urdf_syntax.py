@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
+import pinocchio as pin
+
 from tominpmp.description.xml_reader import XmlContext, to_number
 
 # The parsers recurse into the tree; humanoids have some hundred links.
@@ -97,6 +99,13 @@ class Beyond:
 def write_numbers(element: Element, attribute: str, values: Iterable[float]) -> None:
     """Write numbers so that every parser reads exactly them."""
     element.set(attribute, " ".join(repr(float(value)) for value in values))
+
+
+def write_origin(element: Element, placement: pin.SE3) -> None:
+    """Write a placement, exact to rounding also where the pitch is a right angle."""
+    origin = SubElement(element, "origin")
+    write_numbers(origin, "xyz", placement.translation.tolist())
+    write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
 
 
 def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
