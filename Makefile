@@ -73,6 +73,10 @@ bench: setup ## Run the benchmarks with their default options
 package-check: setup ## Build wheel and sdist, install and try them in an empty environment
 	@$(BIN)/python tools/check_package.py
 
+.PHONY: documents-check
+documents-check: setup ## Run what README and the first pages show, with the wheel only
+	@$(BIN)/python tools/check_package.py --documents
+
 DOCS_STAMP := $(VENV)/docs-installed
 
 # Beside the dependencies of the package, at the same versions where both want one.

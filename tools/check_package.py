@@ -3,10 +3,16 @@
 The environment gets the declared dependencies only, no extras, at the versions of the
 lock file. The sdist takes the place of the wheel there, since both declare the same.
 All runs from another directory, so that the checkout is out of reach.
+
+    python tools/check_package.py [--documents]
+
+With --documents the wheel is installed as the first pages say, with the extras that
+they name, and what they show is run there: blocks of Python and commands.
 """
 
 from __future__ import annotations
 
+import argparse
 import re
 import subprocess
 import sys
@@ -15,6 +21,10 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+# What a stranger reads first, and what names the extras to install.
+PAGES = ("README.md", "docs/start.md", "docs/first_hour.md", "docs/index.md")
+HOW_TOS = sorted(ROOT.glob("docs/how_to/*.md"))
+EXTRA = re.compile(r"pip install '(?:tominpmp|\.)\[([\w,]+)\]'")
 
 TRIAL = """
 from importlib.resources import files
@@ -82,8 +92,26 @@ def try_out(binaries: Path, folder: Path) -> None:
     run(binaries / "tominpmp", "--help", cwd=folder)
 
 
+def extras() -> list[str]:
+    """The extras that the first pages say to install."""
+    text = "\n".join((ROOT / page).read_text("utf-8") for page in PAGES)
+    return sorted({name for part in EXTRA.findall(text) for name in part.split(",")})
+
+
+def try_documents(binaries: Path, folder: Path) -> None:
+    """Run what the first pages and the how-tos show, with the package installed."""
+    where = "import sys, tominpmp; assert sys.prefix in tominpmp.__file__"
+    run(binaries / "python", "-c", where, cwd=folder)
+    program = (binaries / "python", ROOT / "tools" / "doc_blocks.py")
+    run(*program, "--commands", *(ROOT / page for page in PAGES), cwd=folder)
+    run(*program, *HOW_TOS, cwd=folder)
+
+
 def main() -> None:
-    """Check both packages."""
+    """Check both packages, or the documents with one of them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--documents", action="store_true")
+    documents = parser.parse_args().documents
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         wheel, sdist = build(folder)
@@ -94,6 +122,12 @@ def main() -> None:
         pip = (binaries / "python", "-m", "pip", "--disable-pip-version-check")
         install = (*pip, "install", "--no-compile")
 
+        if documents:
+            given = f"{wheel}[{','.join(extras())}]"
+            run(*install, "--constraint", constraints, given, cwd=folder)
+            try_documents(binaries, folder)
+            print(f"{Path(given).name}: what the documents show runs")
+            return
         run(*install, "--constraint", constraints, wheel, cwd=folder)
         try_out(binaries, folder)
         print(f"{wheel.name}: installs and runs")

@@ -1,6 +1,6 @@
 """Run the Python of a page of documentation, block after block, in one namespace.
 
-    python tools/doc_blocks.py [--slow] [PAGE ...]
+    python tools/doc_blocks.py [--slow] [--commands] [PAGE ...]
 
 A page is Markdown. Its blocks are fences of Python, and cells of notebooks. Comments of
 HTML, which no reader sees, say what else there is to know:
@@ -9,6 +9,9 @@ HTML, which no reader sees, say what else there is to know:
     <!-- slow -->        the next block runs with --slow only, as in `make docs`
     <!-- needs NAME -->  the next block is left out where there is no such module
     <!-- left out: WHY -->   the next block is not run
+
+With --commands, lines of the command `tominpmp` that stand in a page as code are run
+after its blocks, in the same folder, in which the examples lie, too.
 
 Without pages, all of README.md and docs are run.
 """
@@ -20,7 +23,9 @@ import ast
 import io
 import os
 import re
+import shlex
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -40,6 +45,8 @@ FENCE = re.compile(
     r"|^<!-- (?P<rule>slow|needs \w+|left out: [^\n]*) -->$",
     re.MULTILINE | re.DOTALL,
 )
+# A command, indented, on as many lines as it takes.
+COMMAND = re.compile(r"^ {4}(tominpmp (?:.*\\\n)*.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,33 @@ def blocks(page: Path) -> Iterator[Block]:
         rule = rule if part == "hidden" else ""
 
 
+def commands(page: Path) -> Iterator[list[str]]:
+    """The commands of a page, as words."""
+    for found in COMMAND.findall(page.read_text("utf-8")):
+        yield shlex.split(found.replace("\\\n", " "), comments=True)
+
+
+def run_commands(page: Path, folder: Path) -> int:
+    """Run the commands of a page in a folder with this environment's program.
+
+    Returns:
+        Number of commands.
+
+    Raises:
+        RuntimeError: If one fails, with what it said.
+    """
+    shutil.copytree(ROOT / "examples", folder / "examples", dirs_exist_ok=True)
+    count = 0
+    for _, *arguments in commands(page):
+        program = [sys.executable, "-m", "tominpmp", *arguments]
+        found = subprocess.run(program, cwd=folder, capture_output=True, text=True)
+        if found.returncode:
+            words = shlex.join(["tominpmp", *arguments])
+            raise RuntimeError(f"failed: {words}\n{found.stdout}{found.stderr}")
+        count += 1
+    return count
+
+
 def run_page(page: Path, folder: Path, *, slow: bool = False) -> dict[str, Any]:
     """Run a page in a folder, in which the files of docs/static lie.
 
@@ -122,6 +156,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE")
     parser.add_argument("--slow", action="store_true", help="blocks marked slow, too")
+    parser.add_argument("--commands", action="store_true", help="commands, too")
     arguments = parser.parse_args()
     warnings.simplefilter("error")
     # Of an event loop that the viewer's server brings, and of strings of TOPP-RA.
@@ -130,27 +165,32 @@ def main() -> int:
     failed = [
         page
         for page in arguments.pages or pages()
-        if not tell_of(page.resolve(), slow=arguments.slow)
+        if not tell_of(
+            page.resolve(), slow=arguments.slow, with_commands=arguments.commands
+        )
     ]
     for page in failed:
         sys.stderr.write(f"failed: {page}\n")
     return 1 if failed else 0
 
 
-def tell_of(page: Path, *, slow: bool) -> bool:
+def tell_of(page: Path, *, slow: bool, with_commands: bool = False) -> bool:
     """Run a page, and write how long it took or why it failed."""
     count = len(list(blocks(page)))
-    if not count:
+    told = f"{count:2d} blocks"
+    if not count and not with_commands:
         return True
     begin, said = time.process_time(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(said):
         try:
             run_page(page, Path(folder), slow=slow)
+            if with_commands:
+                told += f", {run_commands(page, Path(folder))} commands"
         except Exception:
             sys.stderr.write(f"{said.getvalue()}{traceback.format_exc()}")
             return False
     seconds = time.process_time() - begin
-    sys.stdout.write(f"{seconds:6.1f} s  {count:2d} blocks  {page}\n")
+    sys.stdout.write(f"{seconds:6.1f} s  {told}  {page}\n")
     sys.stdout.flush()
     return True
 

@@ -214,7 +214,7 @@ class Solution:
         they are first asked for; see ``docs/sensitivities.md``.
 
         Raises:
-            ProblemError: If there is no motion, or it has several segments.
+            ProblemError: If there is no motion, or its segments have times of arrival.
         """
         from tominpmp.sensitivities.analysis import analyse
 

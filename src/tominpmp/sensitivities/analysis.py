@@ -18,18 +18,21 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_program import solve_dual_program
-from tominpmp.certificate.dual_solution import DualSolution
+from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
 from tominpmp.exceptions import ProblemError, expect
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
 from tominpmp.samples import Samples
 from tominpmp.sensitivities.limits import LimitValues
 from tominpmp.sensitivities.places import PlaceValues
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
+from tominpmp.sensitivities.sections import Section, sections
 from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.trajectory import Trajectory
+from tominpmp.verification.stages import with_segments
 
 
 def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities:
@@ -41,20 +44,18 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
             more the values mean, see :attr:`Sensitivities.promise`.
 
     Returns:
-        The sensitivities.
+        The sensitivities; of several segments, what each limit is worth on all of them.
 
     Raises:
         ProblemError: If the motion is one of other joints, has no numbers or no
-            multipliers, or the problem has several segments.
+            multipliers, or has segments that arrive at given times, or stay where
+            obstacles move.
     """
     expect(problem, Problem, "problem", "a Problem")
-    if problem.segments:
-        raise ProblemError(
-            f"problem has {len(problem.segments)} segments, expected one: motions of "
-            "several have no sensitivities yet",
-            "segments",
-        )
     given = checked_motion(trajectory, problem.robot, problem.q_start, problem.v_start)
+    T = given.duration
+    if problem.segments:
+        problem, given = _moving(problem, given)
     found = None
     try:
         with np.errstate(all="ignore"):
@@ -68,20 +69,38 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
             "motion whose linear program of small changes can be solved",
             "trajectory",
         )
-    return _read(motion, found)
+    parts = [_read(section, T) for section in sections(motion, found)]
+    return parts[0] if len(parts) == 1 else Sensitivities.of_segments(parts)
 
 
-def _read(motion: Motion, found: DualSolution) -> Sensitivities:
-    """Sensitivities from the multipliers of a motion."""
+def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
+    """A motion of several segments without its stays, and the problem it solves."""
+    for number, segment in enumerate(problem.segments, 1):
+        if segment.arrival is not None:
+            raise ProblemError(
+                f"segment {number} has to arrive at given times, expected none: what "
+                "they are worth is not known",
+                f"segments[{number - 1}].arrival",
+            )
+    given = with_segments(problem, given, Tolerances())
+    problem = problem.alternative_of(given)
+    return problem, without_stays(problem, given)
+
+
+def _read(section: Section, T: float) -> Sensitivities:
+    """Sensitivities of a motion of duration T from the multipliers of a segment."""
+    motion, found, number = section
     torques = TorqueWeights.of(motion, found)
-    places = PlaceValues(motion, found, torques)
+    places = PlaceValues(motion, found, torques, number)
     records = [
         *LimitValues(motion, found).records(),
         *_of_forces(motion, torques, places),
         *places.records(),
     ]
-    T = float(motion.changes.t[-1])
-    return Sensitivities(T, tuple(records), found.promise, places.base)
+    # Multipliers are shares of the time without stays, which nothing changes.
+    share = float(motion.changes.t[-1]) / T
+    records = [item.scaled(share) for item in records]
+    return Sensitivities(T, tuple(records), share * found.promise, share * places.base)
 
 
 def _of_forces(

@@ -63,8 +63,11 @@ class LimitValues:
         if kind == "acceleration" and limits is not None and limits.continuous:
             # The first and the last one are zero whatever the limit is.
             order = np.argsort(given.subject[own], kind="stable")
-            own = own[order].reshape(np.unique(given.subject[own]).size, -1)[:, 1:-1]
-            own = own.ravel()
+            joints = np.unique(given.subject[own]).size
+            by_joint = own[order].reshape(joints, -1)
+            first, end = self.motion.span
+            last = by_joint.shape[1] - int(end == self.motion.changes.N)
+            own = by_joint[:, int(first == 0) : last].ravel()
         out = np.zeros(n)
         worth = given.value[own] * (1.0 - given.room[own])
         np.add.at(out, given.subject[own], worth)

@@ -38,11 +38,13 @@ class PlaceValues:
         motion: The motion.
         found: Its multipliers.
         torques: What torques are worth.
+        number: Which segment it is, from 1; None where there is one only.
     """
 
     motion: Motion
     found: DualSolution
     torques: TorqueWeights
+    number: int | None = None
 
     def records(self) -> Iterator[Sensitivity]:
         """Records of the goal and of the obstacles."""
@@ -52,10 +54,14 @@ class PlaceValues:
             place = -self._base_of_goal[:3]
             name = problem.goal.frame_name
             subject = "goal" if name is None else f"frame {name}"
-            yield _place("goal", subject, place)
+            yield _place("goal", self._of_segment(subject), place)
         for item in problem.scene:
             place = self.contacts.get(item.name, np.zeros(6))[:3]
             yield _place("obstacle", item.name, place)
+
+    def _of_segment(self, subject: str) -> str:
+        """What a goal is about, with the segment that it ends."""
+        return subject if self.number is None else f"{subject} of segment {self.number}"
 
     # -- the goal ----------------------------------------------------------------------
 
@@ -81,7 +87,7 @@ class PlaceValues:
             yield Sensitivity(
                 "goal",
                 name,
-                name,
+                self._of_segment(name),
                 value,
                 f"1/{units[joint]}",
                 float(q[joint]),
@@ -90,7 +96,8 @@ class PlaceValues:
 
     def _goal_value(self, robot: Robot) -> Array:
         changes, kinematics = self.motion.changes, RobotKinematics(robot)
-        q, v = changes.q[-1], changes.v[-1]
+        node = self.motion.span[1]
+        q, v = changes.q[node], changes.v[node]
         task = self.motion.task
         goal = task.problem.goal.nearest(task.kinematics, q, v)
         return goal.residual(kinematics, q, v).value

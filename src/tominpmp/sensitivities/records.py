@@ -88,6 +88,11 @@ class Sensitivity(Record):
         """Share of T that one such step adds, to first order."""
         return self.value * self.step
 
+    def scaled(self, share: float) -> Sensitivity:
+        """The same of a motion of which that other one is a share."""
+        vector = None if self.vector is None else share * self.vector
+        return replace(self, value=share * self.value, vector=vector)
+
     @property
     def label(self) -> str:
         """What it is about, and which limit of it."""
@@ -210,6 +215,16 @@ class Sensitivities(Record):
         promise = math.fsum(item.promise * item.T for item in items) / whole
         return cls(whole, tuple(sums.values()), promise, np.asarray(base))
 
+    @classmethod
+    def of_segments(cls, parts: Sequence[Sensitivities]) -> Sensitivities:
+        """Those of the segments of one motion, each as shares of the whole T."""
+        sums: dict[tuple[str, str, str], Sensitivity] = {}
+        for record in (record for part in parts for record in part):
+            key = record.kind, record.subject, record.unit
+            sums[key] = _added(sums.get(key), record, 1.0)
+        base = np.sum([part.base for part in parts], axis=0)
+        return cls(parts[0].T, tuple(sums.values()), parts[0].promise, base)
+
     def table(self, most: int | None = None) -> str:
         """What holds the motion, as text, one line a record, the largest first.
 
@@ -253,10 +268,13 @@ class Sensitivities(Record):
 
 def _added(sum_: Sensitivity | None, item: Sensitivity, share: float) -> Sensitivity:
     """A record with that of another motion added."""
-    value = share * item.value
-    vector = None if item.vector is None else share * item.vector
+    item = item.scaled(share)
+    value, vector = item.value, item.vector
     if sum_ is None:
-        return replace(item, value=value, vector=vector)
+        return item
+    if item.limit != sum_.limit:
+        # Of several limits that are changed by the same share none is the one.
+        sum_ = replace(sum_, limit=None)
     if vector is not None and sum_.vector is not None:
         vector = vector + sum_.vector
         if item.kind in ("goal", "obstacle"):

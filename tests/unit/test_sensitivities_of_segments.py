@@ -1,0 +1,157 @@
+"""What limits are worth to motions of several segments."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from benchmarks.sensitivities import FINE
+from tests.sample_arms import make_arm, slide
+from tominpmp.sensitivities import Sensitivities, analyse
+
+MASS, FORCE, LOAD, STAY = 2.0, 10.0, 3.0, 0.2
+FIRST, SECOND = 0.5, 1.0
+
+
+def planned(*segments: tm.Segment, **changes: Any) -> tm.Solution:
+    robot = make_arm(slide(MASS), effort=FORCE)
+    problem = tm.Problem(robot, [0.0], segments=segments, **changes)
+    return tm.plan(problem, intervals=40, control="constant").raise_if_failed()
+
+
+def at(x: float, **changes: Any) -> tm.Segment:
+    return tm.Segment(tm.JointGoal([x]), **changes)
+
+
+def value(found: Sensitivities, kind: str, subject: str | None = None) -> float:
+    (item,) = found.of(kind, subject)
+    return item.value
+
+
+def test_a_load_that_is_picked_up_on_the_way() -> None:
+    load = tm.Payload(LOAD, "tip", name="box")
+    last = at(FIRST + SECOND, payload=load)
+    solution = planned(at(FIRST, dwell=STAY), last)
+    found = solution.sensitivities
+    T = solution.T
+    light, heavy = MASS / FORCE, (MASS + LOAD) / FORCE
+    # T = 2 sqrt(m d / F) on each segment, and the stay.
+    assert T == pytest.approx(
+        2 * math.sqrt(light * FIRST) + 2 * math.sqrt(heavy * SECOND) + STAY, rel=2e-3
+    )
+    assert found.T == T
+    assert value(found, "effort") == pytest.approx(-0.5 * (T - STAY) / T, rel=2e-3)
+    by_mass = LOAD * math.sqrt(SECOND / (MASS + LOAD) / FORCE) / T
+    assert value(found, "payload", "box") == pytest.approx(by_mass, rel=0.01)
+    name = solution.problem.robot.joint_names[0]
+    by_first, by_second = math.sqrt(light / FIRST), math.sqrt(heavy / SECOND)
+    goals = {s.subject: s.value * T for s in found.of("goal")}
+    assert goals == {
+        f"{name} of segment 1": pytest.approx(by_first - by_second, rel=0.01),
+        f"{name} of segment 2": pytest.approx(by_second, rel=0.01),
+    }
+    # All but the stay scales with time.
+    assert found.balance == pytest.approx(STAY / T, abs=1e-6)
+
+
+def test_a_goal_that_is_on_the_way_anyway_costs_nothing() -> None:
+    found = planned(at(0.3), at(1.0)).sensitivities
+    first, second = found.of("goal")
+    if first.subject.endswith("2"):
+        first, second = second, first
+    assert abs(first.value) < 0.04  # of a grid: the switch is inside an interval
+    assert second.value == pytest.approx(0.5, rel=0.02)
+    assert found.balance == pytest.approx(0.0, abs=1e-6)
+
+
+def test_constraints_and_limits_are_those_of_the_segment() -> None:
+    slow = (tm.ToolSpeed("tip", 0.5),)
+    slower = (tm.ToolSpeed("tip", 0.25),)
+    solution = planned(
+        at(0.5, constraints=slow, stop=True),
+        at(1.0, constraints=slower, stop=True),
+        at(1.5, motion_limits=tm.MotionLimits(acceleration=1.0)),
+    )
+    found, T, a = solution.sensitivities, solution.T, FORCE / MASS
+    # d / w + w / a at a tool speed w.
+    expected = (-0.5 / 0.5 + 0.5 / a) + (-0.5 / 0.25 + 0.25 / a)
+    assert value(found, slow[0].name) == pytest.approx(expected / T, rel=0.03)
+    (item,) = found.of(slow[0].name)
+    assert item.limit is None  # there are two
+    own = -math.sqrt(0.5 / 1.0) / T
+    assert value(found, "acceleration") == pytest.approx(own, rel=0.01)
+
+
+def test_obstacles_are_those_of_the_segment() -> None:
+    arm = tm.load_robot("planar3r").with_changes(gravity=(0, 0, 0))
+    first, second = (0.9, 1.5, -1.5), (0.5, 1.7, -1.7)
+    ball = tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))
+    goal, options = tm.PositionGoal("tip", (4, 1, 0)), {**FINE, "intervals": 24}
+    segments = [
+        tm.Segment(tm.JointGoal(second), scene=[], stop=True),
+        tm.Segment(goal, scene=[ball]),
+    ]
+    solution = tm.plan(tm.Problem(arm, first, segments=segments, margin=0.1), **options)
+    part = solution.segments[1].trajectory
+    one = analyse(tm.Problem(arm, second, goal, [ball], 0.1), part)
+    share = part.duration / solution.T
+    clearance = value(solution.sensitivities, "clearance", "O")
+    assert clearance == pytest.approx(share * value(one, "clearance", "O"), rel=0.05)
+    assert clearance > 0.01
+
+
+def test_times_of_arrival_are_refused() -> None:
+    solution = planned(at(0.3, arrival=(0.0, 2.0)), at(1.0))
+    with pytest.raises(tm.ProblemError, match="segment 1 has to arrive") as caught:
+        _ = solution.sensitivities
+    assert caught.value.field == "segments[0].arrival"
+
+
+@pytest.mark.nightly
+def test_differences_of_plans() -> None:
+    robot = tm.load_robot("planar3r")
+    options = {**FINE, "intervals": 40}
+
+    def problem(mass: float = 0.03, along: float = 0.0, effort: float = 7.0) -> Any:
+        arm = robot.with_changes(effort={"joint2": effort})
+        load = tm.Payload(mass, "tip", com=(0.1, 0, 0), name="box")
+        via = np.array((4.5, 2.0, 0.0)) + along * step
+        return tm.Problem(
+            arm,
+            (0.5, 1.7, -1.7),
+            segments=[
+                tm.Segment(tm.PositionGoal("tip", via)),
+                tm.Segment(tm.JointGoal([1.2, 0.8, -0.4]), payload=load, dwell=0.1),
+                tm.Segment(tm.JointGoal([0.8, 1.2, -0.8])),
+            ],
+        )
+
+    step = np.zeros(3)
+    solution = tm.plan(problem(), **options)
+    found = solution.sensitivities
+
+    def slope(change: float, **values: tuple[float, float]) -> float:
+        ends = [{k: v[i] for k, v in values.items()} for i in (0, 1)]
+        times = [tm.plan(problem(**e), start=solution, **options).T for e in ends]
+        return math.log(times[1] / times[0]) / (2.0 * change)
+
+    (via,) = found.of("goal", "frame tip of segment 1")
+    assert via.vector is not None
+    step = via.vector / np.linalg.norm(via.vector)
+    assert via.value == pytest.approx(slope(0.01, along=(-0.01, 0.01)), rel=0.05)
+    (box,) = found.of("payload", "box")
+    assert box.value == pytest.approx(slope(0.05, mass=(0.0285, 0.0315)), rel=0.05)
+    (motor,) = found.of("effort", "joint2")
+    assert motor.value == pytest.approx(slope(0.01, effort=(6.93, 7.07)), rel=0.05)
+
+
+def test_it_holds_for_a_motion_without_segments_too() -> None:
+    found = planned(at(0.3), at(1.0)).sensitivities
+    alone = Sensitivities.of_segments([found])
+    assert [item.value for item in alone] == [item.value for item in found]
+    assert replace(found[0]).scaled(2.0).value == 2.0 * found[0].value
