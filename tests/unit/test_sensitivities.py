@@ -190,10 +190,6 @@ def test_wrong_arguments() -> None:
     solution = planned("free")
     with pytest.raises(tm.ProblemError, match="problem is 3"):
         analyse(3, solution.trajectory)  # type: ignore[arg-type]
-    segments = [tm.Segment(JOINTS), tm.Segment(tm.JointGoal(START))]
-    several = tm.Problem(arm(), START, segments=segments)
-    with pytest.raises(tm.ProblemError, match="2 segments"):
-        analyse(several, solution.trajectory)
     failed = replace(solution, trajectory=None, feasible=False)
     with pytest.raises(tm.ProblemError, match="there is no motion"):
         _ = failed.sensitivities
