@@ -298,7 +298,10 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             ):
                 continue
             if contest is None:
-                robot = load_arm(name, arguments.speed_factor)
+                # The rivals know no dry friction; all get the same problem.
+                robot = load_arm(name, arguments.speed_factor).with_changes(
+                    friction=0.0
+                )
                 contest = Contest(
                     robot,
                     arguments.intervals,

@@ -131,8 +131,15 @@ class NarrowPhase:
             np.array(distances), np.array(normals), np.array(first), np.array(second)
         )
 
-    def overlaps(self, q: Array) -> list[bool]:
-        """Which pairs overlap at a configuration of the model."""
+    def overlaps(self, q: Array, trace: float = 0.0) -> list[bool]:
+        """Which pairs overlap at a configuration of the model, or nearly do.
+
+        Args:
+            q: The configuration.
+            trace: Distance that counts as an overlap, too [m].
+        """
+        for request in self._results.collisionRequests:
+            request.security_margin = trace
         pin.computeCollisions(
             self._model, self._data, self._geometry, self._results, q, False
         )

@@ -24,6 +24,9 @@ ALWAYS = 0.95
 # tell how far apart the links are.
 MOSTLY = 0.5
 SAMPLES = 100
+# Faces that glide on each other where links are joined are as near as this, or overlap,
+# as rounding will have it; no margin can be kept between them, and none be proved [m].
+FLUSH = 1e-5
 # Where a joint has no limits: what is sampled of it [rad or m].
 UNLIMITED = np.pi
 
@@ -136,7 +139,9 @@ def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
     doubtful = {names for names, value in share.items() if MOSTLY < value <= ALWAYS}
     if doubtful:
         exact = _shares(robot, robot_bodies(robot, "mesh"), doubtful)
-        left_out |= {names for names in doubtful if exact.get(names, 0.0) == 0.0}
+        left_out |= {
+            names for names in doubtful if not 0.0 < exact.get(names, 0.0) <= ALWAYS
+        }
     return frozenset(left_out)
 
 
@@ -177,7 +182,7 @@ def _overlapping(
 ) -> dict[frozenset[str], float]:
     """Share of random configurations at which links overlap, by their names."""
     narrow = NarrowPhase(robot.model, bodies, first, second)
-    overlaps = np.array([narrow.overlaps(row) for row in _configurations(robot)])
+    overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
     columns: dict[frozenset[str], list[int]] = {}
     for index, (i, k) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         columns.setdefault(frozenset((bodies[i].name, bodies[k].name)), []).append(
