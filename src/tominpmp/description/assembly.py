@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, real_array
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.description.urdf_syntax import write_numbers, write_origin
+from tominpmp.description.urdf_syntax import write_inertia, write_numbers, write_origin
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import by_joint, in_order
 
@@ -75,11 +75,7 @@ def with_link(
     new = SubElement(robot, "link", name=link.name)
     inertial = SubElement(new, "inertial")
     write_origin(inertial, pin.SE3(np.eye(3), np.array(link.com)))
-    write_numbers(SubElement(inertial, "mass"), "value", [link.mass])
-    inertia = SubElement(inertial, "inertia")
-    for i, one in enumerate("xyz"):
-        for k in range(i, 3):
-            write_numbers(inertia, f"i{one}{'xyz'[k]}", [link.inertia[i, k]])
+    write_inertia(inertial, link.mass, link.inertia)
     checking = Element("collision_checking")
     for number, shape in enumerate(link.shapes):
         _add_shape(SubElement(new, "collision", name=str(number)), shape)

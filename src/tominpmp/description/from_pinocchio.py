@@ -21,7 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.description.geometry_shapes import add_shapes
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import JointDescription, Mimic, UrdfDescription
-from tominpmp.description.urdf_syntax import write_numbers, write_origin
+from tominpmp.description.urdf_syntax import write_inertia, write_numbers, write_origin
 from tominpmp.description.xml_reader import MAX_NUMBER
 from tominpmp.exceptions import RobotLoadError, brief
 
@@ -255,12 +255,7 @@ def _inertial(link: Element, inertia: pin.Inertia) -> None:
     inertial = SubElement(link, "inertial")
     origin = SubElement(inertial, "origin")
     write_numbers(origin, "xyz", np.asarray(inertia.lever).tolist())
-    write_numbers(SubElement(inertial, "mass"), "value", [float(inertia.mass)])
-    moments = SubElement(inertial, "inertia")
-    for i, one in enumerate("xyz"):
-        for k in range(i, 3):
-            value = float(inertia.inertia[i, k])
-            write_numbers(moments, f"i{one}{'xyz'[k]}", [value])
+    write_inertia(inertial, inertia.mass, np.asarray(inertia.inertia))
 
 
 def _fix(element: Element, parent: str, child: str, placement: pin.SE3) -> None:

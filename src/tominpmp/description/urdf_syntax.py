@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import pinocchio as pin
 
+from tominpmp.arrays import Array
 from tominpmp.description.xml_reader import XmlContext, to_number
 
 # The parsers recurse into the tree; humanoids have some hundred links.
@@ -106,6 +107,15 @@ def write_origin(element: Element, placement: pin.SE3) -> None:
     origin = SubElement(element, "origin")
     write_numbers(origin, "xyz", placement.translation.tolist())
     write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
+
+
+def write_inertia(inertial: Element, mass: float, tensor: Array) -> None:
+    """Write a mass [kg], and its moments [kg m^2], shape (3, 3)."""
+    write_numbers(SubElement(inertial, "mass"), "value", [mass])
+    moments = SubElement(inertial, "inertia")
+    for i, one in enumerate("xyz"):
+        for k in range(i, 3):
+            write_numbers(moments, f"i{one}{'xyz'[k]}", [float(tensor[i, k])])
 
 
 def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
