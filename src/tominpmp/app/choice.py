@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from tominpmp.datasheets import published_values
 from tominpmp.exceptions import OptionsError, RobotLoadError, TominpmpWarning
-from tominpmp.robot import Robot, load_robot, read_source
+from tominpmp.robot import Robot, RobotSource, load_robot, read_source
 
 # More joints than this do not fit on a page, nor can they be planned while one drags.
 MOST_JOINTS = 16
@@ -64,13 +64,23 @@ def loaded(choice: RobotChoice) -> Robot:
     return robot
 
 
+@lru_cache(maxsize=8)
+def _said(source: str) -> RobotSource:
+    """What the files of a robot say, read once.
+
+    Raises:
+        RobotLoadError: If there is no such robot, or its files are wrong.
+    """
+    return read_source(source)
+
+
 def group_names(source: str) -> tuple[str, ...]:
     """Groups of joints that a robot's SRDF file has and that can move.
 
     Raises:
         RobotLoadError: If there is no such robot, or its files are wrong.
     """
-    said = read_source(source).semantics
+    said = _said(source).semantics
     if said is None:
         return ()
     return tuple(name for name, group in said.groups.groups.items() if group.joints)
@@ -82,7 +92,7 @@ def has_datasheet(source: str) -> bool:
     Raises:
         RobotLoadError: If there is no such robot, or its files are wrong.
     """
-    files = read_source(source)
+    files = _said(source)
     try:
         published_values(files.names, [j.name for j in files.description.joints])
     except OptionsError:

@@ -16,7 +16,7 @@ from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.viz.skeleton import end_frame
+from tominpmp.viz.skeleton import end_of
 
 # Robots that are offered first, and what to lock of them.
 ARMS: dict[str, tuple[tuple[str, float], ...]] = {
@@ -73,8 +73,7 @@ def tool_frame(robot: Robot) -> str:
         for name in robot.frame_names:
             if name.endswith(ending):
                 return name
-    q = np.clip(np.zeros(robot.n), *_limits(robot))
-    return end_frame(Problem(robot, q, JointGoal(q), self_collision=False))
+    return end_of(robot)
 
 
 def _limits(robot: Robot) -> tuple[Array, Array]:
