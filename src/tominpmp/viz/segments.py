@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.frame_motions import FrameMotions
 from tominpmp.payload import Payload
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
@@ -103,11 +103,9 @@ def _placement(payload: Payload) -> Array:
 
 def frame_places(robot: Robot, q: Array, frame: str) -> Array:
     """Placements of a frame, homogeneous, shape (m, 4, 4), at positions (m, n)."""
-    model, data = robot.model, robot.model.createData()
-    index, places = robot.frame_id(frame), np.empty((len(q), 4, 4))
-    for k, row in enumerate(robot.expand(q)):
-        pin.framesForwardKinematics(model, data, row)
-        places[k] = data.oMf[index].homogeneous
+    found = FrameMotions(robot, frame).placements(q)
+    places = np.tile(np.eye(4), (len(q), 1, 1))
+    places[:, :3, :3], places[:, :3, 3] = found.rotation, found.origin
     return places
 
 
