@@ -39,7 +39,12 @@ class GoalRows:
         sizes = [g.place(self.kinematics, zero).value.size for g in others]
         self.rows = max([6, *sizes])
         nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
-        self._targets = [target or nothing for target in targets]
+        known = [target or nothing for target in targets]
+        self._places = np.stack([target.place for target in known])
+        self._turns = np.stack([target.turn for target in known])
+        self._counts = np.stack([target.counts for target in known])
+        self._posed = np.array([target.posed for target in known])
+        self._names = np.array([str(goal.frame_name) for goal in goals])
 
     def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Evaluate residuals.
@@ -70,9 +75,9 @@ class GoalRows:
         placed = self._placements.joints(robot.expand(q))
         value = np.zeros((len(q), 6))
         jacobian = np.zeros((len(q), 6, robot.n))
-        names = {g: self.goals[g].frame_name for g in np.unique(which).tolist()}
-        for name in sorted({str(name) for name in names.values()}):
-            mine = np.flatnonzero([names[g] == name for g in which.tolist()])
+        names = self._names[which]
+        for name in np.unique(names).tolist():
+            mine = np.flatnonzero(names == name)
             frame = model.frames[robot.frame_id(name)]
             joint, there = int(frame.parentJoint), frame.placement
             R, t = placed[0][mine], placed[1][mine]
@@ -80,7 +85,7 @@ class GoalRows:
             origin = t[:, joint] + R[:, joint] @ np.array(there.translation)
             lack = self._lack(rotation, origin, which[mine])
             carried = self._carried(R, t, joint, origin)
-            counts = np.stack([self._targets[g].counts for g in which[mine].tolist()])
+            counts = self._counts[which[mine]]
             value[mine] = -np.einsum("mij,mj->mi", counts, lack)
             jacobian[mine] = counts @ carried
         return value, jacobian
@@ -88,13 +93,11 @@ class GoalRows:
     def _lack(self, rotation: Array, origin: Array, which: IntArray) -> Array:
         """Turn [rad] and shift [m] to the goal, shape (m, 6)."""
         out = np.zeros((len(rotation), 6))
-        targets = [self._targets[g] for g in which.tolist()]
-        out[:, 3:] = np.stack([target.place for target in targets]) - origin
-        turns = np.stack([target.turn for target in targets])
-        posed = [target.posed for target in targets]
+        out[:, 3:] = self._places[which] - origin
+        turns, posed = self._turns[which], self._posed[which]
         for i in np.flatnonzero(posed).tolist():
             out[i, :3] = pin.log3(turns[i] @ rotation[i].T)
-        pointed = ~np.array(posed)
+        pointed = ~posed
         now = np.einsum("mij,mj->mi", rotation[pointed], turns[pointed, 0])
         out[pointed, :3] = _turns_between(now, turns[pointed, 1])
         return out
