@@ -7,6 +7,7 @@ the robots are self-collisions of the whole.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -26,7 +27,7 @@ from tominpmp.description.joint_values import check_gravity
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import build_model, configured_model, expansion
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.inputs import plain_vector, split_pose
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
@@ -133,8 +134,9 @@ def base_placement(name: str, base: object) -> pin.SE3:
     pose = split_pose(base)
     given = (plain_vector(base), np.eye(3)) if pose is None else pose
     position, rotation = (array_or_nan(part) for part in given)
-    if rotation.shape == (4,) and np.any(rotation):
-        rotation = rotation_matrix(rotation, name)
+    if rotation.shape == (4,):
+        with contextlib.suppress(SceneError):  # told of below, as all that is wrong
+            rotation = rotation_matrix(rotation)
     right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
     if not (right and rotation.shape == (3, 3) and is_rotation(rotation)):
         raise ProblemError(
