@@ -20,7 +20,7 @@ import tominpmp as tm
 from tominpmp.viz.motion_plot import plot_motion
 
 # The belt runs along y in front of the arm [m].
-BELT = tm.Box("belt", size=(0.25, 2.4, 0.1), position=(0.55, 0.0, -0.06))
+BELT = tm.Box("belt", size=(0.25, 2.4, 0.08), position=(0.55, 0.0, -0.05))
 CRATE = (0.2, 0.3, 0.25)
 # Where the crate is at the start [m], and how fast the belt goes [m/s].
 COMES_FROM, SPEED = -0.25, 1.0

@@ -67,6 +67,17 @@ def test_examples_of_segments(name: str, said: str, tmp_path: Path) -> None:
         assert (tmp_path / f"{name}.{ending}").stat().st_size > 10_000
 
 
+@needs_robots
+@needs_meshcat
+@pytest.mark.nightly
+def test_spot_weld(tmp_path: Path) -> None:
+    said = output_of("spot_weld", "--out", tmp_path, "--spots", "3")
+    assert "cycle " in said and "of which welding 1.05 s" in said
+    assert all(f"weld {number}" in said for number in (1, 2, 3))
+    for ending in ("png", "html", "csv"):
+        assert (tmp_path / f"spot_weld.{ending}").stat().st_size > 10_000
+
+
 @needs_meshcat
 def test_certificate(tmp_path: Path) -> None:
     output = output_of("certificate", "--out", tmp_path)

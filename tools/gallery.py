@@ -25,6 +25,8 @@ import tominpmp as tm
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 
+Plan = tm.Solution | tm.Tour
+
 
 @dataclass(frozen=True)
 class Item:
@@ -36,6 +38,7 @@ class Item:
         text: What is to be seen.
         options: Options of the plan.
         twin: Whether the same task is shown by a sampled path and TOPP-RA, too.
+        tour: Whether it is a tour, which its example plans.
     """
 
     name: str
@@ -43,16 +46,32 @@ class Item:
     text: str
     options: dict[str, Any] = field(default_factory=dict)
     twin: bool = False
+    tour: bool = False
 
     def problem(self) -> tm.Problem:
         """The problem of its scenario, or of its example."""
         scenario = EXAMPLES / "scenarios" / f"{self.name}.toml"
         if scenario.is_file():
             return tm.load_scenario(scenario).problem
+        return SPECIAL[self.name](self.example)  # type: ignore[no-any-return]
+
+    @property
+    def example(self) -> Any:
+        """Its example, as a module."""
         if str(EXAMPLES) not in sys.path:
             sys.path.append(str(EXAMPLES))
-        example: Any = import_module(self.name)
-        return SPECIAL[self.name](example)
+        return import_module(self.name)
+
+    def planned(self) -> Plan:
+        """Its motion, or its tour.
+
+        Raises:
+            PlanningFailed: If there is none.
+        """
+        if self.tour:
+            tour: tm.Tour = self.example.tour()
+            return tour.raise_if_failed()
+        return tm.plan(self.problem(), **self.options).raise_if_failed()
 
 
 SPECIAL: dict[str, Any] = {
@@ -104,6 +123,13 @@ ITEMS = (
         twin=True,
     ),
     Item(
+        "spot_weld",
+        "Twelve spot welds",
+        "Order, configurations and spins of the gun are found together; beads are the "
+        "stations. `examples/spot_weld.py`",
+        tour=True,
+    ),
+    Item(
         "conveyor",
         "Across a conveyor",
         "A crate comes along at 1 m/s; the arm crosses in time. `examples/conveyor.py`",
@@ -124,7 +150,7 @@ ITEMS = (
 )
 
 
-def planned(item: Item, folder: Path) -> tm.Solution:
+def planned(item: Item, folder: Path) -> Plan:
     """Plan a motion, or take it from the folder if nothing has changed since."""
     path = folder / f"{item.name}.pickle"
     sources = [
@@ -136,12 +162,12 @@ def planned(item: Item, folder: Path) -> tm.Solution:
     newest = max(source.stat().st_mtime for source in sources)
     if path.is_file() and path.stat().st_mtime > newest:
         return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
-    solution = tm.plan(item.problem(), **item.options).raise_if_failed()
+    solution = item.planned()
     path.write_bytes(pickle.dumps(solution))
     return solution
 
 
-def twin(item: Item, solution: tm.Solution, folder: Path) -> dict[str, tm.Trajectory]:
+def twin(item: Item, solution: Plan, folder: Path) -> dict[str, tm.Trajectory]:
     """The same task by a sampled path, simplified, and TOPP-RA; none if it cannot be.
 
     To the configuration that the plan has found, where the goal leaves a choice.
@@ -188,7 +214,9 @@ def make_pages(folder: Path, names: Sequence[str] = ()) -> None:
             continue
         solution = planned(item, folder)
         page = pages / f"{item.name}.html"
-        title = f"{item.title}: T = {solution.T:.3f} s"
+        tour = isinstance(solution, tm.Tour)
+        T = f"cycle {solution.cycle_time:.2f} s" if tour else f"T = {solution.T:.3f} s"
+        title = f"{item.title}: {T}"
         solution.play(page, title=title, twins=twin(item, solution, folder))
         sys.stdout.write(f"{page}\n")
 

@@ -36,6 +36,7 @@ STILLS = {
     "two_ur5": 0.16,
     "pick_and_place": 0.5,
     "payload": 0.4,
+    "spot_weld": 3.5,
     "conveyor": 0.3,
     "swinging_gate": 1.9,
 }
@@ -123,7 +124,7 @@ def main() -> int:
         path = arguments.out / f"{name}.png"
         picture(browser, arguments.pages / f"{name}.html", time, path)
         still = reduced(path, 900)
-        of_few_colors(still, palette(still, 128)).save(path, optimize=True)
+        of_few_colors(still, palette(still, 256)).save(path, optimize=True)
     if not arguments.names or "film" in arguments.names:
         film(browser, arguments.pages / f"{FILM}.html", arguments.out / "motion.gif")
     return 0

@@ -54,6 +54,9 @@ class LegPlanner:
     _settings: dict[tuple[int | None, int | None], Problem] = field(
         default_factory=dict
     )
+    _found: dict[tuple[int | None, int | None, bytes, bytes], Solution | None] = field(
+        default_factory=dict
+    )
 
     def setting(self, begin: int | None, end: int | None) -> Problem:
         """The problem with what is carried and may touch between two stations.
@@ -99,7 +102,15 @@ class LegPlanner:
         Returns:
             What was found; None where a leg is not possible at all.
         """
-        problem = self._problem(begin, end, q_start, q_end)
+        key = begin, end, q_start.tobytes(), q_end.tobytes()
+        if key not in self._found:
+            found = self._planned(self._problem(begin, end, q_start, q_end))
+            if found is not None and found.status is Status.INTERRUPTED:
+                return found  # nothing is known of it
+            self._found[key] = found
+        return self._found[key]
+
+    def _planned(self, problem: Problem | None) -> Solution | None:
         if problem is None:
             return None
         self.planned += 1
