@@ -57,6 +57,8 @@ TOO_SLOW = 1.4
 TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
 # Trust region for going on from a coarse motion, as a share of the usual one.
 RADIUS = 0.5
+# Share of the time that is allowed after which the first motion is replayed at once.
+LATE = 0.2
 # Instants at which motions are compared, and how near to each other the same ones are
 # [rad, or shares of the reach].
 SAMPLES = 12
@@ -65,8 +67,9 @@ SAME = 0.05
 # what a motion has to promise beyond the best one to be finished.
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
 
-# Intervals at once, at most, where torques rule and the grid may follow the motion.
-TORQUE_INTERVALS = 80
+# Intervals at once, at most, where torques rule and the grid may follow the motion, and
+# joints times intervals: programs of thirty joints take a second each.
+TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,8 @@ class Grids:
             if options.control == "auto" and options.refine in (None, "auto"):
                 fine = replace(fine, control="linear")
             if options.refine == "auto":
-                finer = min(2 * options.intervals, TORQUE_INTERVALS)
+                most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
+                finer = min(2 * options.intervals, most)
                 fine = replace(fine, intervals=max(options.intervals, finer))
         return cls(coarse, fine)
 
@@ -237,21 +241,37 @@ class CoarseSearch:
     def finished(self, rough: Rough) -> Attempt | None:
         """Go on from a coarse motion on the grid that is asked for."""
         system, fine, progress = self.system, self.grids.fine, self.progress
+        early = self._secured(rough)
         progress.begin()
         former = rough.attempt
         guess = replace(warm_start(system, former.trajectory), name=former.name)
         solve = partial(solve_and_verify, system, fine, guess, progress)
         attempt = guarded(system.problem, fine, progress, former.name, solve)
         if attempt is None:
-            return None
+            return early
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
         if self.stopped and not attempt.found and progress.best == np.inf:
-            coarse = replace(self._replayed(rough), status=attempt.status)
-            attempt = coarse if coarse.found else attempt
+            early = early or self._replayed(rough)
+        if early is not None and early.found and not attempt.found:
+            attempt = replace(early, status=attempt.status)
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
         return attempt
+
+    def _secured(self, rough: Rough) -> Attempt | None:
+        """The coarse motion, replayed, where there may be no time to go on from it.
+
+        A plan that takes long is known by what it took so far; without a limit for the
+        time there is enough of it.
+        """
+        progress = self.progress
+        if progress.share_used < LATE or progress.best < np.inf:
+            return None
+        early = self._replayed(rough)
+        if early.verification is not None:
+            progress.replayed(early.verification.seconds)
+        return early if early.found else None
 
     def saved(self) -> Iterator[Attempt]:
         """What there is when it is time to stop: the best coarse motion, replayed."""

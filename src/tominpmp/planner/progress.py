@@ -111,6 +111,11 @@ class Progress:
         """Time since planning began [s]."""
         return time.perf_counter() - self._begin
 
+    @property
+    def share_used(self) -> float:
+        """Share of the time that is allowed which has gone by; none without a limit."""
+        return 0.0 if self._limit is None else self.seconds / self._limit
+
     def begin(self, count: int = 1) -> int:
         """Begin with one or several new guesses; returns the number of the first."""
         self.start = self._starts
