@@ -150,7 +150,8 @@ def expansion(
         for both if no joint follows and the order is that of the model.
     """
     names = list(model.names)[1:]
-    free = tuple(name for name in order or names if name in {*names} - {*followers})
+    leading = {*names} - {*followers}
+    free = tuple(name for name in order or names if name in leading)
     if free == tuple(names):
         return free, None, None
     matrix, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
