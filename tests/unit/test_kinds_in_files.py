@@ -1,0 +1,26 @@
+"""What files know by a type is what a caller can make, and nothing in between."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import tominpmp as tm
+from tominpmp.constraints import PathConstraint
+from tominpmp.scenario.records import classes
+from tominpmp.scene import Obstacle
+
+
+@pytest.mark.parametrize(
+    ("base", "suffix"), [(PathConstraint, ""), (Obstacle, None)], ids=str
+)
+def test_types_are_public_classes(base: type[Any], suffix: str | None) -> None:
+    found = classes(base, suffix)
+    assert len(found) > 5
+    private = [
+        name
+        for name, kind in found.items()
+        if getattr(tm, kind.__name__, None) is not kind
+    ]
+    assert private == []
