@@ -200,7 +200,8 @@ def test_scenario_files_hold_constraints(tmp_path):
     with pytest.raises(ScenarioError, match=r"limit is -0\.5, expected a positive"):
         tm.load_scenario(path)
     path.write_text(text.replace('"tool_speed"', '"tool_sped"'))
-    with pytest.raises(ScenarioError, match=r"no constraint 'tool_sped'; there are"):
+    words = r"no constraint 'tool_sped' \(did you mean tool_speed.*; there are"
+    with pytest.raises(ScenarioError, match=words):
         tm.load_scenario(path)
 
 
