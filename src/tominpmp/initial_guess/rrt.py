@@ -10,7 +10,8 @@ from __future__ import annotations
 import importlib.util
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,17 @@ def is_free(system: ProblemFunctions, q: Array) -> bool:
     if isinstance(clearance, ClearanceConstraint):
         return clearance.checker.is_free(q, clearance.margin)
     return bool(np.all(clearance.values(q[None], math.inf) <= 0.0))
+
+
+def check_of(system: ProblemFunctions) -> Callable[[Array], bool]:
+    """What tells the same of many configurations, for samplers that ask very often."""
+    checker = system.problem.checker
+    if system.watched is None or checker.lone:
+        return partial(is_free, system)
+    clearance = system.clearance
+    if isinstance(clearance, ClearanceConstraint):
+        return partial(clearance.checker.is_free, margin=clearance.margin)
+    return partial(is_free, system)
 
 
 def sample_paths(
@@ -185,14 +197,15 @@ class _Validity:
     """
 
     def __init__(self, system: ProblemFunctions, deadline: float | None) -> None:
-        self.system, self.deadline = system, deadline
+        self.deadline, self.free = deadline, check_of(system)
+        self.joints, self.scale = range(system.n), system.step_scale
         self.checks = 0
 
     def __call__(self, state: Any) -> bool:
         self.checks += 1
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise _OutOfTime
-        return is_free(self.system, _configuration(self.system, state))
+        return self.free(np.array([state[i] for i in self.joints]) * self.scale)
 
 
 class _Enough:

@@ -48,6 +48,11 @@ ITERATIONS = 30
 PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
 # Largest violation of a coarse motion that is gone on with.
 NEARLY = 1e-2
+# Violation of one that is gone on with at once, as no motion is faster by much.
+SMALL = 1e-3
+# While a motion violates more than this share it stands still where its trust region
+# has come down to this share.
+STUCK = 0.02
 # A guess is held by speed limits where a joint is at one for this share of the time,
 # from this share of it on: torques do not rule it then.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
@@ -178,6 +183,7 @@ class CoarseSearch:
 
     Attributes:
         known: Motions on coarse grids, all different.
+        tried: What they and others began with.
         loss: What the coarse grid costs, as a share of T.
         stopped: Whether it was time to stop.
     """
@@ -193,6 +199,7 @@ class CoarseSearch:
         self.system, self.options, self.progress = system, options, progress
         self.grids = Grids.of(system, options, torques)
         self.known: list[Rough] = []
+        self.tried: list[Guess] = []
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.stopped = False
 
@@ -200,6 +207,9 @@ class CoarseSearch:
 
     def rough(self, guess: Guess) -> Rough | None:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
+        if any(guess is one for one in self.tried):
+            return None
+        self.tried.append(guess)
         options, progress = self.grids.coarse, self.progress
         progress.deadline.check()
         progress.begin()
@@ -224,17 +234,39 @@ class CoarseSearch:
         return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
 
     def _enough(self, record: IterationRecord) -> Status | None:
-        """End a start that takes too long, or comes to a motion which is known."""
+        """End a start that takes too long, or comes to a motion which is known.
+
+        Or to one that next to none can beat: what is left is done on the asked grid.
+        """
         far, most = record.violation > NEARLY, ITERATIONS
         if far:
             most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
         if len(self.progress.records) >= most:
             return Status.ITERATION_LIMIT
-        if far or not self.known:
+        if far:
+            return Status.STALLED if record.radius < STUCK else None
+        if self._unbeaten(record):
+            return Status.STALLED
+        if not self.known:
             return None
         program, iterate, _ = self.progress.kept[-1]
         shape = shape_of(self.system, program.trajectory(iterate.z))
         return Status.STALLED if self._known(shape) else None
+
+    def _unbeaten(self, record: IterationRecord) -> bool:
+        """Whether next to no motion is faster, once rows between the nodes have joined.
+
+        Before that it may pass through what is between the nodes.
+        """
+        progress = self.progress
+        if record.violation > SMALL or progress.begun is None:
+            return False
+        if self.system.final_configuration is None or self.system.alone:
+            return False
+        first, last = progress.begun.program, progress.kept[-1].program
+        bound = progress.lower_bound(self.system.problem).T
+        joined = last.rows.size > first.rows.size
+        return joined and record.duration <= (1.0 + SPEED_LOSS) * bound
 
     # -- on the grid that is asked for -------------------------------------------------
 

@@ -158,7 +158,15 @@ def solve_from_guess(
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
         program, start = _smooth_start(system, options, guess, solve)
-    solved = solve_in_rounds(program, start, options, solve, rough=False, light=light)
+    solved = solve_in_rounds(
+        program,
+        start,
+        options,
+        solve,
+        rough=False,
+        light=light,
+        over=lambda: progress.let_go,
+    )
     if smooth and options.method != "collocation":
         found: tuple[Program, SlpResult]
         found = solved[0], unrefined(options, solved[1])

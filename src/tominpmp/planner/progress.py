@@ -69,6 +69,7 @@ class Progress:
         records: One record an iteration of the present attempt.
         kept: Motions of the present attempt, the newest last.
         begun: What the present attempt began with.
+        let_go: Whether the judge of the present attempt has ended it.
         failures: What went wrong with attempts that have led to nothing.
         puts_off: Whether motions need no replay yet, as one on the clock of a
             controller is made of them, which is replayed.
@@ -91,6 +92,7 @@ class Progress:
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
         self.begun: Kept | None = None
+        self.let_go = False
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
         self._judge: Judge | None = None
@@ -122,6 +124,7 @@ class Progress:
         self._starts += count
         self.links_touched = False
         self.records, self.kept, self.begun = [], [], None
+        self.let_go = False
         self._set_deadline()
         return self.start
 
@@ -263,7 +266,10 @@ class Progress:
         """
         self.records.append(replace(record, iteration=len(self.records)))
         status = self.see(record)
-        return self._judge(record) if status is None and self._judge else status
+        if status is None and self._judge is not None:
+            status = self._judge(record)
+            self.let_go = status is not None
+        return status
 
     def see(self, record: IterationRecord) -> Status | None:
         """See a record of something on the side.

@@ -37,6 +37,7 @@ def solve_in_rounds(
     *,
     rough: bool = True,
     light: float = 0.0,
+    over: Callable[[], bool] = lambda: False,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """Solve until the motion keeps its limits between the rows too.
 
@@ -48,6 +49,7 @@ def solve_in_rounds(
         rough: Whether rows between the nodes are looked for early, where that is dear.
         light: Violations between the rows that are no larger than this are cured by
             slowing down.
+        over: Tells whether what was solved is not gone on with.
 
     Returns:
         The last program and its outcome.
@@ -62,6 +64,8 @@ def solve_in_rounds(
     for _ in range(ROUNDS):
         far = result.best is None and result.iterate.violation > FAR
         if result.status in STOPPED or (far and settled) or _too_long(result):
+            break
+        if over():
             break
         z = result.iterate.z
         if not far:

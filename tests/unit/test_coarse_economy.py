@@ -1,0 +1,72 @@
+"""What coarse starts do not do twice, nor after nothing is left to gain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.progress import Progress
+from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """A coarse search that has made one start beside an obstacle."""
+    robot = tm.load_robot("planar3r")
+    post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
+    problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))
+    options = resolve_options(problem, tm.Options())
+    system = ProblemFunctions.of(problem)
+    search = CoarseSearch(system, options, Progress(options), torques=False)
+    guess = straight_guess(system, problem.goal.configuration)
+    assert search.rough(guess) is not None
+    return search, guess
+
+
+def test_no_guess_is_tried_twice(coarse):
+    search, guess = coarse
+    before = search.progress.records
+    assert before
+    assert search.rough(guess) is None
+    assert search.progress.records is before
+
+
+def record(search, **changes):
+    T = search.progress.kept[-1].iterate.duration
+    values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
+    values |= {"duration": T, "violation": 0.0, "radius": 1.0, "accepted": True}
+    return IterationRecord(**(values | changes))
+
+
+def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(coarse, monkeypatch):
+    search, _ = coarse
+    monkeypatch.setattr(search, "known", [])
+    far = record(search, violation=0.1)
+    assert search._enough(far) is None
+    assert search._enough(replace(far, radius=1e-3)) is Status.STALLED
+    assert search._enough(record(search, radius=1e-3)) is None
+
+
+def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypatch):
+    search, _ = coarse
+    monkeypatch.setattr(search, "known", [])
+    progress = search.progress
+    bound = progress.lower_bound(search.system.problem).T
+    near = record(search, duration=1.005 * bound)
+    last = progress.kept[-1]
+    fewer = last.program.rows.size - 1
+    for rows, status in ((fewer + 1, None), (fewer, Status.STALLED)):
+        first = last._replace(program=type("Fewer", (), {"rows": np.zeros(rows)})())
+        monkeypatch.setattr(progress, "begun", first)
+        assert search._enough(near) is status
+    assert search._enough(replace(near, duration=1.05 * bound)) is None
+    assert search._enough(replace(near, violation=5e-3)) is None
