@@ -82,7 +82,7 @@ def nearest_instants(motion: Motion) -> tuple[Array, IntArray]:
     """When pairs that come close are nearest [s], and which pairs, shape (k,) each."""
     if motion.task.room is None:
         return np.zeros(0), np.zeros(0, dtype=np.int64)
-    found = _Approaches(motion, motion.task.room).contacts()
+    found = _Approaches(motion, motion.task.room, CLOSE).contacts()
     close = [item.kept(item.missing > -CLOSE) for item in found]
     times = [item.at.times(motion.changes) for item in close]
     pairs = [item.pair for item in close]
@@ -93,10 +93,17 @@ def nearest_instants(motion: Motion) -> tuple[Array, IntArray]:
 
 @dataclass(frozen=True, eq=False)
 class _Approaches:
-    """Looks for the instants at which pairs limit a motion."""
+    """Looks for the instants at which pairs limit a motion.
+
+    Attributes:
+        motion: The motion.
+        room: What pairs have left.
+        attention: Pairs with more room than this share of the reach are left out.
+    """
 
     motion: Motion
     room: Room
+    attention: float = ATTENTION
 
     def contacts(self) -> list[Contacts]:
         """The nearest instants of all pairs, and those at which they stay near."""
@@ -105,7 +112,7 @@ class _Approaches:
         first, end = self.motion.span
         at = at.kept((at.interval >= first) & (at.interval < end))
         times = at.times(changes)
-        row, pair, missing = self.room.near(self._q(times), ATTENTION, times)
+        row, pair, missing = self.room.near(self._q(times), self.attention, times)
         if not row.size:
             return []
         seen, column = np.unique(pair, return_inverse=True)
@@ -192,11 +199,8 @@ class _Approaches:
 
     def _missing(self, times: Array, pair: IntArray) -> Array:
         """What pairs lack at a time each, shape (k,)."""
-        distinct, index = np.unique(times, return_inverse=True)
-        row, column, missing = self.room.near(self._q(distinct), ATTENTION, distinct)
-        table = np.full((distinct.size, self.room.margins.size), -np.inf)
-        table[row, column] = missing
-        return np.asarray(table[index, pair])
+        missing = self.room.missing(self._q(times), pair, self.attention, times)
+        return np.where(missing > -self.attention, missing, -np.inf)
 
 
 def _rows(motion: Motion, found: Contacts) -> LimitRows:

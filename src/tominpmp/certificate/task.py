@@ -66,6 +66,25 @@ class Room:
         rows, pairs, values = zip(*parts, strict=True)
         return np.concatenate(rows), np.concatenate(pairs), np.concatenate(values)
 
+    def missing(
+        self, q: Array, pairs: IntArray, attention: float, times: Array
+    ) -> Array:
+        """What single pairs lack; an upper bound where they have more room than that.
+
+        Args:
+            q: A configuration for each, shape (k, n) [rad or m].
+            pairs: Index of the pair at each, shape (k,).
+            attention: The room, as a share of the reach.
+            times: Times [s], shape (k,).
+
+        Returns:
+            Shape (k,), as shares of the reach.
+        """
+        enough = (self.margins + attention * self.reach)[pairs]
+        every = np.arange(len(q))
+        found = self.checker.measured(q, every, pairs, enough, times)
+        return np.asarray((self.margins[pairs] - found) / self.reach)
+
     def derivatives_at(
         self, q: Array, instants: IntArray, pairs: IntArray, times: Array
     ) -> Derivatives:
