@@ -45,3 +45,16 @@ def test_a_leg_that_was_interrupted_is_planned_again(
     assert own.leg(None, 0, a, b).status is Status.STALLED  # type: ignore[union-attr]
     assert own.leg(None, 0, a, b).status is Status.STALLED  # type: ignore[union-attr]
     assert own.planned == 2
+
+
+def test_configurations_that_are_given_are_not_refined() -> None:
+    """Rounding makes no other configuration, whose legs would be planned again."""
+    robot = make_arm(slide(2.0), effort=10.0)
+    few = {"intervals": 8, "refine": None, "effort": "quick", "starts": 1}
+    goals = [
+        tm.AnyGoal([tm.JointGoal([x]), tm.JointGoal([x + 0.1])]) for x in (0.4, 0.8)
+    ]
+    tour = tm.plan_tour(robot, [0.0], goals, exact=True, **few)
+    assert tour.success
+    # Of five places, two of them of the same station twice: 5 * 4 - 2 * 2.
+    assert tour.legs_planned <= 16

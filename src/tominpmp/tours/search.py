@@ -34,6 +34,10 @@ from tominpmp.tours.refinement import refined
 from tominpmp.tours.station import Rules, Station
 from tominpmp.tours.tour import Tour
 
+# Configurations of a station that differ by less in all joints are the same [rad or m]:
+# what they differ by is how exactly the goal is met, and their legs would be planned
+# again.
+APART = 1e-5
 logger = logging.getLogger(__name__)
 
 # Turns of order and configurations before legs are planned.
@@ -210,8 +214,9 @@ class TourSearch:
             self.configurations, self.table, nodes, places, self.rng, rounds
         )
         found = False
-        for node, old, new in zip(nodes, places, better, strict=True):
-            if not np.array_equal(old, new):
+        for node, new in zip(nodes, better, strict=True):
+            apart = np.max(np.abs(self.table.nodes[node] - new), axis=1)
+            if np.min(apart) > APART:
                 self.table.add(node, new[None])
                 found = True
         return found
