@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
@@ -70,3 +71,11 @@ def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypat
         assert search._enough(near) is status
     assert search._enough(replace(near, duration=1.05 * bound)) is None
     assert search._enough(replace(near, violation=5e-3)) is None
+
+
+def test_the_history_tells_of_each_iteration_once():
+    rail = make_arm(slide(1.0), effort=40.0, velocity=0.5)
+    problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
+    solution = tm.plan(problem, effort="quick")
+    found = [(r.duration, r.predicted, r.actual) for r in solution.history]
+    assert len(set(found)) == len(found) > 0

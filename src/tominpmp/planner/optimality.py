@@ -87,7 +87,7 @@ def certified(
     bound = progress.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
         # No motion at all is faster by more than that.
-        yield replace(best, status=Status.CONVERGED)
+        yield replace(best, status=Status.CONVERGED, history=())
         return
     progress.share(1)
     touched = progress.links_touched
