@@ -1,7 +1,7 @@
 """Tours beside the best of all orders and configurations, with planned legs.
 
 Every leg between any two configurations is planned, and the best of all orders and
-configurations is taken; `tm.plan_tour` is to find a tour that is as fast, from fewer
+configurations is taken; `tm.plan_tour` is to find a tour that is as fast, from no more
 plans. The arm is the planar one of three joints, ruled by its torques.
 
     python -m benchmarks.tours_by_brute_force [--stations 3] [--seeds 1]
