@@ -69,7 +69,7 @@ class Progress:
         records: One record an iteration of the present attempt.
         kept: Motions of the present attempt, the newest last.
         begun: What the present attempt began with.
-        let_go: Whether the judge of the present attempt has ended it.
+        let_go: Whether the judge of the present attempt has ended it for good.
         failures: What went wrong with attempts that have led to nothing.
         puts_off: Whether motions need no replay yet, as one on the clock of a
             controller is made of them, which is replayed.
@@ -268,7 +268,8 @@ class Progress:
         status = self.see(record)
         if status is None and self._judge is not None:
             status = self._judge(record)
-            self.let_go = status is not None
+            # One that has had its iterations still gets the rows that it lacks.
+            self.let_go = status is Status.STALLED
         return status
 
     def see(self, record: IterationRecord) -> Status | None:
