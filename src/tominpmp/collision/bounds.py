@@ -26,9 +26,6 @@ BALLS = 4
 CENTRING = 12
 # Points up to this number are connected with each other; of more, the hull is taken.
 FEW = 24
-# Bounds are found at one of so many configurations, from which those of the others
-# follow by how far balls move between them; where that is not enough, they are found.
-STRIDE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,14 +194,8 @@ class BroadPhase:
         """
         return self._bodies.place(joints)
 
-    def by_balls(
-        self, placed: tuple[Array, Array], enough: Array | None = None
-    ) -> Array:
+    def by_balls(self, placed: tuple[Array, Array]) -> Array:
         """Bounds from a ball around the first body and a box around the second.
-
-        Args:
-            placed: Placements box_to_world.
-            enough: Bounds that need be no tighter, by pair, shape (pairs,) [m].
 
         Returns:
             Shape (m, pairs) [m].
@@ -214,78 +205,27 @@ class BroadPhase:
         if not out.size:
             return out
         if self._fixed.size:
-            limit = None if enough is None else enough[self._fixed]
-            out[:, self._fixed] = self._from_fixed(R, t, limit)
+            out[:, self._fixed] = self._from_fixed(R, t)
         if self._moving.size:
-            limit = None if enough is None else enough[self._moving]
-            out[:, self._moving] = self._from_moving(R, t, limit)
+            a, b = self.first[self._moving], self.second[self._moving]
+            away = t[:, a] - t[:, b]
+            away += np.einsum("mbij,bj->mbi", R[:, a], self.centre[a])
+            away = np.abs(np.einsum("mbij,mbi->mbj", R[:, b], away))
+            away = np.maximum(away - self._half[b], 0.0)
+            length = np.sqrt(np.einsum("mbi,mbi->mb", away, away))
+            out[:, self._moving] = length - (self.radius[a] + self._swell[b])
         return out
 
-    def _from_moving(self, R: Array, t: Array, enough: Array | None) -> Array:
-        """Bounds of the pairs of two bodies that move."""
-        a, b = self.first[self._moving], self.second[self._moving]
-        bodies, place = np.unique(np.concatenate([a, b]), return_inverse=True)
-        centre = t[:, bodies] + (R[:, bodies] @ self.centre[bodies, :, None])[..., 0]
-        first, second = np.split(place, 2)
-        between = centre[:, first] - centre[:, second]
-        bounds = np.sqrt(np.einsum("mbi,mbi->mb", between, between))
-        bounds -= self.radius[a] + self.radius[b]
-        # Two balls are the coarser bound, and mostly do.
-        if enough is None:
-            instant, pair = np.indices(bounds.shape).reshape(2, -1)
-        else:
-            instant, pair = np.nonzero(bounds < enough)
-        found = self._of_boxes(centre[instant, first[pair]], R, t, instant, b[pair])
-        bounds[instant, pair] = found - self.radius[a[pair]]
-        return np.asarray(bounds)
-
-    def _of_boxes(
-        self, point: Array, R: Array, t: Array, instant: IntArray, body: IntArray
-    ) -> Array:
-        """Distances of points from the boxes around bodies, shape (k,) [m]."""
-        apart = point - t[instant, body]
-        apart = np.abs((apart[:, None] @ R[instant, body])[:, 0])
-        apart = np.maximum(apart - self._half[body], 0.0)
-        return np.asarray(
-            np.sqrt(np.einsum("ki,ki->k", apart, apart)) - self._swell[body]
-        )
-
-    def _from_fixed(self, R: Array, t: Array, enough: Array | None) -> Array:
+    def _from_fixed(self, R: Array, t: Array) -> Array:
         """Bounds of the pairs with a body that does not move."""
-        links, m = self._links, R.shape[0]
-        turned = (R[:, links] @ self.centre[links, :, None])[..., 0]
-        centre = t[:, links] + turned
-        boxes = R[0], t[0]
-        if enough is None or m <= STRIDE:
-            return np.take(self._table(centre, boxes).reshape(m, -1), self._cell, 1)
-        chosen = np.arange(STRIDE // 2, m, STRIDE)
-        nearest = np.minimum(np.arange(m) // STRIDE, chosen.size - 1)
-        table = self._table(centre[chosen], boxes).reshape(chosen.size, -1)
-        away = centre - centre[chosen[nearest]]
-        moved = np.sqrt(np.einsum("mbi,mbi->mb", away, away))
-        bounds = np.take(table, self._cell, axis=1)[nearest]
-        bounds -= moved[:, self._cell // self._others.size]
-        instant, pair = np.nonzero(bounds < enough)
-        link, other = np.divmod(self._cell[pair], self._others.size)
-        body, still = self._others[other], np.zeros_like(other)
-        found = self._of_boxes(centre[instant, link], R, t, still, body)
-        bounds[instant, pair] = found - self.radius[links[link]]
-        return bounds
-
-    def _table(self, centre: Array, boxes: tuple[Array, Array]) -> Array:
-        """Bounds of all links from all that does not move.
-
-        From the centres of the links' balls, shape (m, links, 3), and the placements of
-        all boxes, shapes (bodies, 3, 3) and (bodies, 3).
-        """
-        (R, t), others = boxes, self._others
-        m, links, _ = centre.shape
-        centre = centre.reshape(-1, 3)
+        links, others = self._links, self._others
+        turned = np.einsum("mbij,bj->mbi", R[:, links], self.centre[links])
+        centre = (t[:, links] + turned).reshape(-1, 3)
         squared = np.zeros((centre.shape[0], others.size))
         for axis in range(3):
-            across = R[others, :, axis]
+            across = R[0, others, :, axis]
             away = centre @ across.T
-            away -= np.sum(across * t[others], axis=1)
+            away -= np.sum(across * t[0, others], axis=1)
             np.abs(away, out=away)
             away -= self._half[others, axis]
             np.maximum(away, 0.0, out=away)
@@ -293,9 +233,9 @@ class BroadPhase:
             squared += away
         np.sqrt(squared, out=squared)
         squared -= self._swell[others]
-        bounds = squared.reshape(m, links, others.size)
-        bounds -= self.radius[self._links][:, None]
-        return np.asarray(bounds)
+        squared = squared.reshape(R.shape[0], links.size, others.size)
+        squared -= self.radius[links][:, None]
+        return np.take(squared.reshape(R.shape[0], -1), self._cell, axis=1)
 
     def by_covers(self, R: Array, t: Array, pair: IntArray) -> Array:
         """Bounds from several balls that cover the first body, shape (k,) [m].

@@ -62,7 +62,7 @@ class DistanceQuery:
         placed = self.place(q_model, times)
         limit = np.broadcast_to(np.asarray(cutoff, dtype=np.float64), (self.pairs,))
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
-        lower = self.broad.by_balls(placed, limit)
+        lower = self.broad.by_balls(placed)
         instant, pair = np.nonzero(lower < limit)
         self.count.pairs += lower.size - instant.size
         if not instant.size:
