@@ -29,9 +29,8 @@ HUGE = 1e30
 # a second chance with refined linear systems, which is dearer an iteration.
 PIQP_ITERATIONS, MANY_COLUMNS = 60, 1000
 # Where rounding keeps it from the last digits it stands still with the solution: rows
-# are kept to the first, the objective to the second (of many columns: simplex methods
-# may take a minute for them), and multipliers to the third.
-NEARLY_ROWS, NEARLY_GAPS, NEARLY_DUALS = 1e-6, (2e-5, 2.5e-4), 1e-3
+# are kept to the first, the objective to the second, and multipliers to the third.
+NEARLY_ROWS, NEARLY_GAP, NEARLY_DUALS = 1e-6, 2e-5, 1e-3
 # Passes of equilibration, and what regularises equations in the end: more passes after
 PIQP_SCALINGS, PIQP_LAST = 2, 1e-10  # ours cost iterations, less lets rounding grow
 # What solvers behind qpsolvers call their limit on time [s].
@@ -52,8 +51,6 @@ class LinearProgram:
         upper: Shape (n,).
         row_keys: Names of the rows, which tie the bases of successive programs, (m,).
         column_keys: Names of the columns, shape (n,).
-        nearness: Weights w of x^T diag(w) x / 2, which PIQP adds to the cost: what that
-            leaves free stays near zero, shape (n,); None for none.
     """
 
     cost: Array
@@ -64,7 +61,6 @@ class LinearProgram:
     upper: Array
     row_keys: IntArray
     column_keys: IntArray
-    nearness: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +95,12 @@ class LpSolver(ABC):
         """Solve the last program again with other row bounds."""
 
 
+def _interrupt(event: Any) -> None:
+    """End a run of HiGHS when it is time to stop."""
+    if due():
+        event.interrupt()
+
+
 class HighsSolver(LpSolver):
     """HiGHS' bounded dual simplex, warm started (Huangfu and Hall, 2018)."""
 
@@ -113,7 +115,7 @@ class HighsSolver(LpSolver):
         ):
             highs.setOptionValue(option, value)
         # Asked after each pivot; the time limit is for what comes before the first.
-        highs.cbSimplexInterrupt += lambda event: event.interrupt() if due() else None
+        highs.cbSimplexInterrupt += _interrupt
         self._highs = highs
         self._program: LinearProgram | None = None
         self._basis: highspy.HighsBasis | None = None
@@ -206,9 +208,8 @@ class PiqpSolver(LpSolver):
         rows = program.matrix.tocsr()
         size, equations = program.cost.size, rows[equal]
         self._scale = equation_scale(equations)
-        near = np.zeros(size) if program.nearness is None else program.nearness
         self._solver.setup(
-            sp.diags(near, format="csc"),
+            sp.csc_matrix((size, size)),
             program.cost,
             (sp.diags(self._scale) @ equations).tocsc() if equal.any() else None,
             self._scale * program.row_lower[equal] if equal.any() else None,
@@ -267,12 +268,13 @@ class PiqpSolver(LpSolver):
     @property
     def _solved(self) -> bool:
         """Whether there is a solution, but for the last digits."""
-        result, info = self._solver.result, self._solver.result.info
+        result = self._solver.result
+        info = result.info
         if not np.all(np.isfinite(result.x)):
             return False
         return info.status == piqp.PIQP_SOLVED or bool(
             info.primal_res <= NEARLY_ROWS
-            and info.duality_gap <= NEARLY_GAPS[result.x.size > MANY_COLUMNS]
+            and info.duality_gap <= NEARLY_GAP
             and info.dual_res <= NEARLY_DUALS
         )
 

@@ -58,23 +58,23 @@ STUCK = 0.02
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.4
-# How much slower a coarse motion is made where it is all that there is.
+# How much slower a coarse motion may have to be, where it is all that there is.
 TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
-# Trust region for going on from a coarse motion, as a share of the usual one; share of
-# the time that is allowed after which the first motion is replayed at once.
-RADIUS, LATE = 0.5, 0.2
+# Trust region for going on from a coarse motion, as a share of the usual one.
+RADIUS = 0.5
+# Share of the time that is allowed after which the first motion is replayed at once.
+LATE = 0.2
 # Instants at which motions are compared, and how near to each other the same ones are
 # [rad, or shares of the reach].
-SAMPLES, SAME = 12, 0.05
-# What a coarse grid costs where torques rule and where speeds do, and what a motion has
-# to promise beyond the best one, as shares of T.
+SAMPLES = 12
+SAME = 0.05
+# What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
+# what a motion has to promise beyond the best one to be finished.
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
+
 # Intervals at once, at most, where torques rule and the grid may follow the motion, and
 # joints times intervals: programs of thirty joints take a second each.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
-
-# Violations between coarse rows that slowing down cures; tolerance before finer grids.
-COARSE_LIGHT, FINE_TOLERANCE = 1e-2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +119,7 @@ class Grids:
             if options.refine == "auto":
                 most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
                 finer = min(2 * options.intervals, most)
-                count, rough = max(options.intervals, finer), FINE_TOLERANCE
-                rough = max(options.tolerance, rough)
-                fine = replace(fine, intervals=count, tolerance=rough)
+                fine = replace(fine, intervals=max(options.intervals, finer))
         return cls(coarse, fine)
 
 
@@ -216,8 +214,7 @@ class CoarseSearch:
         progress.deadline.check()
         progress.begin()
         system = self.system.first_tried
-        args = system, options, guess, progress, COARSE_LIGHT
-        solve = partial(solve_from_guess, *args)
+        solve = partial(solve_from_guess, system, options, guess, progress)
         with progress.judged(self._enough):
             attempt = guarded(system.problem, options, progress, guess.name, solve)
         if attempt is None:

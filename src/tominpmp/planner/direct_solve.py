@@ -137,29 +137,15 @@ def make_slp(
 
 
 def solve_from_guess(
-    system: ProblemFunctions,
-    options: Options,
-    guess: Guess,
-    progress: Progress,
-    light: float | None = None,
+    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
 ) -> Attempt:
-    """Improve a guess with the transcription that the options ask for.
-
-    Args:
-        system: The functions of the problem.
-        options: Options of the plan.
-        guess: The guess.
-        progress: Time limit and callback.
-        light: Violations between the rows up to this are left to slowing down; None for
-            what the options say.
-    """
+    """Improve a guess with the transcription that the options ask for."""
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * guess.duration
     lp, smooth = make_solver(options.lp_solver), options.control in DEGREES
     # What the last violations cost is less than a finer grid brings.
-    if light is None:
-        light = LIGHT if options.refine == "auto" else 0.0
+    light = LIGHT if options.refine == "auto" else 0.0
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
 

@@ -28,6 +28,7 @@ from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.restoration import LIGHT
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -52,9 +53,7 @@ CURABLE = 3e-4
 # What the programs of all rounds may take together, in intervals of programs: this
 # many times what the search took, or so many programs of the first grid at least. A
 # round that has used it up ends with what it has, and is the last.
-WORK, LEAST_PROGRAMS = 1.0, 16
-# Violations between the rows up to this are removed by slowing down.
-SLOWED = 4e-3
+WORK, LEAST_PROGRAMS = 1.5, 16
 # Motions that gain less than this share of T are not worth a replay.
 LEAST_GAIN = 1e-3
 ITERATIONS = 8
@@ -287,11 +286,8 @@ def _solve(
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
-        if after is not None and promise.work.spent:
-            # Another round would hardly end otherwise than this one.
-            return replace(after, status=Status.ITERATION_LIMIT, best=None)
         keep = promise.progress.keep
         solver = SlpSolver(program, options, smoothing, lp, promise, keep=keep)
         return solver.run(z, after=after)
 
-    return solve_in_rounds(program, z, few, solve, rough=False, light=SLOWED)
+    return solve_in_rounds(program, z, few, solve, rough=False, light=LIGHT)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.restoration import cured
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import revised
@@ -88,13 +88,6 @@ def solve_in_rounds(
     return program, result
 
 
-def _at(program: NonlinearProgram, z: Array, result: SlpResult) -> Iterate:
-    """The last iterate of a result, for a program with other rows."""
-    merit = replace(result.iterate.merit, rows=program.rows)
-    none, values = np.zeros(program.rows.size), program.evaluate(z)
-    return replace(result.iterate, z=z, values=values, merit=merit, multipliers=none)
-
-
 def _slower(
     program: NonlinearProgram,
     z: Array,
@@ -105,7 +98,11 @@ def _slower(
     """A result whose motion is slowed down a little; None if that is no cure."""
     if light <= 0.0:
         return None
-    slower = cured(program, _at(program, z, result), light, options.feasibility)
+    merit = replace(result.iterate.merit, rows=program.rows)
+    none = np.zeros(program.rows.size)
+    values = program.evaluate(z)
+    iterate = replace(result.iterate, z=z, values=values, merit=merit, multipliers=none)
+    slower = cured(program, iterate, light, options.feasibility)
     if slower is None:
         return None
     return replace(result, iterate=slower, best=slower, program=program)

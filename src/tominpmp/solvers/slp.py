@@ -18,22 +18,18 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
-from tominpmp.solvers.correction import corrected_step
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.restoration import RESTORABLE, restorable, restored
 from tominpmp.solvers.step_search import StepSearch
-from tominpmp.solvers.subproblem import Subproblem, build_subproblem, near_zero
+from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion, repairing
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, check, grace
-from tominpmp.transcription.base import Program, StepBounds, Variation
+from tominpmp.transcription.base import Program, Variation
 
 # Where any motion will do: how much slower one may be made.
-# A step to the end of the trust region everywhere costs this share of what the last one
-# brought, and of the duration at least.
-PAID, LEAST_PAID = 0.02, 1e-5
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
 # can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
@@ -47,9 +43,9 @@ WINDOW = 3
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
 # A step that brings this share of what was predicted needs no correction.
 ENOUGH = 0.8
-# Second-order corrections of a step: one that needs no program, and one more that does
-# where that brings little; where this share of the rows are equations so many that do.
-CORRECTIONS, CORRECTIONS_OF_EQUATIONS, MOSTLY = 1, 4, 0.3
+# Second-order corrections of a step, by what the rows are: without equations a second
+# one costs a third more programs and brings nothing (benchmarks/random_goals.py).
+CORRECTIONS, CORRECTIONS_OF_EQUATIONS = 1, 4
 # They are for violations between these.
 CORRECTABLE = 1.0
 EXACT = 1e-10
@@ -179,7 +175,6 @@ class SlpSolver:
             program = build_subproblem(
                 merit, iterate.values, linearization, steps, variation, z
             )
-            program = near_zero(program, steps, self.nearness(iterate))
             solution = effort.add(self.lp.solve(program.program))
             if not solution.optimal:
                 solution = effort.add(make_solver("highs").solve(program.program))
@@ -194,9 +189,7 @@ class SlpSolver:
             if attempt == ADDITIONS or not np.any(broken):
                 break
             selecting = np.where(broken, reached, selecting)
-        outcome = self.search(
-            iterate, program, solution, variation, steps, effort, reached
-        )
+        outcome = self.search(iterate, program, solution, variation, effort, reached)
         multipliers = program.multipliers(solution)
         promised = self.promised(iterate, program, program.step(solution))
         merit = merit.raised(multipliers, iterate.values, promised)
@@ -218,11 +211,6 @@ class SlpSolver:
             merit = iterate.merit.scaled(WEIGHT_GROWTH)
             iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
         return iterate, outcome
-
-    def nearness(self, iterate: Iterate) -> float:
-        """What a step costs that goes to the end of the trust region everywhere [s]."""
-        gain = iterate.gains[-1] if iterate.gains else 0.0
-        return max(PAID * gain, LEAST_PAID * iterate.duration)
 
     def shrunk_near_feasible(
         self, region: TrustRegion, iterate: Iterate, trial: Trial, step: Array
@@ -278,7 +266,6 @@ class SlpSolver:
         program: Subproblem,
         solution: LpSolution,
         variation: Variation | None,
-        steps: StepBounds,
         effort: Effort,
         reached: Array | None = None,
     ) -> Outcome:
@@ -289,14 +276,6 @@ class SlpSolver:
         # At a solution of the linear program its objective is the model of the merit.
         predicted = max(now - self.model(iterate, program, step, variation), 0.0)
 
-        wide = self.nlp.step_bounds(
-            iterate.z, 2.0 * self.options.trust_region * iterate.region.radius
-        )
-        weight = 0.0 if variation is None else merit.smoothing
-
-        def project(error: Array) -> Array | None:
-            return corrected_step(program, solution, error, steps, wide, weight)
-
         def resolve(error: Array) -> Array | None:
             again = effort.add(self.lp.resolve(*program.corrected(error)))
             return program.step(again) if again.optimal else None
@@ -305,10 +284,10 @@ class SlpSolver:
             brought = (now - trial.merit) / max(predicted, 1e-12)
             return brought >= ENOUGH or not EXACT < violation < CORRECTABLE
 
-        equal = self.nlp.rows.lower == self.nlp.rows.upper
-        equations = bool(np.mean(equal) > MOSTLY) if equal.size else False
         corrections = self.corrections
         if corrections is None:
+            rows = self.nlp.rows
+            equations = bool(np.any(rows.lower == rows.upper))
             corrections = CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS
         search = StepSearch(
             self.nlp,
@@ -316,11 +295,9 @@ class SlpSolver:
             program,
             corrections,
             LINE_SEARCH,
-            None if equations else resolve,
         )
         origin = Trial(iterate.z, iterate.values, now)
-        correct = resolve if equations else project
-        return search.run(origin, step, predicted, correct, enough, reached)
+        return search.run(origin, step, predicted, resolve, enough, reached)
 
     def model(
         self,

@@ -12,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from tominpmp.arrays import Array
 from tominpmp.solvers.iterate import Outcome, Trial
 from tominpmp.solvers.subproblem import Subproblem
@@ -23,8 +21,6 @@ from tominpmp.transcription.base import Program
 
 # Another correction follows while one leaves at most this share of the violation.
 CONTRACTION = 0.5
-# Steps that bring less than this share of what was predicted are worth a dearer one.
-POOR = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +33,6 @@ class StepSearch:
         frame: The program of the iteration, to correct its right-hand side.
         corrections: How many corrections are made at most.
         dampings: Shares of the step that the line search tries, falling.
-        last: Another correction of the step by the error of its rows, which is dearer,
-            for steps that bring little with the others; None for none.
     """
 
     nlp: Program
@@ -46,7 +40,6 @@ class StepSearch:
     frame: Subproblem
     corrections: int
     dampings: tuple[float, ...]
-    last: Callable[[Array], Array | None] | None = None
 
     def run(
         self,
@@ -68,13 +61,17 @@ class StepSearch:
             enough: Whether a trial, with its violation, needs no correction.
             reached: Row values where the step leads, if they are known.
         """
-        rows, z = self.nlp.rows, origin.z
-        trial = best = first = self.attempt(z, step, known=reached)
+        frame, rows = self.frame, self.nlp.rows
+        z, values = origin.z, origin.values
+        trial = best = self.attempt(z, step, known=reached)
         for _ in range(self.corrections):
             left = rows.largest_violation(trial.values)
             if enough(trial, left):
                 break
-            again = resolve(self.error(origin, trial))
+            error = trial.values[frame.rows] - (
+                values[frame.rows] + frame.matrix @ (trial.z - z)
+            )
+            again = resolve(error)
             if again is None:
                 break
             trial = self.attempt(z, again)
@@ -82,11 +79,6 @@ class StepSearch:
             if rows.largest_violation(trial.values) > CONTRACTION * left:
                 break
         ratio = (origin.merit - best.merit) / max(predicted, 1e-12)
-        if ratio < POOR and self.last is not None:
-            again = self.last(self.error(origin, first))
-            if again is not None:
-                best = min(best, self.attempt(z, again), key=lambda trial: trial.merit)
-                ratio = (origin.merit - best.merit) / max(predicted, 1e-12)
         if ratio < ACCEPT:
             for damping in self.dampings:
                 trial = self.attempt(z, step, damping)
@@ -97,12 +89,6 @@ class StepSearch:
                 best = replace(best, damping=self.dampings[-1])
         actual = origin.merit - best.merit
         return Outcome(best, predicted, actual, ratio, actual > 0.0)
-
-    def error(self, origin: Trial, trial: Trial) -> Array:
-        """By how much the rows of a trial miss their linearisation, shape (r,)."""
-        frame = self.frame
-        promised = origin.values[frame.rows] + frame.matrix @ (trial.z - origin.z)
-        return np.asarray(trial.values[frame.rows] - promised)
 
     def attempt(
         self, z: Array, step: Array, damping: float = 1.0, known: Array | None = None

@@ -13,7 +13,7 @@ and zero on rows that are satisfied: d = 0 is always feasible.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -131,23 +131,6 @@ def build_subproblem(
         np.concatenate(keys),
     )
     return Subproblem(program, free, chosen, z.size, rows.size, matrix)
-
-
-def near_zero(program: Subproblem, steps: StepBounds, cost: float) -> Subproblem:
-    """The same, with a little to pay for steps.
-
-    What the duration leaves free would go to the end of the trust region, or half way:
-    that breaks rows by its square, and limits between the rows.
-
-    Args:
-        program: The program.
-        steps: Box for the step.
-        cost: What a step to the end of the box costs [s].
-    """
-    box = np.maximum(np.abs(steps.lower), np.abs(steps.upper))[program.free]
-    nearness = np.zeros(program.program.cost.size)
-    nearness[: box.size] = 2.0 * cost / (box.size * np.maximum(box, 1e-9) ** 2)
-    return replace(program, program=replace(program.program, nearness=nearness))
 
 
 def _rows_within_reach(

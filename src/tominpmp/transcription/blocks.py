@@ -219,23 +219,6 @@ class Sampled:
         if partials.by_a is not None:
             yield partials.by_a, (after.a - before.a) / apart
 
-    def with_instants(self, more: Instants, ignored: BoolArray | None) -> Sampled:
-        """The same with more instants.
-
-        Args:
-            more: The instants, shape (m,).
-            ignored: Values that are no rows there, shape (m, p); None for none.
-        """
-        fixed = self.fixed.joined(more)
-        if self.ignored is None and (ignored is None or not ignored.any()):
-            return replace(self, fixed=fixed)
-        none = np.zeros((fixed.size, self.constraint.count), dtype=bool)
-        if self.ignored is not None:
-            none[: len(self.ignored)] = self.ignored
-        if ignored is not None:
-            none[self.fixed.size :] = ignored
-        return replace(self, fixed=fixed, ignored=none)
-
     def informed(self, of: Transcription[Any], motion: Motion) -> Sampled:
         """The same with what its constraint takes for granted, from a motion."""
         if self.constraint.informed:

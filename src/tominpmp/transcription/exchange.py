@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Constraint, PathConstraint
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.constraints.torque import MotorLimit
@@ -114,30 +114,25 @@ def _exchanged(
         at, states = block.states(of, motion)
         beside = of.states(motion, at.middles, 1).v
         constraint, count = constraint.corrected(states, beside, overload)
-    more, slack = _violated(block, of, motion, overload)
+    more = _violated(block, of, motion, overload)
     if more.size and isinstance(constraint, PathConstraint) and constraint.window:
         times = more.times(motion.h) + of.delays[more.interval]
         return replace(block, constraint=constraint.with_times(times)), more.size
     if more.size:
         constraint = constraint.joined(assumed(constraint, of, motion, more))
-    block = replace(block, constraint=constraint).with_instants(more, slack)
+    block = replace(block, constraint=constraint, fixed=block.fixed.joined(more))
     return block, count + more.size
 
 
 def _violated(
     block: Sampled, of: Transcription[Any], motion: Motion, overload: float
-) -> tuple[Instants, BoolArray | None]:
-    """Instants between the rows of a constraint at which it is violated.
-
-    Returns:
-        The instants, and the values that need no row there, shape (m, p); None if all
-        are to be rows.
-    """
+) -> Instants:
+    """Instants between the rows of a constraint at which it is violated."""
     constraint = block.constraint
     if constraint.usable is None:
-        return Instants.none(), None
+        return Instants.none()
     if constraint.order >= 3:
-        return _rising(constraint, of, motion, overload), None
+        return _rising(constraint, of, motion, overload)
     if constraint.order >= 2:
         return _jumping(constraint, of, motion, overload, block.within)
     known = block.instants(of, motion.h)
@@ -146,7 +141,7 @@ def _violated(
         whole = np.ones(known.size, dtype=bool)
         whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
         known = Instants(known.interval[whole], known.share[whole])
-    return _Continuous(constraint, of, motion, block.within).violated(known), None
+    return _Continuous(constraint, of, motion, block.within).violated(known)
 
 
 def _excess(
@@ -175,41 +170,29 @@ def _jumping(
     motion: Motion,
     tolerance: float,
     within: tuple[int, int] | None,
-) -> tuple[Instants, BoolArray]:
+) -> Instants:
     """Instants for what may jump at the nodes: torques, and what depends on them.
 
     For each part of an interval and value the worst of the instants that are looked at,
     without repetitions, and those beside which joints with dry friction turn.
-
-    Returns:
-        The instants, and the values that need no row there as they are far from their
-        bounds, shape (m, p).
     """
-    found: dict[tuple[int, float], BoolArray] = {}
+    found: set[tuple[int, float]] = set()
     first, end = within or (0, of.intervals)
-    none = np.zeros(constraint.count, dtype=bool)
     for shares in of.inspected:
         at = Instants.spread(of.intervals, shares).within(first, end)
         excess = _excess(constraint, of, motion, at)
         excess = excess.reshape(end - first, len(shares), -1)
         worst = np.argmax(excess, axis=1)
         over = np.max(excess, axis=1) > tolerance
-        for k, j in np.argwhere(over).tolist():
-            broken = excess[k, worst[k, j]] > max(tolerance, 0.0)
-            key = (first + k, shares[worst[k, j]])
-            found[key] = found.get(key, none) | broken
-            found[key][j] = True
+        found |= {(first + int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
     if isinstance(constraint, MotorLimit) and constraint.motors.friction is not None:
         joints = constraint.motors.friction > 0.0
         at = turning(of, motion, joints, (first, end))
         if at.size:
-            over = _excess(constraint, of, motion, at) > tolerance
-            for index in np.flatnonzero(np.any(over, axis=1)).tolist():
-                key = (int(at.interval[index]), float(at.share[index]))
-                found[key] = found.get(key, none) | over[index]
-    wanted = [found[key] for key in sorted(found)]
-    ignored = ~np.array(wanted, dtype=bool).reshape(-1, constraint.count)
-    return _listed(sorted(found)), ignored
+            over = np.any(_excess(constraint, of, motion, at) > tolerance, axis=1)
+            shares = at.share[over].tolist()
+            found |= set(zip(at.interval[over].tolist(), shares, strict=True))
+    return _listed(sorted(found))
 
 
 def _rising(

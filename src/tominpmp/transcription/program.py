@@ -191,14 +191,14 @@ class NonlinearProgram:
             return np.flatnonzero(~path | (rows.violation(values) > 0.0))
         if self.selection == "exact":
             return np.flatnonzero(~path | self._attained(values))
-        chosen = (rows.lower > -np.inf) | (rows.upper < np.inf)
+        chosen = np.ones(rows.size, dtype=bool)
         for index, block in enumerate(self.blocks):
             if block.gradual:
                 radius = self.transcription.attention(steps)
                 if isinstance(block, Sampled) and block.constraint.moving:
                     radius = max(radius, self.transcription.moving_attention)
                 mine = rows.kind == index
-                chosen[mine] &= values[mine] > rows.upper[mine] - radius
+                chosen[mine] = values[mine] > rows.upper[mine] - radius
         return np.flatnonzero(chosen)
 
     def _attained(self, values: Array) -> BoolArray:
