@@ -73,20 +73,23 @@ COLUMNS = KEY + tuple(
 Row = dict[str, str]
 
 
-def load_arm(name: str, speed_factor: float = 1.0) -> Any:
+def load_arm(
+    name: str, speed_factor: float = 1.0, friction: float | None = None
+) -> Any:
     """Load one of the benchmark's robots.
 
     Args:
         name: One of :data:`ROBOTS`, or anything the library loads.
         speed_factor: Factor on all velocity limits.
+        friction: Dry friction of all joints [N m]; None for that of the description.
     """
     from tominpmp.robot import load_robot
 
     locked = LOCKED_JOINTS.get(name, {})
-    robot = load_robot(name, locked_joints=locked)
+    robot = load_robot(name, locked_joints=locked, friction=friction)
     if speed_factor != 1.0:
         faster = np.array(robot.limits.velocity) * speed_factor
-        robot = load_robot(name, locked_joints=locked, velocity=faster)
+        robot = robot.with_changes(velocity=faster)
     return robot
 
 
@@ -299,9 +302,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 continue
             if contest is None:
                 # The rivals know no dry friction; all get the same problem.
-                robot = load_arm(name, arguments.speed_factor).with_changes(
-                    friction=0.0
-                )
+                robot = load_arm(name, arguments.speed_factor, 0.0)
                 contest = Contest(
                     robot,
                     arguments.intervals,

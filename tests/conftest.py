@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,20 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # The same examples on every run, however slow the machine.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
+
+
+# Of many cases of one test those that take longest, by the names that pytest gives them:
+# only `make test-all` runs these.
+NIGHTLY = Path(__file__).with_name("nightly.txt").read_text("utf-8").splitlines()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that take long before those that are marked are left out."""
+    long = set(NIGHTLY)
+    for item in items:
+        if item.nodeid in long:
+            item.add_marker(pytest.mark.nightly)
 
 
 @pytest.fixture

@@ -381,7 +381,7 @@ def small_benchmark(
     robot = SimpleNamespace(
         model=arm.model, limits=arm, damping=arm.damping, armature=arm.armature
     )
-    monkeypatch.setattr(random_goals, "load_arm", lambda name, factor: robot)
+    monkeypatch.setattr(random_goals, "load_arm", lambda *asked: robot)
     path = tmp_path / "rows.csv"
     command = ["--only", "ipopt,toppra", "--robots", "three", "--intervals", "10"]
     return path, [*command, "--csv", str(path)]

@@ -1,0 +1,20 @@
+"""The list of tests that only `make test-all` runs names tests that there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LINES = (ROOT / "tests" / "nightly.txt").read_text("utf-8").splitlines()
+
+
+@pytest.mark.parametrize("line", sorted({line.split("[")[0] for line in LINES}))
+def test_it_is_there(line: str) -> None:
+    file, name = line.split("::")
+    assert f"def {name}(" in (ROOT / file).read_text("utf-8")
+
+
+def test_none_is_named_twice_and_all_are_sorted() -> None:
+    assert sorted(set(LINES)) == LINES
