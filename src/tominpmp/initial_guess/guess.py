@@ -31,6 +31,9 @@ from tominpmp.turns import directions
 
 # Random configurations tried when solving inverse kinematics for a goal on a frame.
 KINEMATIC_STARTS = 20
+# The same once they have led nowhere, before a goal is refused that may only be hard to
+# reach, as a pose within a narrow cone is.
+MORE_STARTS = 100
 # How many of the configurations found there are approached on a straight line that is
 # timed.
 STRAIGHT_LINES = 10
@@ -262,9 +265,12 @@ def _guesses(
     problem = system.problem
     final = problem.goal.configuration
     if final is None:
-        ends, _ = goal_configurations(
-            system, problem.goal, KINEMATIC_STARTS, rng, beyond=beyond
-        )
+        ends: list[Array] = []
+        for count in (KINEMATIC_STARTS, MORE_STARTS):
+            if not ends:
+                ends, _ = goal_configurations(
+                    system, problem.goal, count, rng, beyond=beyond
+                )
     else:
         ends = [final]
     if not ends:

@@ -1,0 +1,47 @@
+"""A goal is refused only after configurations that reach it were looked for in earnest.
+
+A pose within a narrow cone was missed from twenty starts, though there is one.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import tominpmp as tm
+from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+FRAME = "panda_hand_tcp"
+FINGERS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
+START = [2.3487331150765267, 0.6333651060391691, 2.6523878597252915]
+START += [-0.618703866414074, -1.417824688076563, 3.3967208054222358]
+START += [-1.3723327220492576]
+END = [-0.5371880230607866, 1.3846172344920527, -0.6254938234626006]
+END += [-1.2967824146657803, -2.130277789551306, 0.7808893877807688]
+END += [2.782771934380834]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = tm.load_robot("panda", locked_joints=FINGERS)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.expand(np.array([END]))[0])
+    pose = data.oMf[robot.model.getFrameId(FRAME)].copy()
+    problem = tm.Problem(
+        robot,
+        START,
+        tm.PoseGoal(FRAME, pose),
+        constraints=[tm.KeepUpright(FRAME, tolerance=0.03)],
+        self_collision=False,
+    )
+    system = ProblemFunctions.of(problem)
+    # The first one stays at the start.
+    _, guess = initial_guesses(system, 2, np.random.default_rng(seed))
+    reached = system.kinematics.placement(guess.q[-1], FRAME)
+    assert np.allclose(reached.translation, pose.translation, atol=1e-5)
