@@ -22,7 +22,6 @@ one_thread()
 
 import argparse
 import csv
-import os
 import statistics
 import time
 import warnings
@@ -35,7 +34,7 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.cell_cases import draw_configuration
-from benchmarks.motionbenchmaker import SCENES, VARIABLE, Case, Court, parse_range
+from benchmarks.motionbenchmaker import Case, Court, add_problems, names
 from benchmarks.random_goals import load_arm
 from tominpmp.collision import CollisionChecker
 
@@ -207,16 +206,10 @@ HEADER = (
 
 
 def _parser() -> argparse.ArgumentParser:
-    def names(text: str) -> list[str]:
-        return [part.strip() for part in text.split(",") if part.strip()]
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    place = os.environ.get(VARIABLE)
-    parser.add_argument("--data", type=Path, default=Path(place) if place else None)
-    parser.add_argument("--scenes", type=names, default=list(SCENES))
-    parser.add_argument("--problems", type=parse_range, default=parse_range("1-6"))
+    add_problems(parser, "1-6")
     parser.add_argument("--robots", type=names, default=list(CLUTTERED))
     parser.add_argument("--clutter", type=int, default=10, help="problems a robot")
     parser.add_argument("--options", default="", help="name=value,... of tm.Options")

@@ -1,4 +1,4 @@
-"""Whether T depends on what must not matter: order of obstacles, grid, LP solver.
+r"""Whether T depends on what must not matter: order of obstacles, grid, LP solver.
 
 Each problem of the MotionBenchMaker set is planned once with default options, then with
 its obstacles in other orders, on other numbers of intervals, and with another solver
@@ -22,7 +22,6 @@ one_thread()
 
 import argparse
 import math
-import os
 import statistics
 import time
 from collections.abc import Sequence
@@ -34,7 +33,7 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.certified import problems
-from benchmarks.motionbenchmaker import SCENES, VARIABLE, parse_range
+from benchmarks.motionbenchmaker import VARIABLE, add_problems, names
 
 COLUMNS = ("problem", "variant", "status", "success", "T", "seconds")
 DEFAULT = "default"
@@ -114,18 +113,10 @@ HEADER = (
 
 
 def _parser() -> argparse.ArgumentParser:
-    def names(text: str) -> list[str]:
-        return [part.strip() for part in text.split(",") if part.strip()]
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    place = os.environ.get(VARIABLE)
-    parser.add_argument(
-        "--data", type=Path, default=Path(place) if place else None, required=not place
-    )
-    parser.add_argument("--scenes", type=names, default=list(SCENES))
-    parser.add_argument("--problems", type=parse_range, default=parse_range("1-4"))
+    add_problems(parser, "1-4")
     parser.add_argument("--variants", type=names, default=list(VARIANTS))
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds a plan")
     parser.add_argument("--csv", type=Path, default=Path("out/invariance.csv"))
@@ -134,7 +125,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, write the CSV file, print the table."""
-    given = _parser().parse_args(arguments)
+    parser = _parser()
+    given = parser.parse_args(arguments)
+    if given.data is None:
+        parser.error(f"--data is missing, and ${VARIABLE} is not set")
     sheet = Sheet(given.csv, COLUMNS)
     for name, problem in problems(given.data, given.scenes, given.problems, (), 0):
         problem.checker.distances(problem.q_start[None])  # loads meshes

@@ -398,22 +398,19 @@ def parse_range(text: str) -> list[int]:
     return list(dict.fromkeys(numbers))
 
 
-def _parser() -> argparse.ArgumentParser:
-    def names(text: str) -> list[str]:
-        return [part.strip() for part in text.split(",") if part.strip()]
+def names(text: str) -> list[str]:
+    """Names from text such as "box,cage"."""
+    return [part.strip() for part in text.split(",") if part.strip()]
 
-    def positive(text: str) -> float:
-        value = float(text)
-        if not 0.0 < value < float("inf"):
-            raise argparse.ArgumentTypeError("expected a positive number")
-        return value
 
+def add_problems(parser: argparse.ArgumentParser, numbers: str) -> None:
+    """Add the options that choose problems of the set.
+
+    Args:
+        parser: The parser.
+        numbers: Which ones of each scene by default, such as "1-20".
+    """
     place = os.environ.get(VARIABLE)
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.motionbenchmaker",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
     parser.add_argument(
         "--data",
         type=Path,
@@ -423,8 +420,23 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--scenes", type=names, default=list(SCENES), metavar="A,B")
     parser.add_argument(
-        "--problems", type=parse_range, default=list(range(1, 21)), metavar="1-20"
+        "--problems", type=parse_range, default=parse_range(numbers), metavar=numbers
     )
+
+
+def _parser() -> argparse.ArgumentParser:
+    def positive(text: str) -> float:
+        value = float(text)
+        if not 0.0 < value < float("inf"):
+            raise argparse.ArgumentTypeError("expected a positive number")
+        return value
+
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.motionbenchmaker",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_problems(parser, "1-20")
     parser.add_argument("--out", type=Path, help="CSV file")
     parser.add_argument(
         "--rival", action="store_true", help="RRT-Connect and TOPP-RA instead"
