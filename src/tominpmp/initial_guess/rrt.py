@@ -8,7 +8,6 @@ told to stop, which is why work is limited by collision checks rather than by ti
 from __future__ import annotations
 
 import importlib.util
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -17,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import ClearanceConstraint
 from tominpmp.exceptions import optional
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
@@ -52,25 +50,25 @@ def sampling_available() -> bool:
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
     """Whether a configuration, shape (n,), keeps the clearance that is asked for."""
-    if system.watched is None or system.problem.checker.hulls_clear(q, PADDING):
-        return True
-    clearance = system.clearance
-    if clearance is None:
-        return True
-    if isinstance(clearance, ClearanceConstraint):
-        return clearance.checker.is_free(q, clearance.margin)
-    return bool(np.all(clearance.values(q[None], math.inf) <= 0.0))
+    return check_of(system)(q)
 
 
 def check_of(system: ProblemFunctions) -> Callable[[Array], bool]:
     """What tells the same of many configurations, for samplers that ask very often."""
     checker = system.problem.checker
-    if system.watched is None or checker.lone:
-        return partial(is_free, system)
+    if system.watched is None:
+        return lambda _: True
+    if not checker.lone:
+        return _check_of_pieces(system)
+    # Pieces need not be known where the links are clear as one hull each.
+    return lambda q: checker.hulls_clear(q, PADDING) or _check_of_pieces(system)(q)
+
+
+def _check_of_pieces(system: ProblemFunctions) -> Callable[[Array], bool]:
     clearance = system.clearance
-    if isinstance(clearance, ClearanceConstraint):
-        return partial(clearance.checker.is_free, margin=clearance.margin)
-    return partial(is_free, system)
+    if clearance is None:
+        return lambda _: True
+    return partial(clearance.checker.is_free, margin=clearance.margin)
 
 
 def sample_paths(
@@ -197,15 +195,14 @@ class _Validity:
     """
 
     def __init__(self, system: ProblemFunctions, deadline: float | None) -> None:
-        self.deadline, self.free = deadline, check_of(system)
-        self.joints, self.scale = range(system.n), system.step_scale
+        self.system, self.deadline, self.free = system, deadline, check_of(system)
         self.checks = 0
 
     def __call__(self, state: Any) -> bool:
         self.checks += 1
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise _OutOfTime
-        return self.free(np.array([state[i] for i in self.joints]) * self.scale)
+        return self.free(_configuration(self.system, state))
 
 
 class _Enough:
