@@ -213,7 +213,9 @@ def _srdf(
     return beside.srdf(robot, semantics)
 
 
-def check_given_back(robot: Robot, folder: Path, stem: str) -> None:
+def check_given_back(
+    robot: Robot, table: Mapping[str, Any], path: Path, beside: Beside | None
+) -> None:
     """Check that a robot that is written down and loaded again is the same.
 
     One whose files would lie beside the scenario may differ by rounding, and by where
@@ -221,27 +223,28 @@ def check_given_back(robot: Robot, folder: Path, stem: str) -> None:
 
     Args:
         robot: The robot.
-        folder: Folder of the scenario.
-        stem: How names of files beside it begin.
+        table: What was written down of it, by :func:`robot_table`.
+        path: File of the scenario.
+        beside: What took the files that are to lie beside it.
 
     Raises:
         ScenarioError: If it cannot be loaded again.
         TypeError: If it would be another, or cannot be written.
     """
-    beside = Beside(stem)
-    table = robot_table(robot, folder, beside)
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is to be told was told at first loading
-        if not beside.files:
-            if read_robot(Field(table, folder / stem, "robot")) != robot:
+        if beside is None or not beside.files:
+            if read_robot(Field(table, path, "robot")) != robot:
                 raise TypeError(
                     "it differs from its files by more than the arguments of load_robot"
                 )
             return
+        # Paths of the table are relative to its folder, which is another one there.
         elsewhere = Path(name)
-        table = robot_table(robot, elsewhere, Beside(stem))
+        table = robot_table(robot, elsewhere, Beside(beside.stem))
         beside.write(elsewhere)
-        different = unlike(read_robot(Field(table, elsewhere / stem, "robot")), robot)
+        again = read_robot(Field(table, elsewhere / path.name, "robot"))
+        different = unlike(again, robot)
     if different:
         raise TypeError(
             f"it was loaded from {robot.urdf_path}, and a URDF file of it would have "

@@ -338,9 +338,9 @@ def _document(
     if problem.self_collision is not None:
         document["self_collision"] = problem.self_collision
     try:
-        document["robot"] = robot_table(problem.robot, folder, beside)
+        document["robot"] = table = robot_table(problem.robot, folder, beside)
         if check:
-            check_given_back(problem.robot, folder, f"{path.stem}_robot")
+            check_given_back(problem.robot, table, path, beside)
     except TypeError as error:
         fail("robot", error)
     document["start"] = {"q": problem.q_start.tolist()}
