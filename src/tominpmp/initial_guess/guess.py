@@ -267,10 +267,11 @@ def _guesses(
     if final is None:
         ends: list[Array] = []
         for count in (KINEMATIC_STARTS, MORE_STARTS):
-            if not ends:
-                ends, _ = goal_configurations(
-                    system, problem.goal, count, rng, beyond=beyond
-                )
+            ends, _ = goal_configurations(
+                system, problem.goal, count, rng, beyond=beyond
+            )
+            if ends:
+                break
     else:
         ends = [final]
     if not ends:

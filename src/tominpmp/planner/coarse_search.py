@@ -280,7 +280,7 @@ class CoarseSearch:
         solve = partial(solve_and_verify, system, fine, guess, progress)
         attempt = guarded(system.problem, fine, progress, former.name, solve)
         if attempt is None:
-            return early
+            return early if early is not None and early.found else None
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
         if self.stopped and not attempt.found and progress.best == np.inf:
@@ -295,7 +295,7 @@ class CoarseSearch:
         """The coarse motion, replayed, where there may be no time to go on from it.
 
         A plan that takes long is known by what it took so far; without a limit for the
-        time there is enough of it.
+        time there is enough of it. None where that is not so.
         """
         progress = self.progress
         if progress.share_used < LATE or progress.best < np.inf:
@@ -303,7 +303,7 @@ class CoarseSearch:
         early = self._replayed(rough)
         if early.verification is not None:
             progress.replayed(early.verification.seconds)
-        return early if early.found else None
+        return early
 
     def saved(self) -> Iterator[Attempt]:
         """What there is when it is time to stop: the best coarse motion, replayed."""

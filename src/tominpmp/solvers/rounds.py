@@ -63,9 +63,8 @@ def solve_in_rounds(
     settled = first is options
     for _ in range(ROUNDS):
         far = result.best is None and result.iterate.violation > FAR
-        if result.status in STOPPED or (far and settled) or _too_long(result):
-            break
-        if over():
+        ended = result.status in STOPPED or over()
+        if ended or (far and settled) or _too_long(result):
             break
         z = result.iterate.z
         if not far:
