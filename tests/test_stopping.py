@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs import LinearProgram, make_solver
 from tominpmp.planner import direct_solve as guessed
+from tominpmp.planner.attempt import Attempt
 from tominpmp.solvers.torque_variation import TorqueVariationSolver
 from tominpmp.stopping import Deadline, Stop
 
@@ -171,6 +173,25 @@ def test_time_used_up_within_the_first_solve_leaves_a_verified_motion():
     solution = tm.plan(reach(), options)
     assert solution.status is tm.Status.TIME_LIMIT
     assert solution.iterations >= 1
+
+
+def test_motions_there_was_no_time_to_replay_are_not_said_to_be_refuted(monkeypatch):
+    usual, replayed = Attempt.verified, []
+
+    def first_refuted(self, *arguments, **named):
+        replayed.append(self.trajectory.duration)
+        if len(replayed) > 1:
+            raise Stop(requested=False)
+        attempt = usual(self, *arguments, **named)
+        refuted = replace(attempt.verification, ok=False)
+        return replace(attempt, verification=refuted)
+
+    monkeypatch.setattr(Attempt, "verified", first_refuted)
+    options = tm.Options(effort="quick", callback=lambda record: record.violation < 1e-6)
+    solution = tm.plan(reach(), options)
+    assert len(replayed) > 1 and not solution.success
+    assert solution.status is tm.Status.INTERRUPTED
+    assert "no time to verify" in solution.message
 
 
 # -- native code -----------------------------------------------------------------------

@@ -318,16 +318,17 @@ class CoarseSearch:
         """A coarse motion, as slow as it has to be for its replay to be all right."""
         program, iterate, _ = rough.kept
         attempt = rough.attempt
+        if attempt.verification is not None and attempt.found:
+            return attempt
         with self.progress.saving(), contextlib.suppress(Stop):
             for factor in TIME_SCALINGS:
-                if attempt.verification is not None and attempt.found:
-                    break
                 motion = program.trajectory(program.stretch(iterate.z, factor))
                 slower = replace(attempt, trajectory=motion, layout=None)
                 attempt = slower.verified(self.system.problem, self.options)
-        if attempt.verification is None:
-            return replace(attempt, unconfirmed=True)  # there was no time for it
-        return attempt
+                if attempt.found:
+                    break
+            return attempt
+        return replace(attempt, unconfirmed=True)  # there was no time for all of it
 
     def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Attempt]:
         """The first motions of a plan.

@@ -110,7 +110,8 @@ def rescued(
                 attempt = attempt.verified(problem, options)
             except (Stop, KeyboardInterrupt) as again:
                 progress.stopped(again)
-                break
+                # That one was refuted says nothing of those there was no time for.
+                return last and replace(last, unconfirmed=item.feasible)
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("what was found could not be replayed: %r", error)
                 continue
