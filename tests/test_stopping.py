@@ -187,7 +187,9 @@ def test_motions_there_was_no_time_to_replay_are_not_said_to_be_refuted(monkeypa
         return replace(attempt, verification=refuted)
 
     monkeypatch.setattr(Attempt, "verified", first_refuted)
-    options = tm.Options(effort="quick", callback=lambda record: record.violation < 1e-6)
+    options = tm.Options(
+        effort="quick", callback=lambda record: record.violation < 1e-6
+    )
     solution = tm.plan(reach(), options)
     assert len(replayed) > 1 and not solution.success
     assert solution.status is tm.Status.INTERRUPTED
