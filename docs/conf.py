@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+from sphinx.domains.python import PyObject
+
+import tominpmp
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "extensions")]
@@ -31,6 +36,7 @@ html_theme = "furo"
 html_title = "tominpmp"
 html_static_path = ["static"]
 html_css_files = ["own.css"]
+html_js_files = [("own.js", {"defer": "defer"})]
 html_theme_options = {
     "sidebar_hide_name": False,
     "light_css_variables": {"color-brand-primary": "#12375f"},
@@ -41,7 +47,7 @@ myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 # Attributes are told of once, in the docstring of their class.
 napoleon_use_ivar = True
 napoleon_google_docstring = True
@@ -59,14 +65,33 @@ def before_napoleon(*event: Any) -> None:
         lines[0] = lines[0].replace(":", COLON)
 
 
+TYPE = re.compile(r"^:(?:var|r)?type\b")
+OWN_TYPE = re.compile(r"\btominpmp\.[\w.]*?\b([A-Z]\w*)")
+PAGE = re.compile(r"``docs/([\w/]+)\.md``")
+
+
+def own_type(found: re.Match[str]) -> str:
+    """A type of the package by its public name, or by its last one if it has none."""
+    name = found[1]
+    return f"~tominpmp.{name}" if name in tominpmp.__all__ else name
+
+
 def after_napoleon(*event: Any) -> None:
-    """Put colons back, and name the type of arrays as the code does."""
+    """Put colons back, name types as the code does, and link to pages."""
     lines = event[5]
-    lines[:] = [line.replace(COLON, ":").replace(ARRAY, "Array") for line in lines]
+    for number, line in enumerate(lines):
+        text = PAGE.sub(r":doc:`/\1`", line.replace(COLON, ":"))
+        if TYPE.match(text):
+            text = text.replace(ARRAY, "Array").replace("pinocchio_pywrap_default.", "")
+            text = OWN_TYPE.sub(own_type, text).replace("collections.abc.", "")
+        lines[number] = text
 
 
 def setup(app: Any) -> None:
     """Connect what goes before and after napoleon, whose priority is 500."""
+    for kind in PyObject.doc_field_types:
+        if kind.name == "variable":
+            kind.label = "Attributes"
     app.connect("autodoc-process-docstring", before_napoleon, priority=400)
     app.connect("autodoc-process-docstring", after_napoleon, priority=600)
 

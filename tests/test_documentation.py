@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 import warnings
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import tominpmp as tm
+from tominpmp import exceptions
 from tominpmp.description.files import robot_names
 
 ROOT = Path(__file__).parents[1]
@@ -148,8 +150,6 @@ def test_pages_ask_for_what_the_code_gives() -> None:
 
 
 def test_every_exception_tells_of_its_cure() -> None:
-    from tominpmp import exceptions
-
     for name in (item for item in tm.__all__ if hasattr(exceptions, item)):
         kind = getattr(exceptions, name)
         if kind not in (tm.TominpmpError, tm.TominpmpWarning):
@@ -160,6 +160,44 @@ def test_every_public_name_has_a_docstring() -> None:
     for name in tm.__all__:
         value = getattr(tm, name)
         assert (value.__doc__ or "").strip(), name
+
+
+@pytest.mark.parametrize("name", tm.__all__)
+def test_every_public_name_is_used_in_an_example(name: str) -> None:
+    assert from_the_code.examples_of(name)
+
+
+def test_the_reference_has_every_public_name_once() -> None:
+    found = [
+        name for page in from_the_code.PARTS for name in from_the_code.names_of(page)
+    ]
+    raised = {item for item in tm.__all__ if hasattr(exceptions, item)}
+    assert sorted(found) == sorted(set(tm.__all__) - raised)
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in tm.__all__ if inspect.isfunction(getattr(tm, n))]
+)
+def test_public_functions_tell_of_their_arguments(name: str) -> None:
+    function = getattr(tm, name)
+    told = from_the_code.entries(function.__doc__, "Args")
+    parameters = inspect.signature(function).parameters.values()
+    asked = {item.name for item in parameters if item.kind is not item.VAR_KEYWORD}
+    assert asked <= set(told)
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in tm.__all__ if is_dataclass(getattr(tm, n))]
+)
+def test_arrays_of_public_classes_tell_of_their_shapes(name: str) -> None:
+    kind = getattr(tm, name)
+    told: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        told |= from_the_code.entries(base.__doc__, "Attributes")
+    for item in fields(kind):
+        if "Array" in str(item.type):
+            text = f"{kind.__doc__.partition('Attributes:')[0]} {told[item.name]}"
+            assert "shape" in text, item.name
 
 
 def test_pages_stand_in_one_table_of_contents_each() -> None:

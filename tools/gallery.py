@@ -82,6 +82,7 @@ SPECIAL: dict[str, Any] = {
         ).with_payload(example.box())
     ),
     "conveyor": lambda example: example.problem(),
+    "handing_over": lambda example: example.problem(example.workcell()),
 }
 
 ITEMS = (
@@ -113,6 +114,13 @@ ITEMS = (
         "Seven segments, one motion: it stops only where the hand grips. "
         "`examples/pick_and_place.py`",
         {"intervals": 12, "control": "constant"},
+    ),
+    Item(
+        "handing_over",
+        "Two arms hand a bar over",
+        "Two segments of one motion of both: they meet, the grippers change, and the "
+        "bar goes on with the other arm. `examples/handing_over.py`",
+        {"starts": 1},
     ),
     Item(
         "payload",

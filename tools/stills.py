@@ -32,13 +32,15 @@ WIDTH, HEIGHT = 1080, 600
 # Page and time [s] of each still.
 STILLS = {
     "panda_shelf": 0.62,
-    "ur5_post": 0.35,
+    "ur5_post": 0.5,
     "two_ur5": 0.16,
     "pick_and_place": 0.5,
     "payload": 0.4,
     "spot_weld": 3.5,
     "conveyor": 0.3,
     "swinging_gate": 1.9,
+    "handing_over": 0.4,
+    "planar3r_obstacle": 0.5,
 }
 # The animation: its page, its times [s], and how long a picture stays [ms].
 FILM, BEGIN, END, FRAMES, PAUSE = "payload", 0.0, 1.65, 34, 60

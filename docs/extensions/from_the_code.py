@@ -9,8 +9,9 @@ from __future__ import annotations
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,26 +33,35 @@ from tominpmp.segments import Segment
 
 PLACE = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
 ENTRY = re.compile(r"^    (\w+)(?: \(.*\))?: (.*(?:\n(?:     .*|$))*)", re.MULTILINE)
+# Blocks of code of a page, cells of notebooks among them.
+CODE = re.compile(
+    r"^```+(?:python|\{code-cell\}[^\n]*)\n(.*?)^```+ *$", re.MULTILINE | re.DOTALL
+)
+DOCS = Path(__file__).parents[1]
+FAMILIES = (Goal, PathConstraint, Obstacle, tm.Motion)
+ALL_NAMES = "reference/examples"  # the page on which every public name is used
 ROLE = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`")
 
-# Modules in the order in which one meets them; what is not here comes at the end.
-ORDER = (
-    "robot",
-    "scene",
-    "goals",
-    "problem",
-    "segments",
-    "constraints",
-    "motion_limits",
-    "payload",
-    "options",
-    "planner",
-    "solution",
-    "trajectory",
-    "verification",
-    "certificate",
-    "bounds",
-)
+# Pages of the reference of Python, each with its parts of the library in the order in
+# which one meets them; parts that are not here stand at the end of the last.
+PARTS = {
+    "task": (
+        "robot",
+        "combined_robots",
+        "workcell",
+        "scene",
+        "goals",
+        "problem",
+        "segments",
+        "constraints",
+        "motion_limits",
+        "payload",
+    ),
+    "plan": ("planner", "options", "solution", "trajectory", "status", "samples"),
+    "proofs": ("verification", "certificate", "bounds"),
+    "files": ("scenario", "io"),
+    "cells": ("tours", "batch", "placement"),
+}
 
 
 def entries(text: str | None, heading: str) -> dict[str, str]:
@@ -64,6 +74,7 @@ def entries(text: str | None, heading: str) -> dict[str, str]:
 def plain(words: str) -> str:
     """Turn what docstrings mark in their way into Markdown, on one line."""
     text = ROLE.sub(r"`\1`", " ".join(words.split()))
+    text = re.sub(r"``docs/([\w/]+)\.md``", r"[\1](/\1.md)", text)
     return re.sub(r"``(.*?)``", r"`\1`", text).replace("|", r"\|")
 
 
@@ -219,35 +230,118 @@ def data_sheets() -> list[str]:
     return rows
 
 
+def parts_of(page: str) -> list[str]:
+    """Parts of the library on a page of the reference of Python, in order."""
+    homes = {part: part.partition(".")[0] for part in tm._HOMES}
+    own = [part for top in PARTS[page] for part in homes if homes[part] == top]
+    if page == list(PARTS)[-1]:
+        known = {"exceptions", *(top for tops in PARTS.values() for top in tops)}
+        own += [part for part in homes if homes[part] not in known]
+    return own
+
+
+def names_of(page: str) -> list[str]:
+    """Public names on a page of the reference of Python: functions before classes."""
+    names = [name for part in parts_of(page) for name in tm._HOMES[part]]
+    return sorted(names, key=lambda name: inspect.isclass(getattr(tm, name)))
+
+
 def public_names() -> list[str]:
-    """A section for each part of the library, with all its public names."""
-    homes: dict[str, tuple[str, ...]] = tm._HOMES
-    known = [part for part in ORDER if part in homes]
-    rest = sorted(part for part in homes if part not in ORDER and part != "exceptions")
+    """A table of all public names, with what each is and where it is used."""
     lines: list[str] = []
-    for part in known + rest:
-        lines += [f"## `tominpmp.{part}`", "", *_documented(homes[part]), ""]
+    for page in PARTS:
+        heading = page_title(page)
+        rows = ["| name | what it is | an example |", "|---|---|---|"]
+        for name in names_of(page):
+            where = f"[`{name}`](#tominpmp.{name})"
+            shown = ", ".join(f"[{title}](/{at})" for at, title in examples_of(name))
+            rows.append(f"| {where} | {summary(getattr(tm, name))} | {shown} |")
+        lines += [f"## [{heading}](api_{page}.md)", "", *rows, ""]
     return lines
 
 
-def _documented(names: Iterable[str]) -> list[str]:
+def page_title(page: str) -> str:
+    """Title of a page of the reference of Python."""
+    text = (DOCS / "reference" / f"api_{page}.md").read_text("utf-8")
+    return text.partition("\n")[0].removeprefix("# ")
+
+
+@cache
+def _codes() -> dict[str, tuple[str, str]]:
+    """Title and code of every page, by its path without ending."""
+    found = {}
+    for path in sorted(DOCS.rglob("*.md")):
+        if DOCS / "build" in path.parents:
+            continue
+        text = path.read_text("utf-8")
+        title = re.search(r"^# (.*)$", text, re.MULTILINE)
+        code = "\n".join(CODE.findall(text))
+        at = path.relative_to(DOCS).with_suffix("").as_posix()
+        found[at] = (title[1] if title else at, code)
+    return found
+
+
+def examples_of(name: str) -> list[tuple[str, str]]:
+    """Pages whose code uses a public name, two at most, with their titles.
+
+    The page that has all names comes after those that have a task.
+    """
+    use = re.compile(rf"\btm\.{name}\b")
+    pages = [(at, title) for at, (title, code) in _codes().items() if use.search(code)]
+    return sorted(pages, key=lambda item: (item[0] == ALL_NAMES, item[0]))[:2]
+
+
+def names_of_task() -> list[str]:
+    """What describes a task."""
+    return _documented("task")
+
+
+def names_of_plan() -> list[str]:
+    """What plans, and what comes of it."""
+    return _documented("plan")
+
+
+def names_of_proofs() -> list[str]:
+    """What judges."""
+    return _documented("proofs")
+
+
+def names_of_files() -> list[str]:
+    """What reads and writes."""
+    return _documented("files")
+
+
+def names_of_cells() -> list[str]:
+    """What plans many motions."""
+    return _documented("cells")
+
+
+def _documented(page: str) -> list[str]:
     lines = ["```{eval-rst}"]
-    for name in names:
+    for name in names_of(page):
         value = getattr(tm, name)
         kind = "autoclass" if inspect.isclass(value) else "autofunction"
         if not (inspect.isclass(value) or callable(value)):
             kind = "autodata"
-        lines += [f".. {kind}:: tominpmp.{name}", ""]
+        shown = ", ".join(f":doc:`{title} </{at}>`" for at, title in examples_of(name))
+        lines += [f".. {kind}:: tominpmp.{name}"]
+        if (
+            inspect.isclass(value)
+            and issubclass(value, FAMILIES)
+            and value not in FAMILIES
+        ):
+            # What all of a family have is told of once, where it is written.
+            lines += ["   :no-members:"]
+        lines += ["", f"   Example: {shown}.", ""]
     return [*lines, "```"]
 
 
 def further_pages() -> list[str]:
     """A table of contents of the pages that no other one names."""
-    docs = Path(__file__).parents[1]
-    texts = [path.read_text("utf-8") for path in docs.rglob("*.md")]
+    texts = [path.read_text("utf-8") for path in DOCS.rglob("*.md")]
     bodies = re.findall(r"```\{toctree\}\n(.*?)```", "\n".join(texts), re.DOTALL)
     named = {Path(line).name for body in bodies for line in body.split()} | {"index"}
-    rest = sorted(path.stem for path in docs.glob("*.md") if path.stem not in named)
+    rest = sorted(path.stem for path in DOCS.glob("*.md") if path.stem not in named)
     return ["```{toctree}", ":hidden:", ":caption: Further", "", *rest, "```"]
 
 
@@ -265,6 +359,11 @@ CONTENTS: dict[str, Callable[[], list[str]]] = {
         command_line,
         data_sheets,
         public_names,
+        names_of_task,
+        names_of_plan,
+        names_of_proofs,
+        names_of_files,
+        names_of_cells,
         further_pages,
     )
 }

@@ -1,8 +1,11 @@
 """Playback pages in the documentation: planned when it is built, shown in frames.
 
-A line ``<!-- playback: NAME -->`` in a page becomes a frame with the motion of that
-name, ``<!-- playback: gallery -->`` one section for each of the gallery. Motions are
-planned once and kept in ``build/playback`` until what they are made of changes.
+A line ``<!-- playback: NAME -->`` in a page becomes the still of that motion, which
+plays when it is clicked, or as soon as it is seen with ``NAME when seen``; a line
+``<!-- playback: gallery -->`` becomes one section for each of the gallery. A page of
+stills opens at once, where ten pages that draw and move would keep a weak machine busy
+for minutes. Motions are planned once and kept in ``build/gallery`` until what they are
+made of changes.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import importlib
 import logging
 import re
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,18 +21,39 @@ from typing import Any
 DOCS = Path(__file__).parents[1]
 sys.path.insert(0, str(DOCS.parent))
 
-PLACE = re.compile(r"^<!-- playback: (\w+) -->$", re.MULTILINE)
+PLACE = re.compile(r"^<!-- playback: (\w+)( when seen)? -->$", re.MULTILINE)
 FOLDER = DOCS / "build" / "gallery"
 
 
-def frame(name: str, height: int) -> str:
-    """HTML that shows a page when it comes into view."""
+def frame(name: str, title: str, root: str, *, when_seen: bool = False) -> str:
+    """HTML of a still that ``static/own.js`` makes play.
+
+    Without scripts it is a link to the page that plays.
+
+    Args:
+        name: Name of the motion.
+        title: What it shows.
+        root: Path from the page to the root of the site, empty or ending in a slash.
+        when_seen: Whether it plays as soon as it is seen, not when it is clicked.
+    """
+    where, when = f"{root}playback/{name}", "seen" if when_seen else "clicked"
     return (
         "```{raw} html\n"
-        f'<iframe class="playback" src="{{root}}playback/{name}.html" loading="lazy"'
-        f' style="height: {height}px" title="{name}"></iframe>\n'
+        f'<a class="playback" href="{where}.html" data-play="{when}" title="{title}">'
+        f'<img src="{where}.png" alt="{title}" loading="lazy">'
+        "<span>\N{BLACK RIGHT-POINTING TRIANGLE} Play</span></a>\n"
         "```"
     )
+
+
+def copy_stills(names: list[str], folder: Path) -> None:
+    """Put the stills of motions beside their pages.
+
+    Raises:
+        FileNotFoundError: If one was not taken (``tools/stills.py``).
+    """
+    for name in names:
+        shutil.copyfile(DOCS / "figures" / f"{name}.png", folder / f"{name}.png")
 
 
 def setup(app: Any) -> dict[str, Any]:
@@ -40,19 +65,25 @@ def setup(app: Any) -> dict[str, Any]:
             return
         logging.getLogger("tominpmp").setLevel(logging.WARNING)
         gallery.make_pages(FOLDER)
+        pages = FOLDER / "extra" / "playback"
+        copy_stills([item.name for item in gallery.ITEMS], pages)
         app.config.html_extra_path = [str(FOLDER / "extra")]
 
     def read(app: Any, name: str, source: list[str]) -> None:
         root = "../" * name.count("/")
 
+        titles = {item.name: item.title for item in gallery.ITEMS}
+
         def shown(found: re.Match[str]) -> str:
             if found[1] != "gallery":
-                return frame(found[1], 460).replace("{root}", root)
+                title = titles[found[1]]
+                return frame(found[1], title, root, when_seen=bool(found[2]))
             parts = [
-                f"## {item.title}\n\n{item.text}\n\n{frame(item.name, 460)}"
+                f"## {item.title}\n\n{item.text}\n\n"
+                + frame(item.name, item.title, root)
                 for item in gallery.ITEMS
             ]
-            return "\n\n".join(parts).replace("{root}", root)
+            return "\n\n".join(parts)
 
         source[0] = PLACE.sub(shown, source[0])
 

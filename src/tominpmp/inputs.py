@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan, real_number
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, closest
 
 #: A point or another vector in space: three numbers, or what has x, y and z.
 VectorLike: TypeAlias = "ArrayLike | Mapping[str, float]"
@@ -187,6 +187,9 @@ def in_order(
         ProblemError: If a joint is missing or unknown, a value is no number, or one
             that does not move is elsewhere.
     """
+    for joint, value in values.items():
+        if joint not in joints:
+            _check_other(joint, value, joints, name, others)
     lacking = [joint for joint in joints if joint not in values]
     if lacking and missing is None:
         raise ProblemError(
@@ -194,9 +197,6 @@ def in_order(
             f"each of: {', '.join(joints)}",
             name,
         )
-    for joint, value in values.items():
-        if joint not in joints:
-            _check_other(joint, value, joints, name, others)
     return np.array([_number(values.get(j, missing), j, name) for j in joints])
 
 
@@ -219,8 +219,8 @@ def _check_other(
     """Check a value of a joint that is none of those asked for."""
     if others is None or joint not in others:
         raise ProblemError(
-            f"{name} has a value for {brief(joint)}, expected one for each of: "
-            f"{', '.join(joints)}",
+            f"{name} has a value for {brief(joint)}{closest(joint, joints)}, expected "
+            f"one for each of: {', '.join(joints)}",
             name,
         )
     at = others[str(joint)]

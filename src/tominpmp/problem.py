@@ -17,7 +17,7 @@ from tominpmp.arrays import Array, Record, frozen_array, number_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
-from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
+from tominpmp.exceptions import ProblemError, TominpmpWarning, brief, expect
 from tominpmp.goals import Goal, passed
 from tominpmp.inputs import JointsLike
 from tominpmp.kinematics import RobotKinematics
@@ -366,6 +366,7 @@ class Problem(Record):
         Raises:
             ProblemError: If one of them is wrong.
         """
+        expect(goal, Goal, "goal", "a goal")
         goal.validate(self.robot)
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
         other = copy.copy(self)
@@ -387,13 +388,10 @@ class Problem(Record):
         return other
 
     def with_scene(self, scene: Scene) -> Problem:
-        """The same problem among other obstacles; whether it is clear is not checked.
-
-        Links are watched against each other as they were.
-        """
+        """The same problem among other obstacles, clear or not; links as they were."""
         other = copy.copy(self)
         for name in ("checker", "margins", "_phases"):
             other.__dict__.pop(name, None)
         object.__setattr__(other, "self_collision", self.checker.self_collision)
-        object.__setattr__(other, "scene", scene)
+        object.__setattr__(other, "scene", as_scene(scene, "scene"))
         return other

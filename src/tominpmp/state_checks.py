@@ -22,6 +22,8 @@ from tominpmp.scene import Scene
 # A start or goal that is this little outside a limit is taken to be on it (positions in
 # rad or m, velocities in rad/s or m/s): encoders and files round.
 SNAP = 1e-6
+# What is said of an angle beyond limits that nobody gives in radians.
+LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
 UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 
 
@@ -100,6 +102,10 @@ class StateChecks:
             missing = 0.0 if speed else None
             value = in_order(named, joints, name, others=others, missing=missing)
         expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
+        if isinstance(value, str) and self.robot.srdf is not None:
+            expected += (
+                f"; robot.group_state({brief(value)}) has those of a group state"
+            )
         try:
             array = real_array(value)
         except ValueError as error:
@@ -136,9 +142,9 @@ class StateChecks:
             what = f"{name}: joint {joint!r} "
             bounds = f"{quantity} limits [{lower[i]:.6g}, {upper[i]:.6g}] {unit}"
             if excess > SNAP:
-                raise ProblemError(
-                    f"{what}is {values[i]:.6g} {unit}, outside its {bounds}", name
-                )
+                told = f"{what}is {values[i]:.6g} {unit}, outside its {bounds}"
+                turned = unit == "rad" and abs(values[i]) > LARGE_ANGLE
+                raise ProblemError(told + (IN_RADIANS if turned else ""), name)
             snapped.append(
                 f"{what}is {excess:.1e} {unit} outside its {bounds} and was set to "
                 "the limit"

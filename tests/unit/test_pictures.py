@@ -81,7 +81,10 @@ def test_a_table_does_not_fill_the_picture() -> None:
     robot = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]])
     table = np.array([[-5.0, -5.0, -0.1], [5.0, 5.0, 0.0]])
     far = table + np.array([0.0, 0.0, 20.0])
-    points = points_in_view(robot, [table, far])
+    np.testing.assert_array_equal(points_in_view(robot, [table, far]), robot)
+    # A bench, which ends somewhere, is seen as far as the robot goes and a little on.
+    bench = np.array([[0.3, -5.0, -0.1], [0.6, 5.0, 0.0]])
+    points = points_in_view(robot, [table, bench, far])
     assert np.ptp(points, axis=0).max() < 1.6
     assert points[:, 2].min() == pytest.approx(-0.1)
     assert points[:, 2].max() == pytest.approx(1.0)

@@ -40,6 +40,7 @@ from tominpmp.scenario.moveit import load_moveit, load_moveit_scene, request_loc
 from tominpmp.scenario.robot_table import OVERRIDES
 from tominpmp.scenario.scenario import load_scenario
 from tominpmp.scene import Scene
+from tominpmp.state_checks import IN_RADIANS
 
 # What the command line may say beside a file that holds the whole problem.
 KEPT = ("margin", "self_collision", "motion_limits", "constraint")
@@ -191,10 +192,12 @@ def _typed_problem(
             robot, q_start, goal, scene, v_start=v_start, motion_limits=limits, **beside
         )
     except ProblemError as error:
-        hint = _degrees_hint(args, robot, q_start, goal)
-        if not hint or "position limits" not in str(error):
+        # What is told of radians is told in the words of the command line.
+        told, hint = str(error), _degrees_hint(args, robot, q_start, goal)
+        if "position limits" not in told:
             raise
-        raise ProblemError(f"{error}; {hint}", error.field) from error
+        told = told.removesuffix(IN_RADIANS)
+        raise ProblemError(f"{told}; {hint}" if hint else told, error.field) from error
 
 
 def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:

@@ -340,9 +340,7 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
     position = array_or_nan(None if parts is None else parts[0])
     turn = array_or_nan(None if parts is None else parts[1])
     if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
-        raise ProblemError(
-            f"{name} is a {type(pose).__name__}, expected {POSE}", field=name
-        )
+        raise ProblemError(f"{name} is {brief(pose)}, expected {POSE}", field=name)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)
     if turn.shape == (4,):

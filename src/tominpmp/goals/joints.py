@@ -127,7 +127,8 @@ class JointRegionGoal(Record, Goal):
 
     Attributes:
         q: Positions, shape (k,) [rad or m]; or by joint name.
-        tolerance: Largest distance from them, one for all or by joint [rad or m].
+        tolerance: Largest distance from them, one for all, shape (k,), or by joint name
+            [rad or m].
         joints: Names of the k joints; None for all, in the order of the robot.
     """
 

@@ -40,7 +40,8 @@ class RegionGoal(Record, FrameGoal):
         upper: Upper corner, shape (3,) [m]; infinity for none.
         pose: Placement box_to_world; None for the world itself.
         angle_tolerance: Largest component of the rotation vector from the axes of the
-            pose to those of the frame, one for all axes or three [rad]; pi for any.
+            pose to those of the frame, one for all axes or shape (3,) [rad]; pi for
+            any.
         v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
     """
 

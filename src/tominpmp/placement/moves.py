@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.combined_robots import base_placement
 from tominpmp.description.assembly import on_base
 from tominpmp.description.model import build_model, configured_model
 from tominpmp.exceptions import expect
@@ -22,19 +24,19 @@ COORDINATES = TRANSLATIONS + ROTATIONS
 BASE, GOALS = "base", "goals"
 
 
-def robot_at(robot: Robot, base: pin.SE3) -> Robot:
+def robot_at(robot: Robot, base: Any) -> Robot:
     """The robot with its base somewhere else in the world.
 
     Args:
         robot: The robot.
-        base: Placement base_to_world of the root of its description.
+        base: Placement base_to_world of the root of its description: anything that
+            says a pose, or a position, shape (3,) [m].
 
     Raises:
         ProblemError: If an argument is of another type.
     """
     expect(robot, Robot, "robot", "a Robot")
-    expect(base, pin.SE3, "base", "a pinocchio.SE3")
-    description = on_base(robot.description, base)
+    description = on_base(robot.description, base_placement(robot.name, base))
     plain = build_model(description, robot.locked_joints)
     ties = robot.expansion_matrix, robot.expansion_offset
     model = configured_model(plain, robot._table(), robot.gravity, *ties)

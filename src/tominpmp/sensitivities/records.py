@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -230,7 +231,11 @@ class Sensitivities(Record):
 
         Args:
             most: Largest number of lines; None for all that have an effect.
+
+        Raises:
+            ProblemError: If that is no number.
         """
+        expect(most, (int, NoneType), "most", "a number of lines or None")
         shown = [item for item in self.records if abs(item.effect) >= LEAST]
         rows = [_row(item, self.T) for item in shown[:most]]
         head = ("what", "limit", "more by", "changes T by", "d ln T / d ln")

@@ -192,18 +192,21 @@ def _length_seen(view: View, motion: Skeleton) -> float:
 def points_in_view(robot: Array, obstacles: list[Array]) -> Array:
     """What a picture has to hold: the robot, and of obstacles what is near it.
 
+    A table or a floor that goes on beyond the room of the robot on every side is no
+    part of it: it is seen anyway, and would make the robot small.
+
     Args:
         robot: Points that enclose the robot all along its motion, shape (m, 3) [m].
         obstacles: Points of each obstacle, shape (k, 3) [m].
     """
     low, high = robot.min(axis=0), robot.max(axis=0)
     spare = BEYOND * float(np.linalg.norm(high - low))
-    near = [np.clip(points, low - spare, high + spare) for points in obstacles]
-    # One that is wholly beside the room shrinks to a side of it, and stays out.
-    kept = [
-        part
-        for part, points in zip(near, obstacles, strict=True)
-        if np.all(points.min(axis=0) <= high + spare)
-        and np.all(points.max(axis=0) >= low - spare)
-    ]
+    kept = []
+    for points in obstacles:
+        first, last = points.min(axis=0), points.max(axis=0)
+        # One that is wholly beside the room would shrink to a side of it.
+        beside = np.any(first > high + spare) or np.any(last < low - spare)
+        around = np.all((first <= low - spare)[:2] & (last >= high + spare)[:2])
+        if not (beside or around):
+            kept.append(np.clip(points, low - spare, high + spare))
     return np.concatenate([robot, *kept])

@@ -7,11 +7,13 @@ import tempfile
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 
-from tominpmp.exceptions import OptionsError, TominpmpWarning, brief
+from tominpmp.arrays import number_or_nan
+from tominpmp.exceptions import OptionsError, TominpmpWarning, brief, expect
 from tominpmp.io.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
@@ -65,13 +67,16 @@ def play(
         The path of the page, or the viewer if one was given.
 
     Raises:
-        ProblemError: If the motion is not one of the problem's robot.
+        ProblemError: If the motion is not one of the problem's robot, or a title, twins
+            or a viewer are of another type.
         FrameNotFound: If there is no such frame.
         OptionsError: If a number is out of range.
         ScenarioError: If the page cannot be written.
         MissingDependency: If Meshcat is not installed.
     """
     twins = {} if twins is None else twins
+    expect(twins, Mapping, "twins", "motions by their names")
+    expect(title, (str, NoneType), "title", "a text or None")
     for motion in (trajectory, *twins.values()):
         check_motion(problem, motion)
     _check_positive(rate=rate, fps=fps)
@@ -80,6 +85,7 @@ def play(
     appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
     meshcat = import_meshcat()
     if viewer is not None:
+        expect(viewer, meshcat.Visualizer, "viewer", "a meshcat.Visualizer")
         viewer["/meshcat"].delete()
         draw(meshcat.Visualizer(window=viewer.window), problem, trajectory, appearance)
         return viewer
@@ -109,7 +115,8 @@ def play(
 
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
-        if not (np.isfinite(value) and value > 0.0):
+        number = number_or_nan(value)
+        if not (np.isfinite(number) and number > 0.0):
             raise OptionsError(
                 f"{name} is {brief(value)}, expected a positive number", name
             )
