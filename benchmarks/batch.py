@@ -2,11 +2,13 @@
 
 Random joint goals of a planar arm and of a UR5, planned by `tm.plan_many` in one
 process, on several, and with warm starts. The ideal of several workers is the time that
-their plans took, over their number; memory is what this process has at most. What ten
+their plans took, over their number; on a machine that others use, too, what all
+processes together have computed beside that of one process tells more. Memory is that
+of this process and its workers, after a quarter of the plans and in the end. What ten
 million plans would cost follows from the measured means.
 
     python -m benchmarks.batch
-    python -m benchmarks.batch --count 2000 --robots planar3r,ur5
+    python -m benchmarks.batch --count 2000 --robots ur5 --how several
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -17,9 +19,8 @@ from benchmarks.sheet import Sheet, markdown, one_thread
 one_thread()
 
 import argparse
-import resource
+import os
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -33,14 +34,17 @@ COLUMNS = (
     "how",
     "plans",
     "found",
-    "verified",
+    "unverified",
     "seconds",
     "planning",
+    "processor",
     "median",
     "T",
     "bytes",
-    "memory_MB",
+    "memory_early",
+    "memory",
 )
+HOW = ("one", "several", "warm")
 MANY = 10_000_000
 HOURS = 3600.0
 
@@ -54,34 +58,66 @@ def problems(name: str, count: int, seed: int) -> list[tm.Problem]:
     ]
 
 
+def processes() -> list[int]:
+    """This process and those below it, where the system tells."""
+    found, parents = [os.getpid()], {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has ended
+        parents[int(path.parent.name)] = int(fields[1])
+    for pid in found:
+        found += [child for child, parent in parents.items() if parent == pid]
+    return found
+
+
+def used() -> tuple[float, float]:
+    """Processor time [s] and memory [MB] of this process and those below it."""
+    seconds = memory = 0.0
+    tick, page = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
+    for pid in processes():
+        try:
+            stat = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        seconds += (int(stat[11]) + int(stat[12])) / tick
+        memory += int(stat[21]) * page / 1e6
+    return seconds, memory
+
+
 def measure(
     name: str, how: str, given: list[tm.Problem], sheet: Sheet, **options: Any
 ) -> None:
     """Plan a batch; one row."""
     with tempfile.TemporaryDirectory() as folder:
-        begin = time.perf_counter()
-        times, found, verified, total = [], 0, 0, 0.0
+        begin, (before, _) = time.perf_counter(), used()
+        times, found, unverified, total = [], 0, 0, 0.0
+        early = 0.0
         for outcome in tm.plan_many(given, results=folder, **options):
             times.append(outcome.seconds)
             found += outcome.success
-            verified += outcome.verified
+            unverified += outcome.success and not outcome.verified
             total += outcome.T if outcome.success else 0.0
+            if len(times) == len(given) // 4:
+                early = used()[1]
         seconds = time.perf_counter() - begin
+        after, memory = used()
         sizes = [path.stat().st_size for path in tm.Dataset(folder).files]
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    most /= 1e6 if sys.platform == "darwin" else 1e3
     values = (
         name,
         how,
         len(given),
         found,
-        verified,
+        unverified,
         seconds,
         sum(times),
+        after - before,
         statistics.median(times),
         total,
         statistics.mean(sizes),
-        most,
+        early,
+        memory,
     )
     sheet.add(dict(zip(COLUMNS, values, strict=True)))
 
@@ -90,7 +126,7 @@ def table(sheet: Sheet, workers: int) -> str:
     """What was measured, and what a large batch would cost."""
     lines = []
     for row in sheet.rows:
-        several = 1 if row["how"] == "one process" else workers
+        several = 1 if row["how"] == "one" else workers
         ideal = row["planning"] / several / row["seconds"]
         each = row["seconds"] * several / row["plans"]
         lines.append(
@@ -98,13 +134,14 @@ def table(sheet: Sheet, workers: int) -> str:
                 row["robot"],
                 row["how"],
                 f"{row['found']} / {row['plans']}",
-                row["found"] - row["verified"],
+                row["unverified"],
                 f"{row['median']:.3f}",
                 f"{row['T']:.3f}",
                 f"{100 * ideal:.0f}",
                 f"{1e3 * (each - row['planning'] / row['plans']):.1f}",
+                f"{1e3 * row['processor'] / row['plans']:.0f}",
                 f"{row['bytes'] / 1e3:.1f}",
-                f"{row['memory_MB']:.0f}",
+                f"{row['memory_early']:.0f}, {row['memory']:.0f}",
                 f"{MANY * each / HOURS:.0f}",
                 f"{MANY * row['bytes'] / 1e9:.0f}",
             )
@@ -118,8 +155,9 @@ def table(sheet: Sheet, workers: int) -> str:
         "sum of T [s]",
         "of ideal [%]",
         "overhead [ms]",
+        "processor [ms]",
         "kB each",
-        "memory [MB]",
+        "memory early, late [MB]",
         "10^7: core hours",
         "GB",
     )
@@ -132,6 +170,7 @@ def main() -> int:
     parser.add_argument("--robots", default="planar3r,ur5")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--how", default=",".join(HOW), help="of: one, several, warm")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--csv", type=Path, default=Path("out/batch.csv"))
     arguments = parser.parse_args()
@@ -140,10 +179,13 @@ def main() -> int:
         given = problems(name, arguments.count, arguments.seed)
         # Processes of a batch are kept for the next one: their start is not measured.
         list(tm.plan_many(given[:2], workers=arguments.workers))
-        several: dict[str, Any] = {"workers": arguments.workers}
-        measure(name, "one process", given, sheet, workers=1)
-        measure(name, "several", given, sheet, **several)
-        measure(name, "warm starts", given, sheet, warm_start=True, **several)
+        options: dict[str, dict[str, Any]] = {
+            "one": {"workers": 1},
+            "several": {"workers": arguments.workers},
+            "warm": {"workers": arguments.workers, "warm_start": True},
+        }
+        for how in arguments.how.split(","):
+            measure(name, how, given, sheet, **options[how])
     print(table(sheet, arguments.workers))
     return 0
 

@@ -1,22 +1,27 @@
 """Tours beside the best of all orders and configurations, with planned legs.
 
-Every leg between any two configurations is planned, and the best of all orders and
-configurations is taken; `tm.plan_tour` is to find a tour that is as fast, from no more
-plans. The arm is the planar one of three joints, ruled by its torques.
+Every leg between any two configurations is planned with `tm.plan`, and the best of
+all orders and configurations of them is found by dynamic programming over sets; nothing
+of the tour planner is used for that. `tm.plan_tour` is to find a tour that is as fast,
+from no more plans. The arms are the planar one of three joints and the same with its
+last joint locked ("planar2r"), ruled by their torques; limits of acceleration can be
+added.
 
     python -m benchmarks.tours_by_brute_force [--stations 3] [--seeds 1]
+    python -m benchmarks.tours_by_brute_force --arm planar2r --stations 7 8
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
 from __future__ import annotations
 
-from benchmarks.sheet import one_thread
+from benchmarks.sheet import Sheet, markdown, one_thread
 
 one_thread()
 
 import argparse
 import time
-from itertools import pairwise, permutations, product
+from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 
@@ -25,19 +30,44 @@ import tominpmp as tm
 # Configurations are up to so far from home, joint by joint [rad].
 HOME, REACH = np.array([0.5, 1.2, -0.7]), 1.2
 FEW = {"intervals": 12, "refine": None, "starts": 1, "effort": "quick"}
+# So much slower than the best of all is as fast: two plans of one leg differ by that.
+EQUAL = 1e-3
+COLUMNS = (
+    "arm",
+    "stations",
+    "seed",
+    "best",
+    "tour",
+    "tour_in_table",
+    "tour / best",
+    "bound",
+    "plans_all",
+    "plans_tour",
+    "seconds_all",
+    "seconds_tour",
+)
+
+# A node and one of its configurations; home is (0, 0).
+Place = tuple[int, int]
+
+
+def load_arm(name: str) -> tm.Robot:
+    """One of the arms, by its name."""
+    robot = tm.load_robot("planar3r")
+    return robot if name == "planar3r" else robot.with_locked({"joint3": 0.0})
 
 
 def choices(robot: tm.Robot, count: int, seed: int) -> list[list[np.ndarray]]:
     """Two configurations for each station, within limits and clear of itself."""
-    rng = np.random.default_rng(seed)
-    lower = np.maximum(HOME - REACH, robot.limits.position_lower)
-    upper = np.minimum(HOME + REACH, robot.limits.position_upper)
+    rng, home = np.random.default_rng(seed), HOME[: robot.n]
+    lower = np.maximum(home - REACH, robot.limits.position_lower)
+    upper = np.minimum(home + REACH, robot.limits.position_upper)
 
     def drawn() -> np.ndarray:
         while True:
             q = rng.uniform(lower, upper)
             try:
-                tm.Problem(robot, HOME, tm.JointGoal(q))
+                tm.Problem(robot, home, tm.JointGoal(q))
             except tm.ProblemError:
                 continue
             return q
@@ -45,48 +75,105 @@ def choices(robot: tm.Robot, count: int, seed: int) -> list[list[np.ndarray]]:
     return [[drawn(), drawn()] for _ in range(count)]
 
 
-def brute_force(robot: tm.Robot, at: list[list[np.ndarray]]) -> tuple[float, int]:
-    """The best of all, and how many legs were planned."""
-    places = {(0, 0): HOME}
+def times_of_legs(
+    robot: tm.Robot, at: list[list[np.ndarray]], limits: tm.MotionLimits | None
+) -> dict[tuple[Place, Place], float]:
+    """What each leg takes, planned one by one [s]."""
+    places: dict[Place, np.ndarray] = {(0, 0): HOME[: robot.n]}
     places |= {(k, c): q for k, rows in enumerate(at, 1) for c, q in enumerate(rows)}
     times = {}
     for (a, q), (b, p) in permutations(places.items(), 2):
         if a[0] != b[0]:
-            problem = tm.Problem(robot, q, tm.JointGoal(p))
+            problem = tm.Problem(robot, q, tm.JointGoal(p), motion_limits=limits)
             times[a, b] = tm.plan(problem, **FEW).T
-    best = np.inf
-    for order in permutations(range(1, len(at) + 1)):
-        for chosen in product(range(2), repeat=len(at)):
-            way = [(0, 0), *zip(order, chosen, strict=True), (0, 0)]
-            best = min(best, sum(times[leg] for leg in pairwise(way)))
-    return best, len(times)
+    return times
+
+
+def best_of_all(times: dict[tuple[Place, Place], float], stations: int) -> float:
+    """The least time of all orders and configurations, from home to home [s].
+
+    By the set of stations that were visited and the place of the last one: what comes
+    after depends on nothing else.
+    """
+    home: Place = (0, 0)
+    places = sorted({a for a, _ in times} - {home})
+    best = {(frozenset([p[0]]), p): times[home, p] for p in places}
+    for _ in range(stations - 1):
+        longer: dict[tuple[frozenset[int], Place], float] = {}
+        for (seen, last), spent in best.items():
+            for p in places:
+                if p[0] not in seen:
+                    key = seen | {p[0]}, p
+                    total = spent + times[last, p]
+                    longer[key] = min(total, longer.get(key, np.inf))
+        best = longer
+    return min(spent + times[last, home] for (_, last), spent in best.items())
+
+
+def in_table(
+    tour: tm.Tour,
+    at: list[list[np.ndarray]],
+    times: dict[tuple[Place, Place], float],
+) -> float:
+    """What a tour takes by the times of legs that were planned one by one [s]."""
+    here: Place = (0, 0)
+    total = 0.0
+    for visit in tour.visits:
+        k = int(visit.station.removeprefix("s"))
+        apart = [float(np.max(np.abs(q - visit.q))) for q in at[k - 1]]
+        there = k, int(np.argmin(apart))
+        total, here = total + times[here, there], there
+    return total + times[here, (0, 0)]
+
+
+def compare(name: str, count: int, seed: int, limit: float | None) -> dict[str, object]:
+    """One row: the best of all, and what the tour planner finds."""
+    robot = load_arm(name)
+    limits = None if limit is None else tm.MotionLimits(acceleration=limit)
+    at = choices(robot, count, seed)
+    begin = time.process_time()
+    times = times_of_legs(robot, at, limits)
+    best = best_of_all(times, count)
+    middle = time.process_time()
+    goals = [tm.AnyGoal([tm.JointGoal(q) for q in rows]) for rows in at]
+    stations = {f"s{k}": goal for k, goal in enumerate(goals, 1)}
+    home = HOME[: robot.n]
+    tour = tm.plan_tour(robot, home, stations, motion_limits=limits, exact=True, **FEW)
+    end = time.process_time()
+    values = (
+        f"{name}, {limit:g} rad/s²" if limit else name,
+        count,
+        seed,
+        best,
+        tour.cycle_time,
+        in_table(tour, at, times),
+        f"{tour.cycle_time / best:.5f}",
+        tour.lower_bound,
+        len(times),
+        tour.legs_planned,
+        middle - begin,
+        end - middle,
+    )
+    return dict(zip(COLUMNS, values, strict=True))
 
 
 def main() -> int:
-    """Compare, and report."""
+    """Compare, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--stations", type=int, default=3)
+    parser.add_argument("--arm", choices=("planar3r", "planar2r"), default="planar3r")
+    parser.add_argument("--stations", type=int, nargs="+", default=[3])
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--acceleration", type=float, help="limit of all joints")
+    parser.add_argument("--csv", type=Path, default=Path("out/tours.csv"))
     arguments = parser.parse_args()
-    robot, worst = tm.load_robot("planar3r"), 0.0
-    for seed in range(arguments.seeds):
-        at = choices(robot, arguments.stations, seed)
-        begin = time.process_time()
-        best, plans = brute_force(robot, at)
-        middle = time.process_time()
-        goals = [tm.AnyGoal([tm.JointGoal(q) for q in rows]) for rows in at]
-        tour = tm.plan_tour(robot, HOME, goals, exact=True, **FEW)
-        end = time.process_time()
-        ratio = tour.cycle_time / best
-        worst = max(worst, ratio)
-        print(
-            f"seed {seed}: best of all {best:.4f} s from {plans} plans in "
-            f"{middle - begin:.1f} s; tour {tour.cycle_time:.4f} s ({ratio:.4f}) from "
-            f"{tour.legs_planned} plans in {end - middle:.1f} s; bound "
-            f"{tour.lower_bound:.4f} s",
-            flush=True,
-        )
-    return 0 if worst <= 1.0 + 1e-3 else 1
+    sheet = Sheet(arguments.csv, COLUMNS)
+    for count in arguments.stations:
+        for seed in range(arguments.seeds):
+            row = compare(arguments.arm, count, seed, arguments.acceleration)
+            sheet.add(row)
+    print(markdown(COLUMNS, [list(row.values()) for row in sheet.rows]))
+    slowest = max(max(r["tour"], r["tour_in_table"]) / r["best"] for r in sheet.rows)
+    return 0 if slowest <= 1.0 + EQUAL else 1
 
 
 if __name__ == "__main__":

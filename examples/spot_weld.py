@@ -1,12 +1,13 @@
-"""A UR5 sets spot welds on the frame of a door, in the order that takes least time.
+"""UR5s set spot welds on the frame of a door, in the order that takes least time.
 
 The electrode stands on each spot along the normal of the sheet, and may be turned about
 its own axis in any way; it stays there for the time of the weld. Order, configurations,
 spins and motions are found together, from home to home, with the mass and the shape of
-the gun in every motion. Writes to out/ the whole cycle as CSV, a Gantt picture and a
-page that plays offline.
+the gun in every motion. With two arms side by side each spot is for either of them:
+which arm sets which weld is found, too, and they keep clear of each other. Writes to
+out/ the whole cycle as CSV, a Gantt picture and a page that plays offline.
 
-    python examples/spot_weld.py [--out FOLDER] [--seed 0] [--spots 12]
+    python examples/spot_weld.py [--out FOLDER] [--seed 0] [--spots 12] [--arms 2]
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ LENGTH, MASS = 0.20, 1.8
 # Between electrode and sheet while the gun closes, and how long a weld takes.
 STANDOFF, WELD = 0.004, 0.35
 ACCELERATION = 8.0
+# Two arms stand so far to either side of the middle [m].
+ASIDE = 0.34
 
 
 def gun() -> tm.Payload:
@@ -58,12 +61,18 @@ def spots() -> list[np.ndarray]:
     return [np.array(spot) for spot in (*sill, *belt, *roof)]
 
 
-def stations(count: int) -> list[tm.Station]:
-    """The welds: the electrode along the normal of the sheet (x), in any spin."""
+def stations(count: int, frames: tuple[str, ...] = (FLANGE,)) -> list[tm.Station]:
+    """The welds: the electrode along the normal of the sheet (x), in any spin.
+
+    Of several arms any may set a weld.
+    """
     found = []
     for number, (y, z) in enumerate(spots()[:count], 1):
         before = DOOR_X - 0.5 * THICKNESS - STANDOFF - LENGTH
-        goal = tm.AxisGoal(FLANGE, (0, 0, 1), (1, 0, 0), (before, y, z))
+        goals = [
+            tm.AxisGoal(frame, (0, 0, 1), (1, 0, 0), (before, y, z)) for frame in frames
+        ]
+        goal = goals[0] if len(goals) == 1 else tm.AnyGoal(goals)
         found.append(tm.Station(f"weld {number}", goal, dwell=WELD))
     return found
 
@@ -86,12 +95,24 @@ def door() -> tm.Scene:
     )
 
 
-def tour(count: int = 12, seed: int = 0) -> tm.Tour:
+def welders(arms: int) -> tuple[tm.Robot, np.ndarray, tuple[str, ...]]:
+    """One arm or two side by side, where they begin, and their flanges."""
+    arm = tm.load_robot("ur5").with_payload(gun())
+    if arms == 1:
+        return arm, HOME, (FLANGE,)
+    places = {"left": (0.0, ASIDE, 0.0), "right": (0.0, -ASIDE, 0.0)}
+    both = tm.combine_robots([(name, arm, place) for name, place in places.items()])
+    flanges = tuple(f"{name}/{FLANGE}" for name in places)
+    return both, both.stack(**dict.fromkeys(places, HOME)), flanges
+
+
+def tour(count: int = 12, seed: int = 0, arms: int = 1) -> tm.Tour:
     """Plan the cycle."""
+    robot, home, flanges = welders(arms)
     return tm.plan_tour(
-        tm.load_robot("ur5").with_payload(gun()),
-        HOME,
-        stations(count),
+        robot,
+        home,
+        stations(count, flanges),
         scene=door(),
         margin=0.002,
         motion_limits=tm.MotionLimits(acceleration=ACCELERATION),
@@ -107,14 +128,16 @@ def main() -> int:
     parser.add_argument(
         "--spots", type=int, default=12, choices=range(2, 13), metavar="2..12"
     )
+    parser.add_argument("--arms", type=int, default=1, choices=(1, 2))
     arguments = parser.parse_args()
-    found = tour(arguments.spots, arguments.seed)
+    found = tour(arguments.spots, arguments.seed, arguments.arms)
     print(found.message)
     if not found.success:
         return 1
     print(found.table())
     welding = WELD * arguments.spots
-    print(f"cycle {found.cycle_time:.3f} s, of which welding {welding:.2f} s")
+    word = "of which welding" if arguments.arms == 1 else "for welds of together"
+    print(f"cycle {found.cycle_time:.3f} s, {word} {welding:.2f} s")
     arguments.out.mkdir(parents=True, exist_ok=True)
     found.plot(arguments.out / "spot_weld.png")
     found.play(arguments.out / "spot_weld.html")

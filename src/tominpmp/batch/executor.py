@@ -41,9 +41,12 @@ class Executor:
     def __init__(
         self, function: Callable[[Any], Any], workers: int | None, backend: str | None
     ) -> None:
-        self._function, self._backend = function, backend
-        self._workers = _count(workers, backend)
-        self._parallel()  # whatever is wrong is wrong now
+        self._function = function
+        try:
+            self._backend, self._workers = _chosen(backend, workers)
+            self._parallel()  # whatever is wrong is wrong now
+        except (ImportError, ValueError, TypeError, KeyError) as error:
+            raise _wrong(backend, error) from error
 
     @property
     def workers(self) -> int | None:
@@ -53,27 +56,12 @@ class Executor:
     def _parallel(self, workers: int | None = None) -> Any:
         from joblib import Parallel
 
-        name = self._backend
-        try:
-            if name == "ray":
-                # No dependency of this library.
-                import_module("ray.util.joblib").register_ray()
-            return Parallel(
-                n_jobs=self._workers if workers is None else workers,
-                backend=name,
-                return_as="generator_unordered",
-                batch_size=1,
-            )
-        except (ImportError, ValueError, TypeError, KeyError) as error:
-            if name == "dask" and isinstance(error, ImportError):
-                needed = "distributed", "cluster", "the backend 'dask'"
-                raise MissingDependency(*needed) from error
-            reason = shortened(" ".join(str(error).split()), 300)
-            raise ProblemError(
-                f"backend is {brief(name)}, which cannot be used ({reason}); expected "
-                "'loky', 'threading', 'dask', 'ray' or another one of joblib",
-                "backend",
-            ) from error
+        return Parallel(
+            n_jobs=self._workers if workers is None else workers,
+            backend=self._backend,
+            return_as="generator_unordered",
+            batch_size=1,
+        )
 
     def results(
         self, work: Iterator[tuple[int, Work]], lost: Callable[[Work], Result]
@@ -144,15 +132,50 @@ def _close(stream: Any) -> None:
         stream.close()
 
 
-def _count(workers: int | None, backend: str | None) -> int | None:
-    """How many at once; as many as there are cores unless somebody says otherwise."""
-    if workers is not None:
-        return workers
+def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
+    """The backend, and how many pieces of work are done at once.
+
+    What is configured is asked for now: results may be taken when it is no longer.
+
+    Raises:
+        ImportError: If the package of the backend is not installed.
+        ValueError: If it cannot be used.
+    """
+    from joblib import parallel_config
     from joblib.parallel import get_active_backend
 
+    if name in CLUSTERS:
+        import_module("distributed" if name == "dask" else "ray")
+        if name == "ray":
+            # No dependency of this library.
+            import_module("ray.util.joblib").register_ray()
+        # By its name alone joblib would make a backend of Dask that fails.
+        with parallel_config(name, n_jobs=-1):
+            configured, count = get_active_backend()
+        return configured, count if workers is None else workers
+    if name is not None:
+        return name, available_processes() if workers is None else workers
     configured, count = get_active_backend()
-    if backend is None and (
-        count not in (None, 1) or type(configured).__name__ != "LokyBackend"
-    ):
-        return None
-    return -1 if backend in CLUSTERS else available_processes()
+    if count in (None, 1) and type(configured).__name__ == "LokyBackend":
+        # Nobody has configured any: as many as there are cores.
+        return None, available_processes() if workers is None else workers
+    return configured, count if workers is None else workers
+
+
+def _wrong(name: str | None, error: Exception) -> Exception:
+    """What is wrong with a backend."""
+    missing = isinstance(error, ImportError)
+    if name == "dask" and missing:
+        return MissingDependency("distributed", "cluster", "the backend 'dask'")
+    if name == "ray" and missing:
+        return ProblemError(
+            "backend is 'ray', which needs the package ray, which is not installed: "
+            "pip install ray",
+            "backend",
+        )
+    reason = shortened(" ".join(str(error).split()), 300)
+    return ProblemError(
+        f"backend is {brief(name)}, which cannot be used ({reason}); expected 'loky', "
+        "'threading', 'dask', 'ray' or another one of joblib",
+        "backend",
+    )

@@ -163,8 +163,8 @@ def _problem(given: Any, options: Options, own: bool) -> tuple[Problem, Options]
     if isinstance(given, Problem):
         return given, options
     raise ProblemError(
-        f"{brief(given)} is a {type(given).__name__}, expected a Problem, a Scenario "
-        "or the path of a scenario file",
+        f"the problem is {brief(given)}, expected a Problem, a Scenario or the path of "
+        "a scenario file",
         "problems",
     )
 

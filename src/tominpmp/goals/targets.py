@@ -66,6 +66,8 @@ def place_of(goal: Goal) -> object:
         return (JointGoal, *rounded(goal.q))
     if isinstance(goal, PoseGoal):
         return (PoseGoal, goal.frame, *rounded(goal.pose.homogeneous))
+    if isinstance(goal, PositionGoal):
+        return (PositionGoal, goal.frame, *rounded(goal.position))
     if isinstance(goal, AxisGoal):
         numbers = rounded(goal.axis, goal.direction, goal.position)
         return (AxisGoal, goal.frame, *numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import time
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
+from tominpmp.segments import known_names
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
 from tominpmp.tours.configurations import Configurations
@@ -191,10 +193,17 @@ def _check_stations(
     problem: Problem, stations: Sequence[Station], rules: Rules
 ) -> None:
     """Check that each station can be, and that no two are in one place."""
+    for station in stations:
+        try:
+            station.goal.validate(problem.robot)
+        except ProblemError as error:
+            raise ProblemError(
+                f"station {brief(station.name)}: {error}", "stations"
+            ) from error
+    _check_touching(problem, stations)
     finder = Configurations(problem, tuple(s.goal for s in stations), np.ones(1))
     places: dict[object, int] = {}
     for number, station in enumerate(stations):
-        station.goal.validate(problem.robot)
         finder.checked(number, station.name)
         place = place_of(station.goal)
         other = places.setdefault(place, number)
@@ -205,6 +214,23 @@ def _check_stations(
                 "other",
                 "stations",
             )
+
+
+def _check_touching(problem: Problem, stations: Sequence[Station]) -> None:
+    """Check that stations let nothing touch that is not there at any of them."""
+    known = known_names(problem.robot, problem.scene)
+    loads = {id(s.payload): s.payload for s in stations if s.payload is not None}
+    for load in loads.values():
+        known |= known_names(problem.robot.with_payload(load), problem.scene)
+    for station in stations:
+        for one in itertools.chain.from_iterable(station.may_touch):
+            if one not in known:
+                raise ProblemError(
+                    f"station {brief(station.name)}: may_touch names {brief(one)}, "
+                    "expected a link with a shape, an obstacle or a load of a "
+                    f"station: one of {brief(', '.join(sorted(known)))}",
+                    "station.may_touch",
+                )
 
 
 def _ordered(rules: Rules, one: int, other: int) -> bool:

@@ -1,0 +1,77 @@
+"""What was wrong in tours and batches and was not told, or told badly."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+
+HOME = (0.5, 1.7, -1.7)
+
+
+@pytest.fixture(scope="module")
+def robot() -> tm.Robot:
+    return tm.load_robot("planar3r", gravity=(0, 0, 0))
+
+
+def at(x: float, y: float) -> tm.Goal:
+    return tm.PositionGoal("tip", (x, y, 0.0))
+
+
+def test_goals_of_too_few_numbers_name_the_station(robot: tm.Robot) -> None:
+    with pytest.raises(tm.ProblemError, match=r"station 'b': goal\.q has 2 numbers"):
+        tm.plan_tour(robot, HOME, {"a": at(4, 1), "b": tm.JointGoal((1.0, 1.0))})
+
+
+def test_places_that_differ_by_rounding_are_one(robot: tm.Robot) -> None:
+    stations = {"a": at(4, 0.3), "b": at(4, 0.1 + 0.2)}
+    assert stations["a"] != stations["b"]
+    with pytest.raises(tm.ProblemError, match="'a' and 'b' are in one place"):
+        tm.plan_tour(robot, HOME, stations)
+
+
+def test_what_may_touch_has_to_be_there_somewhere(robot: tm.Robot) -> None:
+    part = tm.Box("part", size=(0.1, 0.1, 0.1))
+    load = tm.Payload(0.1, "tip", geometry=[part], name="part")
+    stations = [
+        tm.Station("pick", at(4, 1), payload=load, may_touch=[("part", "tabel")]),
+        tm.Station("put", at(3, 2)),
+    ]
+    table = tm.Scene([tm.Box("table", size=(1, 1, 0.1), position=(9, 9, 0))])
+    match = "station 'pick': may_touch names 'tabel', expected .*part.*table"
+    with pytest.raises(tm.ProblemError, match=match):
+        tm.plan_tour(robot, HOME, stations, scene=table)
+
+
+def test_what_is_no_problem_is_told_plainly() -> None:
+    (outcome,) = tm.plan_many([None], workers=1)
+    assert outcome.message.startswith("the problem is None, expected a Problem")
+
+
+def test_dask_is_found_by_its_name(robot: tm.Robot) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # third parties, on their first import
+        distributed = pytest.importorskip("distributed")
+    problem = tm.Problem(robot, HOME, tm.JointGoal(np.add(HOME, 0.1)))
+    with pytest.raises(tm.ProblemError, match="first create a Dask Client"):
+        tm.plan_many([problem], backend="dask")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = distributed.LocalCluster(
+            n_workers=1, processes=False, dashboard_address=None
+        )
+        with cluster, distributed.Client(cluster):
+            quick = {"intervals": 8, "refine": None, "effort": "quick"}
+            (outcome,) = tm.plan_many([problem], backend="dask", **quick)
+    assert outcome.success
+
+
+def test_a_backend_without_its_package_is_told(
+    robot: tm.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "ray", None)
+    with pytest.raises(tm.ProblemError, match="needs the package ray"):
+        tm.plan_many([], backend="ray")
