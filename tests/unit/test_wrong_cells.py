@@ -37,11 +37,11 @@ def test_what_may_touch_has_to_be_there_somewhere(robot: tm.Robot) -> None:
     part = tm.Box("part", size=(0.1, 0.1, 0.1))
     load = tm.Payload(0.1, "tip", geometry=[part], name="part")
     stations = [
-        tm.Station("pick", at(4, 1), payload=load, may_touch=[("part", "tabel")]),
+        tm.Station("pick", at(4, 1), payload=load, may_touch=[("part", "shelf")]),
         tm.Station("put", at(3, 2)),
     ]
     table = tm.Scene([tm.Box("table", size=(1, 1, 0.1), position=(9, 9, 0))])
-    match = "station 'pick': may_touch names 'tabel', expected .*part.*table"
+    match = "station 'pick': may_touch names 'shelf', expected .*part.*table"
     with pytest.raises(tm.ProblemError, match=match):
         tm.plan_tour(robot, HOME, stations, scene=table)
 
