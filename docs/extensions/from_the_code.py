@@ -284,11 +284,18 @@ def _codes() -> dict[str, tuple[str, str]]:
 def examples_of(name: str) -> list[tuple[str, str]]:
     """Pages whose code uses a public name, two at most, with their titles.
 
-    The page that has all names comes after those that have a task.
+    Those for newcomers come first, the page that has all names last.
     """
     use = re.compile(rf"\btm\.{name}\b")
     pages = [(at, title) for at, (title, code) in _codes().items() if use.search(code)]
-    return sorted(pages, key=lambda item: (item[0] == ALL_NAMES, item[0]))[:2]
+    order = ("start", "how_to", "notebooks")
+
+    def place(item: tuple[str, str]) -> tuple[bool, int, str]:
+        top = item[0].partition("/")[0]
+        known = order.index(top) if top in order else len(order)
+        return item[0] == ALL_NAMES, known, item[0]
+
+    return sorted(pages, key=place)[:2]
 
 
 def names_of_task() -> list[str]:

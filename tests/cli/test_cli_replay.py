@@ -51,3 +51,18 @@ def test_reserves(run: Run, files: None) -> None:
     assert result.exit_code in (0, 1)
     assert data["samples"] == 1
     assert data["T"] == sorted(data["T"])
+
+
+def test_what_is_tried_is_chosen_and_told(run: Run, files: None) -> None:
+    calm = ["--random-payload", "0", "--random-friction", "0", "--random-noise", "0"]
+    trial = ["--samples", "1", "--random-delay", "0.001", "--bandwidth", "50"]
+    loose = ["--tracking-tolerance", "0.05"]
+    result = run("replay", "s.toml", "--robustness", *trial, *calm, *loose)
+    assert result.exit_code == 0, result.stderr
+    text = " ".join(result.stdout.split())
+    assert "reserve of 0% (--effort-scale 1) keeps 99% of 1 trials" in text
+    assert "up to 0 kg more" in text
+    assert "delays up to 0.001 s" in text
+    wrong = run("replay", "s.toml", "--robustness", "--random-delay", "-1")
+    assert wrong.exit_code == 2
+    assert "delay is -1" in wrong.stderr

@@ -310,6 +310,18 @@ class ReplayOptions(ReportOptions):
             the motion.
         samples (N): Number of trials for each reserve. Default: 100.
         seed (N): Of their random numbers.
+        random_payload (KG): Largest mass that a trial carries beside what is modelled.
+            Default: 0.2.
+        random_friction (SHARE): Largest dry friction beside what is modelled, as a
+            share of the torque limit of each joint. Default: 0.01.
+        random_delay (SECONDS): Longest time from a measurement to the torque that
+            follows from it. Default: 0.002.
+        random_noise (RAD): Standard deviation of measured positions (rad or m).
+            Default: 1e-05.
+        tracking_tolerance (RAD): How far a joint may be from the motion in a trial (rad
+            or m). Default: 0.02.
+        bandwidth (NUMBER): How fast the feedback of a trial brings errors to zero
+            (1/s). Default: 100.
     """
 
     step: float | None = field(default=None, metadata=PLANNING)
@@ -317,6 +329,12 @@ class ReplayOptions(ReportOptions):
     robustness: bool = field(default=False, metadata=PLANNING)
     samples: int = field(default=100, metadata=PLANNING)
     seed: int = field(default=0, metadata=PLANNING)
+    random_payload: float = field(default=0.2, metadata=PLANNING)
+    random_friction: float = field(default=0.01, metadata=PLANNING)
+    random_delay: float = field(default=0.002, metadata=PLANNING)
+    random_noise: float = field(default=1e-5, metadata=PLANNING)
+    tracking_tolerance: float = field(default=0.02, metadata=PLANNING)
+    bandwidth: float = field(default=100.0, metadata=PLANNING)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
 
 from tominpmp.cli.json_text import json_text, plain
@@ -14,8 +15,15 @@ from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED
 from tominpmp.cli.verify import check_given
 from tominpmp.io.export import load_motion
+from tominpmp.options import Options
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
-from tominpmp.physics.robustness import Robustness, robustness
+from tominpmp.physics.robustness import (
+    WANTED,
+    Disturbances,
+    Robustness,
+    robustness,
+)
+from tominpmp.problem import Problem
 from tominpmp.sampled_motion import recorded_motion
 
 
@@ -35,7 +43,7 @@ def run_replay(
     check_given(problem_args)
     problem, options = load_problem(problem_args)
     if args.robustness:
-        found = robustness(problem, options, samples=args.samples, seed=args.seed)
+        found = _tried(problem, options, args)
         typer.echo(json_text(plain(found)) if args.json else _reserves_text(found))
         return PLANNED if found.reserve is not None else NO_PLAN
     if motion is None:
@@ -51,6 +59,24 @@ def run_replay(
     seen = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
     typer.echo(json_text(_data(seen)) if args.json else _text(seen, motion))
     return PLANNED if seen.ok else NO_PLAN
+
+
+def _tried(problem: Problem, options: Options, args: ReplayOptions) -> Robustness:
+    """Try motions with torque reserves."""
+    return robustness(
+        problem,
+        options,
+        disturbances=Disturbances(
+            payload=args.random_payload,
+            friction=args.random_friction,
+            delay=args.random_delay,
+            noise=args.random_noise,
+        ),
+        samples=args.samples,
+        tolerance=args.tracking_tolerance,
+        bandwidth=args.bandwidth,
+        seed=args.seed,
+    )
 
 
 def _data(found: PhysicsReplay) -> dict[str, Any]:
@@ -81,10 +107,12 @@ def _text(found: PhysicsReplay, path: Path) -> str:
 
 
 def _reserves_text(found: Robustness) -> str:
-    rows = [
-        (f"reserve {reserve:.0%}", f"T = {T:.4f} s, {kept:.0%} within")
-        for reserve, T, kept in zip(
-            found.reserves.tolist(), found.T.tolist(), found.kept.tolist(), strict=True
-        )
-    ]
-    return rows_text(f"{found.message[:1].upper()}{found.message[1:]}.", rows)
+    rows = [("each trial", found.disturbances.message)]
+    for k, reserve in enumerate(found.reserves.tolist()):
+        kept = f"T = {found.T[k]:.4f} s, {found.kept[k]:.0%} within"
+        if np.isfinite(found.errors[k]):
+            kept += f", {WANTED:.0%} within {found.errors[k]:.2g}"
+        none = not np.isfinite(found.T[k])
+        rows.append((f"reserve {reserve:.0%}", "no motion" if none else kept))
+    told = found.message.replace("effort_scale=", "--effort-scale ")
+    return rows_text(f"{told[:1].upper()}{told[1:]}.", rows)

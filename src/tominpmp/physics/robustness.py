@@ -9,7 +9,7 @@ in MuJoCo for several reserves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -59,6 +59,15 @@ class Disturbances:
                 )
             object.__setattr__(self, item.name, value)
 
+    @property
+    def message(self) -> str:
+        """What is drawn, in words."""
+        return (
+            f"up to {self.payload:g} kg more, dry friction up to {self.friction:.2g} "
+            f"of the torque limits, delays up to {self.delay:g} s, noise of "
+            f"{self.noise:g} rad or m"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Robustness(Record):
@@ -72,6 +81,7 @@ class Robustness(Record):
             [rad or m].
         tolerance: Largest distance of a joint from the motion that is tolerated.
         samples: Number of trials for each reserve.
+        disturbances: What was drawn at random for each trial.
     """
 
     reserves: Array
@@ -80,6 +90,7 @@ class Robustness(Record):
     errors: Array
     tolerance: float
     samples: int
+    disturbances: Disturbances = field(default_factory=Disturbances)
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -184,6 +195,7 @@ def robustness(
         errors=np.array(errors),
         tolerance=float(tolerance),
         samples=samples,
+        disturbances=world,
     )
 
 
