@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.xml_reader import XmlContext
-from tominpmp.exceptions import shortened
+from tominpmp.exceptions import TominpmpWarning, shortened
 
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
@@ -22,16 +23,38 @@ LONGEST_PATH = 400
 Finder = Callable[[str], tuple[Path | None, tuple[Path, ...]]]
 
 
-def simplified_link(link: Any, context: XmlContext, folders: Sequence[Path]) -> Any:
-    """Make a ``yourdfpy.Link`` one that every parser reads in the same way.
+def simplified_links(
+    links: Sequence[Any], context: XmlContext, folders: Sequence[Path]
+) -> list[Any]:
+    """Make links of yourdfpy such that every parser reads them in the same way.
+
+    Meshes to look at that are not there are left out, with a warning: motions are the
+    same without them. Those to collide with have to be there.
 
     Raises:
-        RobotLoadError: If a mesh is not there.
+        RobotLoadError: If a mesh to collide with is not there, or one is too large.
     """
+    unseen: list[str] = []
 
     def find(name: str) -> tuple[Path | None, tuple[Path, ...]]:
         return resolve_resource(name, context.path, folders)
 
+    found = [_simplified_link(link, context, find, unseen) for link in links]
+    if unseen:
+        more = f" and {len(unseen) - 1} more" if len(unseen) > 1 else ""
+        warnings.warn(
+            f"{context.path}: not shown, as their meshes are not there: {unseen[0]}"
+            f"{more}; folders that hold packages are given in package_dirs",
+            TominpmpWarning,
+            stacklevel=7,
+        )
+    return found
+
+
+def _simplified_link(
+    link: Any, context: XmlContext, find: Finder, unseen: list[str]
+) -> Any:
+    """One link; its visual meshes that are not there are told in ``unseen``."""
     inertial = link.inertial
     if inertial is not None and inertial.inertia is None:
         inertial = replace(inertial, inertia=np.zeros((3, 3)))
@@ -41,7 +64,10 @@ def simplified_link(link: Any, context: XmlContext, folders: Sequence[Path]) -> 
         geometry = _with_file(shape.geometry, where, context, find)
         collisions.append(replace(shape, name=str(i), geometry=geometry))
     for i, shape in enumerate(link.visuals):
-        where = f"link {link.name}, visual {i + 1}"
+        where, mesh = f"link {link.name}, visual {i + 1}", shape.geometry.mesh
+        if mesh is not None and find(mesh.filename)[0] is None:
+            unseen.append(f"{where} ({shortened(repr(mesh.filename))})")
+            continue
         geometry = _with_file(shape.geometry, where, context, find)
         # Parsers take materials of one name for the same, whatever their colours.
         material = _with_texture(shape.material, f"{link.name} {i}", find)

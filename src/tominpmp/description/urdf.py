@@ -29,7 +29,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 import numpy as np
 
 from tominpmp.arrays import record_line
-from tominpmp.description.links import simplified_link
+from tominpmp.description.links import simplified_links
 from tominpmp.description.urdf_keys import warn_of_unread
 from tominpmp.description.urdf_syntax import checked_copy
 from tominpmp.description.xml_reader import (
@@ -195,7 +195,7 @@ def _read(
     limit = yourdfpy.Limit(effort=1.0, velocity=1.0, lower=-1.0, upper=1.0)
     simple = yourdfpy.Robot(
         robot.name,
-        [simplified_link(link, context, folders) for link in links.values()],
+        simplified_links(list(links.values()), context, folders),
         [_simplified_joint(joint, limit, context) for joint in joints.values()],
     )
     writer = yourdfpy.URDF(

@@ -28,6 +28,9 @@ SLIGHT = 1e-9
 # Beyond as many places a warning names no more.
 MOST = 10
 
+# Limits of joints that turn within which nobody gives radians: five to 115 turns.
+MANY_TURNS, DEGREES = 30.0, 720.0
+
 
 def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) -> None:
     """Warn of likely mistakes, and of soft limits within the limits.
@@ -56,6 +59,23 @@ def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) ->
             TominpmpWarning,
             stacklevel=7,
         )
+    turned = [joint.name for joint in joints if _is_in_degrees(joint)]
+    if turned:
+        more = ", ..." if len(turned) > MOST else ""
+        warnings.warn(
+            f"{context.path}: position limits of many turns, which look like degrees: "
+            f"{', '.join(turned[:MOST])}{more}; a URDF file has radians",
+            TominpmpWarning,
+            stacklevel=7,
+        )
+
+
+def _is_in_degrees(joint: Any) -> bool:
+    """Whether the limits of a joint that turns are those of most arms in degrees."""
+    if joint.type != "revolute" or joint.limit is None:
+        return False
+    ends = [abs(x) for x in (joint.limit.lower, joint.limit.upper) if x is not None]
+    return MANY_TURNS <= max(ends, default=0.0) <= DEGREES
 
 
 def _mistakes(element: Element, where: str) -> list[str]:

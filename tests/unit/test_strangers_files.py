@@ -1,0 +1,59 @@
+"""What strangers' URDF files often lack or have wrong, and what is said of it."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import pytest
+
+from tominpmp.exceptions import RobotLoadError, TominpmpWarning
+from tominpmp.robot import load_robot
+
+ARM = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
+MESH = '<geometry><mesh filename="package://my_arm/a.stl"/></geometry>'
+
+
+def told(text: str, folder: Path) -> str:
+    """What loading warns of, which is one thing; the robot is complete."""
+    path = folder / "own.urdf"
+    path.write_text(text)
+    with pytest.warns(TominpmpWarning) as caught:
+        robot = load_robot(path)
+        assert robot.visual_model.ngeoms == load_robot(ARM).visual_model.ngeoms
+    assert robot.n == 4
+    (warning,) = caught
+    return str(warning.message)
+
+
+def test_meshes_to_look_at_may_be_missing(tmp_path: Path) -> None:
+    text = ARM.read_text().replace("</link>", f"<visual>{MESH}</visual></link>")
+    message = told(text, tmp_path)
+    assert "not shown" in message
+    assert "link base_link, visual" in message
+    count = text.count(MESH)
+    assert f"('package://my_arm/a.stl') and {count - 1} more; folders" in message
+    assert "package_dirs" in message
+    # One to collide with may not.
+    path = tmp_path / "own.urdf"
+    path.write_text(
+        text.replace("<visual>", "<collision>").replace("</visual>", "</collision>")
+    )
+    with pytest.raises(RobotLoadError, match="package_dirs"):
+        load_robot(path)
+
+
+def test_limits_in_degrees_are_warned_of(tmp_path: Path) -> None:
+    old = 'lower="-2.9" upper="2.9"'
+    text = ARM.read_text()
+    assert old in text
+    message = told(text.replace(old, 'lower="-170" upper="170"'), tmp_path)
+    assert re.search("look like degrees: turn; a URDF file has radians", message)
+    # What is no angle of a data sheet stands for no limit.
+    path = tmp_path / "free.urdf"
+    for limit in ("12.57", "1e6"):
+        path.write_text(text.replace(old, f'lower="-{limit}" upper="{limit}"'))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert load_robot(path).n == 4
