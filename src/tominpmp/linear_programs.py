@@ -1,5 +1,7 @@
 """Linear programs: one record, a few solvers. The only module that knows them.
 
+Some of them take a convex curvature of the objective, too.
+
 HiGHS is called directly, since the portable interface of qpsolvers cannot hand over a
 basis; PIQP is an interior-point method whose cost grows linearly with the grid; every
 other solver is reached through qpsolvers by its name.
@@ -51,6 +53,8 @@ class LinearProgram:
         upper: Shape (n,).
         row_keys: Names of the rows, which tie the bases of successive programs, (m,).
         column_keys: Names of the columns, shape (n,).
+        curvature: P, positive semidefinite, shape (n, n): x^T P x / 2 is added to the
+            objective by solvers that are ``curved``; None for none.
     """
 
     cost: Array
@@ -61,6 +65,13 @@ class LinearProgram:
     upper: Array
     row_keys: IntArray
     column_keys: IntArray
+    curvature: sp.csc_matrix | None = None
+
+    @property
+    def curved(self) -> sp.csc_matrix:
+        """Its curvature, zero if there is none."""
+        size = self.cost.size
+        return sp.csc_matrix((size, size)) if self.curvature is None else self.curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +85,7 @@ class LpSolution:
             positive at an upper bound, negative at a lower one.
         iterations: Simplex pivots or interior-point iterations.
         seconds: Time taken [s].
+        curved: Whether the curvature of the program was heeded, if it has any.
     """
 
     optimal: bool
@@ -81,10 +93,17 @@ class LpSolution:
     row_duals: Array
     iterations: int
     seconds: float
+    curved: bool = False
 
 
 class LpSolver(ABC):
-    """A solver of a sequence of related linear programs."""
+    """A solver of a sequence of related linear programs.
+
+    Attributes:
+        curved: Whether it heeds the curvature of a program.
+    """
+
+    curved: bool = False
 
     @abstractmethod
     def solve(self, program: LinearProgram) -> LpSolution:
@@ -181,6 +200,8 @@ class HighsSolver(LpSolver):
 class PiqpSolver(LpSolver):
     """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023)."""
 
+    curved = True
+
     def __init__(self) -> None:
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
@@ -206,10 +227,10 @@ class PiqpSolver(LpSolver):
         equal = program.row_lower == program.row_upper
         self._equal, self._program, self._other = equal, program, None
         rows = program.matrix.tocsr()
-        size, equations = program.cost.size, rows[equal]
+        equations = rows[equal]
         self._scale = equation_scale(equations)
         self._solver.setup(
-            sp.csc_matrix((size, size)),
+            program.curved,
             program.cost,
             (sp.diags(self._scale) @ equations).tocsc() if equal.any() else None,
             self._scale * program.row_lower[equal] if equal.any() else None,
@@ -253,6 +274,7 @@ class PiqpSolver(LpSolver):
             duals,
             spent,
             time.perf_counter() - begin,
+            curved=True,
         )
 
     def _try(self, begin: float, *, refined: bool = False) -> int:
@@ -311,6 +333,8 @@ class QpsolversSolver(LpSolver):
         name: Its name there.
     """
 
+    curved = True
+
     def __init__(self, name: str) -> None:
         self.name = name
         self._program: LinearProgram | None = None
@@ -325,8 +349,7 @@ class QpsolversSolver(LpSolver):
         program = self._program
         assert program is not None  # noqa: S101
         changed = replace(program, row_lower=row_lower, row_upper=row_upper)
-        size = program.cost.size
-        return solve_quadratic(changed, sp.csc_matrix((size, size)), self.name)
+        return solve_quadratic(changed, program.curved, self.name)
 
 
 def solve_quadratic(
@@ -371,7 +394,8 @@ def solve_quadratic(
     if solution.found and solution.y is not None and equal.any():
         duals[equal] = solution.y
     x = np.zeros(size) if solution.x is None else solution.x
-    return LpSolution(bool(solution.found), x, duals, 0, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    return LpSolution(bool(solution.found), x, duals, 0, seconds, curved=True)
 
 
 def available_solvers() -> tuple[str, ...]:

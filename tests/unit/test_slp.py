@@ -12,7 +12,8 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.solvers.subproblem import build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import Status
-from tominpmp.transcription.base import Linearization, Rows, StepBounds
+from tominpmp.transcription.base import Linearization, StepBounds
+from tominpmp.transcription.rows import Rows
 
 
 class Program:
@@ -36,6 +37,9 @@ class Program:
     def linearize(self, z, values, steps):
         rows = np.arange(self.rows.size)
         return Linearization(rows, sp.csr_matrix(np.array(self.jacobian(z))))
+
+    def curvature(self, z, multipliers):
+        return None
 
     def step_bounds(self, z, radius):
         return StepBounds(

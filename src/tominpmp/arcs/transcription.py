@@ -14,7 +14,8 @@ from tominpmp.arcs.radau import NODES
 from tominpmp.arcs.shooting import ArcProgram, Shot
 from tominpmp.arrays import Array, IntArray
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
+from tominpmp.transcription.rows import Rows
 
 KINDS = ("position", "velocity", "torque", "clearance")
 # The torque of a held joint changes all the time: a step is cut this often for it.
@@ -108,6 +109,10 @@ class ArcTranscription:
                     matrix[row, column[arc, j]] = sign
         matrix = matrix.tocsr()
         return Variation(matrix, jumps.ravel() - matrix @ z)
+
+    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
+        """None is known."""
+        return None
 
     def stretch(self, z: Array, factor: float) -> Array:
         """The same torques on longer arcs."""

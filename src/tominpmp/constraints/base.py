@@ -97,6 +97,11 @@ class Constraint(ABC):
     curable: bool = False
 
     @property
+    def bends(self) -> bool:
+        """Whether values are convex functions of vectors; see :meth:`bend`."""
+        return False
+
+    @property
     @abstractmethod
     def name(self) -> str:
         """Its name, in reports and messages."""
@@ -125,6 +130,23 @@ class Constraint(ABC):
             at: Row of each value in what :meth:`evaluate` returns, shape (k,).
             which: Its column, shape (k,).
         """
+
+    def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
+        """What linear values lack of some values that are convex, to second order.
+
+        As vectors whose squared lengths a step adds to the values twice over (Gauss and
+        Newton): the values are convex functions of quantities that are linearised.
+
+        Args:
+            states: The states at m instants.
+            at: Row of each value in what :meth:`evaluate` returns, shape (k,).
+            which: Its column, shape (k,).
+
+        Returns:
+            Partial derivatives of the components of the vectors; ``row`` has the index
+            of the value that each is for. None if nothing is known.
+        """
+        return None
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Lower and upper bounds of the values at so many instants, as their shape."""

@@ -139,6 +139,21 @@ class PathConstraint(Record, Quantity):
         by_t = None if self.window is None else np.zeros(at.size)
         return Partials(at, by_q, by_v, by_a, by_t=by_t)
 
+    def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
+        """Of values that are convex functions of vectors."""
+        used, place = np.unique(at, return_inverse=True)
+        found = self.bend_rows(*(part[used] for part in self._parts(states)))
+        if found is None or not used.size:
+            return None
+        size = next(part.shape[2] for part in found if part.size)
+        by_q, by_v, by_a = (
+            part[place, which].reshape(at.size * size, -1) if part.size else None
+            for part in found
+        )
+        at, row = np.repeat(at, size), np.repeat(np.arange(at.size), size)
+        by_t = None if self.window is None else np.zeros(at.size)
+        return Partials(at, by_q, by_v, by_a, by_t=by_t, row=row)
+
     def measures(self, states: States) -> Array:
         """The quantity itself at states, shape (m,)."""
         return self.measure_rows(*self._parts(states))

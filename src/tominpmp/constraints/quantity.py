@@ -47,6 +47,11 @@ class Quantity(Constraint):
         """
         raise NotImplementedError(f"{type(self).__name__} is no length")
 
+    @property
+    def bends(self) -> bool:
+        """Lengths are convex functions of their vectors."""
+        return self._is_length
+
     # -- many states at once: state by state, where nothing quicker is known -----------
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
@@ -87,6 +92,27 @@ class Quantity(Constraint):
         by_q, by_v, by_a = (along @ part if part.size else part for part in by)
         return values, by_q, by_v, by_a
 
+    def bend_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Slopes of vectors whose squared lengths values lack when linearised.
+
+        Values are convex functions of the vectors of :meth:`vector_rows`: what a step
+        of these does to them is known to second order.
+
+        Returns:
+            By q, v and a, shape (m, count, k, n) each or empty; None if nothing is
+            known.
+        """
+        if not self._is_length:
+            return None
+        vector, *by = self.vector_rows(q, v, a)
+        root = length_bend(vector, self.largest) / np.sqrt(self.scale)
+        by_q, by_v, by_a = (
+            (root @ part)[:, None] if part.size else part for part in by
+        )
+        return by_q, by_v, by_a
+
     # -- one state ---------------------------------------------------------------------
 
     @property
@@ -116,3 +142,25 @@ def rounded(length: Array, limit: float) -> Array:
     sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope there.
     """
     return np.asarray(np.sqrt(2.0 * (length**2 + limit**2)) - 2.0 * limit)
+
+
+def length_bend(vector: Array, limit: float) -> Array:
+    """Roots of the second derivative of rounded lengths by their vectors.
+
+    That of s = sqrt(2 x^2 + 2 L^2) is (2 I - 4 x x^T / s^2) / s.
+
+    Args:
+        vector: The vectors x, shape (m, k).
+        limit: The limit L.
+
+    Returns:
+        Symmetric matrices, shape (m, k, k).
+    """
+    square = np.sum(vector**2, axis=1)
+    size = np.maximum(np.sqrt(2.0 * (square + limit**2)), 1e-300)
+    # Along the vector there is less of it.
+    along = 1.0 - np.sqrt(2.0) * limit / size
+    outer = vector[:, :, None] * vector[:, None, :]
+    outer *= (along / np.maximum(square, 1e-300))[:, None, None]
+    root = np.eye(vector.shape[1]) - outer
+    return np.asarray(np.sqrt(2.0 / size)[:, None, None] * root)

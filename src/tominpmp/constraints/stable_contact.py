@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, frozen_array, is_single
 from tominpmp.constraints.held_load import HeldLoad
 from tominpmp.constraints.path import positive
+from tominpmp.constraints.quantity import length_bend
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import VectorLike
 
@@ -117,6 +118,28 @@ class StableContact(HeldLoad):
         w = self.wrenches(q, v, a)
         every = [self._slipping(w), *self._tipping(w)]
         return np.concatenate([value for value, _ in every], axis=1) / self.weight
+
+    @property
+    def bends(self) -> bool:
+        """Cones are convex."""
+        return True
+
+    def bend_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """The cones are convex in the wrench."""
+        w, by = self.wrench_slopes(q, v, a)
+        root = np.zeros((len(w), self.count, 3, 6))
+        pull = np.array([0.0, 0.0, self.adhesion])
+        cones = [np.vstack([_ACROSS, self.friction * _PRESSING])]
+        if isinstance(self.support, float):
+            cones.append(np.vstack([_ABOUT / self.support, _PRESSING]))
+        for k, rows in enumerate(cones):
+            y = w @ rows.T + rows[2, 2] * pull
+            root[:, k] = length_bend(y, 0.0) @ rows
+        root /= np.sqrt(self.weight)
+        by_q, by_v, by_a = (root @ part[:, None] for part in by)
+        return by_q, by_v, by_a
 
     def _slipping(self, w: Array) -> tuple[Array, Array]:
         """Force across the contact beyond what friction holds, rounded off [N]."""

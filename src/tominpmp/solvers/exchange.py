@@ -126,6 +126,6 @@ class RowExchange:
             values=values,
             merit=merit,
             region=replace(region, radius=max(region.radius, LEAST_RADIUS)),
-            multipliers=np.zeros(program.rows.size),
+            multipliers=program.rows.carried(iterate.merit.rows, iterate.multipliers),
             gains=(),
         )

@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.transcription.base import Rows, Variation
+from tominpmp.transcription.base import Variation
+from tominpmp.transcription.rows import Rows
 
 # Weights stay this much above the multipliers seen.
 WEIGHT_MARGIN = 1.5

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import cast
 
-import numpy as np
-
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import SlpResult
@@ -98,9 +96,14 @@ def _slower(
     if light <= 0.0:
         return None
     merit = replace(result.iterate.merit, rows=program.rows)
-    none = np.zeros(program.rows.size)
-    values = program.evaluate(z)
-    iterate = replace(result.iterate, z=z, values=values, merit=merit, multipliers=none)
+    former = result.iterate.merit.rows
+    iterate = replace(
+        result.iterate,
+        z=z,
+        values=program.evaluate(z),
+        merit=merit,
+        multipliers=program.rows.carried(former, result.iterate.multipliers),
+    )
     slower = cured(program, iterate, light, options.feasibility)
     if slower is None:
         return None

@@ -15,18 +15,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
+from tominpmp.linear_programs import LpSolution, LpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.proposal import propose
 from tominpmp.solvers.restoration import RESTORABLE, restorable, restored
 from tominpmp.solvers.step_search import StepSearch
-from tominpmp.solvers.subproblem import Subproblem, build_subproblem
+from tominpmp.solvers.subproblem import Subproblem
 from tominpmp.solvers.trust_region import TrustRegion, repairing
 from tominpmp.status import IterationRecord, Status
-from tominpmp.stopping import Stop, check, grace
+from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.base import Program, Variation
 
 # Where any motion will do: how much slower one may be made.
@@ -56,9 +57,6 @@ SETTLED_RADIUS = 0.01
 # Shorter motions are settled to a share of this: an arm that is at its goal already
 # would get there sooner and sooner [s].
 SHORTEST = 0.01
-# Rounds of putting rows into a linear program that its step breaks by more than this.
-ADDITIONS = 3
-MISSED = 1e-4
 
 # Time for slowing a motion down once the iteration was told to stop [s].
 RESTORING = 0.2
@@ -109,7 +107,15 @@ class SlpSolver:
         if after is not None:
             history += after.history
             merit = replace(iterate.merit, weights=after.iterate.merit.weights)
-            iterate = replace(iterate, merit=merit, region=repairing(iterate.violation))
+            known = merit.rows.carried(
+                after.iterate.merit.rows, after.iterate.multipliers
+            )
+            iterate = replace(
+                iterate,
+                merit=merit,
+                region=repairing(iterate.violation),
+                multipliers=known,
+            )
         limit, solver, exchange = self.options.feasibility, self, self.exchange
         most = len(history) + self.options.max_iterations
         best = self.time_scaled(iterate)
@@ -164,31 +170,14 @@ class SlpSolver:
 
     def step(self, iterate: Iterate, effort: Effort) -> tuple[Iterate, Outcome | None]:
         """One iteration: linearise, solve, correct, search, accept or shrink."""
-        nlp, z, merit = self.nlp, iterate.z, iterate.merit
+        merit, z = iterate.merit, iterate.z
+        variation = self.nlp.variation(z) if self.smoothing > 0.0 else None
         radius = self.options.trust_region * iterate.region.radius
-        steps = nlp.step_bounds(z, radius)
-        variation = nlp.variation(z) if self.smoothing > 0.0 else None
-        selecting = iterate.values
-        for attempt in range(1 + ADDITIONS):
-            check()
-            linearization = nlp.linearize(z, selecting, steps)
-            program = build_subproblem(
-                merit, iterate.values, linearization, steps, variation, z
-            )
-            solution = effort.add(self.lp.solve(program.program))
-            if not solution.optimal:
-                solution = effort.add(make_solver("highs").solve(program.program))
-            if not solution.optimal:
-                region = iterate.region.after(0.0, 0.1)
-                return replace(iterate, region=region), None
-            # Rows far from their bounds are left out at first; those that the step
-            # breaks are put in.
-            reached = nlp.evaluate(z + program.step(solution))
-            broken = nlp.rows.violation(reached) > MISSED
-            broken[linearization.rows] = False
-            if attempt == ADDITIONS or not np.any(broken):
-                break
-            selecting = np.where(broken, reached, selecting)
+        found = propose(self.nlp, self.lp, iterate, radius, variation, effort)
+        if found is None:
+            region = iterate.region.after(0.0, 0.1)
+            return replace(iterate, region=region), None
+        program, solution, reached = found
         outcome = self.search(iterate, program, solution, variation, effort, reached)
         multipliers = program.multipliers(solution)
         promised = self.promised(iterate, program, program.step(solution))
@@ -274,7 +263,10 @@ class SlpSolver:
         step = program.step(solution)
         now = merit(iterate.z, iterate.values, variation)
         # At a solution of the linear program its objective is the model of the merit.
-        predicted = max(now - self.model(iterate, program, step, variation), 0.0)
+        model = self.model(iterate, program, step, variation)
+        if solution.curved:
+            model += program.bend(step)
+        predicted = max(now - model, 0.0)
 
         def resolve(error: Array) -> Array | None:
             again = effort.add(self.lp.resolve(*program.corrected(error)))

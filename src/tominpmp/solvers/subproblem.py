@@ -21,7 +21,8 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.linear_programs import LinearProgram, LpSolution
 from tominpmp.solvers.merit import NEGLIGIBLE, Merit
-from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
+from tominpmp.transcription.rows import Rows
 
 # Keys of rows and columns that are not of the transcription begin here.
 _KEY_BLOCK = 10_000_000
@@ -38,6 +39,8 @@ class Subproblem:
         size: Number of unknowns of the transcription.
         row_count: Number of rows of the transcription.
         matrix: Jacobian of its rows in all unknowns, shape (r, size).
+        root: Root of the curvature of its objective in all unknowns, shape (k, size);
+            None if that is linear.
     """
 
     program: LinearProgram
@@ -46,6 +49,13 @@ class Subproblem:
     size: int
     row_count: int
     matrix: sp.csr_matrix
+    root: sp.csr_matrix | None = None
+
+    def bend(self, step: Array) -> float:
+        """What its curvature adds to the objective for a step."""
+        return (
+            0.0 if self.root is None else 0.5 * float(np.sum((self.root @ step) ** 2))
+        )
 
     def step(self, solution: LpSolution) -> Array:
         """Step in all unknowns, shape (size,)."""
@@ -75,6 +85,7 @@ def build_subproblem(
     steps: StepBounds,
     variation: Variation | None,
     z: Array,
+    root: sp.csr_matrix | None = None,
 ) -> Subproblem:
     """Build the linear program at an iterate.
 
@@ -85,6 +96,7 @@ def build_subproblem(
         steps: Box for the step.
         variation: Differences of the controls; None leaves them out.
         z: Iterate, shape (size,).
+        root: Root of the curvature of the objective, shape (k, size); None for none.
     """
     rows = merit.rows
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
@@ -129,8 +141,20 @@ def build_subproblem(
         np.concatenate(upper),
         np.concatenate(row_keys),
         np.concatenate(keys),
+        _curvature(root, free, body.shape[1]),
     )
-    return Subproblem(program, free, chosen, z.size, rows.size, matrix)
+    return Subproblem(program, free, chosen, z.size, rows.size, matrix, root)
+
+
+def _curvature(
+    root: sp.csr_matrix | None, free: IntArray, size: int
+) -> sp.csc_matrix | None:
+    """Curvature of the objective in all columns, from its root in the unknowns."""
+    if root is None:
+        return None
+    of_step = root[:, free]
+    rest = sp.csc_matrix((size - free.size, size - free.size))
+    return sp.block_diag([of_step.T @ of_step, rest], format="csc")
 
 
 def _rows_within_reach(

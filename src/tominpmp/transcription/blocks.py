@@ -178,6 +178,32 @@ class Sampled:
         partials = self.constraint.differentiate(states, row, which)
         return at, self._pinned(of, motion, at, partials)
 
+    def bend(
+        self, of: Transcription[Any], motion: Motion, multipliers: Array
+    ) -> sp.csr_matrix | None:
+        """Root of the curvature that the values have when they are weighted.
+
+        Args:
+            of: The transcription.
+            motion: A motion of it.
+            multipliers: Weights of the values; those at upper bounds are positive.
+
+        Returns:
+            Matrix R, shape (k, size), whose R^T R is the curvature; None for none.
+        """
+        chosen = np.flatnonzero(multipliers > 0.0)
+        if not chosen.size:
+            return None
+        at, states = self.states(of, motion)
+        row, which = np.divmod(chosen, max(self.constraint.count, 1))
+        partials = self.constraint.bend(states, row, which)
+        if partials is None or partials.row is None:
+            return None
+        roots = np.sqrt(multipliers[chosen])[partials.row]
+        return of.pull_back(
+            motion, at, self._pinned(of, motion, at, partials.times(roots[:, None]))
+        )
+
     def _pinned(
         self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
     ) -> Partials:

@@ -20,7 +20,6 @@ from tominpmp.constraints import Arrival, GoalReached, Standstill
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import (
     Linearization,
-    Rows,
     StepBounds,
     Transcription,
     Variation,
@@ -28,6 +27,7 @@ from tominpmp.transcription.base import (
 from tominpmp.transcription.blocks import Always, Block, Sampled, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.rows import Rows
 
 # Value of the rows of a motion that could not be integrated to its end.
 NOT_INTEGRATED = 1e3
@@ -172,6 +172,33 @@ class NonlinearProgram:
             mine = chosen[self.rows.kind[chosen] == index] - self.first[index]
             parts.append(block.jacobian(of, motion, mine))
         return Linearization(chosen, sp.vstack(parts, format="csr"))
+
+    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
+        """Root of the curvature of the rows that constraints know of.
+
+        Args:
+            z: Iterate.
+            multipliers: Of the rows, shape (m,).
+
+        Returns:
+            Matrix R, shape (k, size): |R d|^2 / 2 is what the linearised rows lack for
+            a step d, weighted. None for none.
+        """
+        bending = [
+            (block, multipliers[first : first + block.lower.size])
+            for block, first in zip(self.blocks, self.first, strict=True)
+            if isinstance(block, Sampled) and block.constraint.bends
+        ]
+        if not bending:
+            return None
+        motion = self.transcription.motion(self.timed(z))
+        if not motion.finite:
+            return None
+        found = [
+            block.bend(self.transcription, motion, mine) for block, mine in bending
+        ]
+        roots = [root for root in found if root is not None]
+        return sp.vstack(roots, format="csr") if roots else None
 
     @cached_property
     def first(self) -> IntArray:

@@ -1,0 +1,107 @@
+"""The program of an iteration, solved: linear, and curved where that is known.
+
+A linear program knows nothing of what bends. Where the solution is no vertex of its
+rows, as on a way that a tool speed rules and that is shortest where it is straight, its
+steps run to the ends of the trust region and back. Constraints that are convex
+functions of what is linear tell their curvature; weighted with the multipliers of the
+last program it is added to the objective, and the steps are those of Newton's method.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
+from tominpmp.solvers.iterate import Effort, Iterate
+from tominpmp.solvers.subproblem import Subproblem, build_subproblem
+from tominpmp.stopping import check
+from tominpmp.transcription.base import Program, Variation
+
+# Rounds of putting rows into a program that its step breaks by more than this.
+ADDITIONS = 3
+MISSED = 1e-4
+
+
+class Proposal(NamedTuple):
+    """What the program of an iteration proposes.
+
+    Attributes:
+        program: The program.
+        solution: Its solution.
+        reached: Row values where its step leads, shape (m,).
+    """
+
+    program: Subproblem
+    solution: LpSolution
+    reached: Array
+
+
+def propose(
+    nlp: Program,
+    lp: LpSolver,
+    iterate: Iterate,
+    radius: float,
+    variation: Variation | None,
+    effort: Effort,
+) -> Proposal | None:
+    """Build the program of an iteration and solve it.
+
+    Rows far from their bounds are left out at first; those that the step breaks are put
+    in.
+
+    Args:
+        nlp: The nonlinear program.
+        lp: Solver of the programs of the iterations.
+        iterate: Where the iteration stands.
+        radius: Radius of the trust region [rad].
+        variation: Differences of the controls; None leaves them out.
+        effort: Counts the work.
+
+    Returns:
+        The proposal; None if the program could not be solved.
+    """
+    z = iterate.z
+    steps = nlp.step_bounds(z, radius)
+    selecting, multipliers = iterate.values, iterate.multipliers
+    root = nlp.curvature(z, multipliers) if lp.curved else None
+    for _ in range(1 + ADDITIONS):
+        check()
+        linearization = nlp.linearize(z, selecting, steps)
+        build = partial(
+            build_subproblem,
+            iterate.merit,
+            iterate.values,
+            linearization,
+            steps,
+            variation,
+            z,
+        )
+        program = build(root)
+        solution = solved(lp, program, effort)
+        if root is None and lp.curved and solution.optimal:
+            # The first one: now the multipliers are known.
+            root = nlp.curvature(z, program.multipliers(solution))
+            if root is not None:
+                program = build(root)
+                solution = solved(lp, program, effort)
+        if not solution.optimal:
+            return None
+        reached = nlp.evaluate(z + program.step(solution))
+        broken = nlp.rows.violation(reached) > MISSED
+        broken[linearization.rows] = False
+        if not np.any(broken):
+            break
+        selecting = np.where(broken, reached, selecting)
+    return Proposal(program, solution, reached)
+
+
+def solved(lp: LpSolver, program: Subproblem, effort: Effort) -> LpSolution:
+    """Solution of the program of an iteration."""
+    solution = effort.add(lp.solve(program.program))
+    if not solution.optimal:
+        solution = effort.add(make_solver("highs").solve(program.program))
+    return solution

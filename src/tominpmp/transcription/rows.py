@@ -1,0 +1,110 @@
+"""Rows of nonlinear programs: their bounds, kinds and groups."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the rows of a program are.
+
+    Attributes:
+        lower: Lower bounds, shape (m,).
+        upper: Upper bounds, shape (m,); equal to the lower ones for equations.
+        kind: Index into ``kinds`` for each row, shape (m,).
+        group: Rows of one group share an elastic variable, shape (m,).
+        kinds: Names of the kinds, for reports.
+        curable: Kinds that a slower motion along the same path violates less, shape
+            (kinds,).
+    """
+
+    lower: Array
+    upper: Array
+    kind: IntArray
+    group: IntArray
+    kinds: tuple[str, ...]
+    curable: BoolArray
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return self.lower.size
+
+    def violation(self, values: Array) -> Array:
+        """Violation of each row, >= 0, shape (m,)."""
+        excess = np.maximum(self.lower - values, values - self.upper)
+        return np.asarray(np.maximum(excess, 0.0))
+
+    def largest_violation(self, values: Array) -> float:
+        """Largest violation of all rows."""
+        return float(np.max(self.violation(values), initial=0.0))
+
+    def group_violation(self, values: Array) -> Array:
+        """Largest violation in each group, shape (number of groups,)."""
+        count = int(self.group.max()) + 1 if self.size else 0
+        out = np.zeros(count)
+        np.maximum.at(out, self.group, self.violation(values))
+        return out
+
+    @property
+    def group_kind(self) -> IntArray:
+        """Kind of each group, shape (number of groups,)."""
+        count = int(self.group.max()) + 1 if self.size else 0
+        out = np.zeros(count, dtype=np.int64)
+        out[self.group] = self.kind
+        return out
+
+    def carried(self, former: Rows, values: Array) -> Array:
+        """Values of former rows for these, zero for those that have joined them.
+
+        Args:
+            former: Rows of nearly the same program: new ones of a kind come last.
+            values: One for each of them.
+        """
+        out = np.zeros(self.size)
+        for index, kind in enumerate(self.kinds):
+            if kind in former.kinds:
+                mine = np.flatnonzero(self.kind == index)
+                known = values[former.kind == former.kinds.index(kind)]
+                count = min(mine.size, known.size)
+                out[mine[:count]] = known[:count]
+        return out
+
+    @staticmethod
+    def stack(
+        parts: list[tuple[str, Array, Array, IntArray]],
+        curable: Collection[str] = frozenset(),
+    ) -> Rows:
+        """Join blocks of rows.
+
+        Args:
+            parts: For each block: name of its kind, lower and upper bounds, and groups
+                counted from 0 within the block.
+            curable: Names of kinds that a slower motion violates less.
+
+        Returns:
+            The rows of all blocks, in order.
+        """
+        kinds = tuple(part[0] for part in parts)
+        lower, upper, kind, group = [], [], [], []
+        first = 0
+        for index, (_, low, high, groups) in enumerate(parts):
+            lower.append(low)
+            upper.append(high)
+            kind.append(np.full(low.size, index, dtype=np.int64))
+            group.append(groups.astype(np.int64) + first)
+            first += int(groups.max()) + 1 if groups.size else 0
+        return Rows(
+            np.concatenate(lower),
+            np.concatenate(upper),
+            np.concatenate(kind),
+            np.concatenate(group),
+            kinds,
+            np.array([kind in curable for kind in kinds], dtype=bool),
+        )
