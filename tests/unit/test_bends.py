@@ -10,6 +10,7 @@ import tominpmp as tm
 from tests.sample_arms import Link, make_arm
 from tominpmp.constraints import States
 from tominpmp.linear_programs import LinearProgram, make_solver
+from tominpmp.solvers.slp import first_weight
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
@@ -150,6 +151,24 @@ def test_solvers_that_are_curved_heed_the_curvature(name):
     if found.curved:
         np.testing.assert_allclose(found.x, 0.5, atol=1e-5)
         np.testing.assert_allclose(found.row_duals, 0.5, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "curable", "weight"),
+    [
+        ("torque", True, 0.7),
+        ("torque on segment 2", True, 0.7),
+        ("velocity", True, 2.0),
+        ("speed of frame tip", True, 2.0),
+        ("lack of grip of frame tip on segment 1", True, 2.0),
+        ("clearance", False, 10.0),
+        ("tilt of frame tip", False, 10.0),
+        ("jerk", True, 10.0),
+    ],
+)
+def test_violations_weigh_what_slowing_down_costs_at_first(kind, curable, weight):
+    """Too much, and steps along what is curved are cut; those of segments too."""
+    assert first_weight(kind, curable) == weight
 
 
 def test_a_way_that_a_tool_speed_rules_settles_in_a_few_iterations():

@@ -35,7 +35,10 @@ TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
 # can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
 FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
-OTHER_WEIGHT = 10.0
+# That of what else slowing down cures, and of what it does not.
+CURABLE_WEIGHT, OTHER_WEIGHT = 2.0, 10.0
+# Limits of motions whose weight is that of what it does not, all the same.
+STIFF = ("acceleration", "jerk", "torque rate", "torque over speed")
 # Raising of the weights when the iteration settles on a violated constraint.
 WEIGHT_GROWTH = 10.0
 WEIGHT_RAISES = 4
@@ -163,7 +166,8 @@ class SlpSolver:
         """Iterate at the start."""
         nlp = self.nlp
         duration = float(nlp.cost @ z)
-        shares = [FIRST_WEIGHTS.get(kind, OTHER_WEIGHT) for kind in nlp.rows.kinds]
+        kinds = zip(nlp.rows.kinds, nlp.rows.curable.tolist(), strict=True)
+        shares = [first_weight(kind, curable) for kind, curable in kinds]
         merit = Merit(nlp.cost, nlp.rows, self.smoothing, duration * np.array(shares))
         values = nlp.evaluate(z)
         return Iterate(z, values, merit, TrustRegion(), np.zeros(nlp.rows.size))
@@ -347,3 +351,10 @@ class SlpSolver:
             program_seconds=effort.seconds,
             seconds=time.perf_counter() - begin,
         )
+
+
+def first_weight(kind: str, curable: bool) -> float:
+    """Weight of a kind of rows before any multiplier is known, in shares of T."""
+    kind, _, _ = kind.partition(" on segment")
+    other = CURABLE_WEIGHT if curable and kind not in STIFF else OTHER_WEIGHT
+    return FIRST_WEIGHTS.get(kind, other)
