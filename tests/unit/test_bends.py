@@ -70,6 +70,17 @@ def test_bends_are_the_second_derivatives_of_convex_values(item, ur5):
                 assert root[:, i] @ root[:, j] == pytest.approx(bend, abs=2e-5)
 
 
+def test_nothing_is_known_of_what_is_no_length(ur5):
+    """Rows of their own may be bent any way."""
+    box = tm.WithinRegion("tool0", (-1, -1, 0), (1, 1, 1))
+    away = tm.KeepAway("tool0", (0.2, 0.2, 0.5), 0.1)
+    none = np.zeros((1, 0))
+    for item in (box, away):
+        ready = item.on(ur5)
+        assert not ready.bends
+        assert ready.bend_rows(np.zeros((1, 6)), none, none) is None
+
+
 def two_links(limit: float, during=None) -> tm.Problem:
     robot = make_arm(
         Link(mass=1.0, length=1.0, inertia=0.5),

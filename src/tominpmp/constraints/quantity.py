@@ -49,8 +49,8 @@ class Quantity(Constraint):
 
     @property
     def bends(self) -> bool:
-        """Lengths are convex functions of their vectors."""
-        return self._is_length
+        """Lengths are convex functions of their vectors; of others nothing is known."""
+        return self._is_length and type(self).term_rows is Quantity.term_rows
 
     # -- many states at once: state by state, where nothing quicker is known -----------
 
@@ -104,7 +104,7 @@ class Quantity(Constraint):
             By q, v and a, shape (m, count, k, n) each or empty; None if nothing is
             known.
         """
-        if not self._is_length:
+        if not self.bends:
             return None
         vector, *by = self.vector_rows(q, v, a)
         root = length_bend(vector, self.largest) / np.sqrt(self.scale)
