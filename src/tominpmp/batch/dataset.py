@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -273,6 +273,10 @@ class Dataset(Record):
     """
 
     folder: Path
+
+    if TYPE_CHECKING:
+
+        def __init__(self, folder: str | Path) -> None: ...
 
     def __post_init__(self) -> None:
         """Check that there is such a folder."""

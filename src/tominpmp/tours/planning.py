@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.targets import place_of
+from tominpmp.inputs import JointsLike
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -38,10 +38,10 @@ MOST_CONFIGURATIONS = 200
 
 def plan_tour(
     robot: Robot,
-    q_start: Array,
+    q_start: JointsLike,
     stations: Sequence[Station | Goal] | Mapping[str, Station | Goal],
     *,
-    q_end: Array | Literal["start"] | None = "start",
+    q_end: JointsLike | Literal["start"] | None = "start",
     scene: Scene | None = None,
     margin: float = 0.0,
     motion_limits: MotionLimits | None = None,
@@ -58,7 +58,7 @@ def plan_tour(
 
     Args:
         robot: The robot; of several arms, if it was combined of them.
-        q_start: Where it starts, at rest, shape (n,) [rad or m].
+        q_start: Where it starts, at rest, shape (n,) or by joint name [rad or m].
         stations: What is visited, in any order unless they say otherwise: stations, or
             goals (called "station 1", ...), or either by name.
         q_end: Where it ends, at rest, shape (n,) [rad or m]: "start" for where it
@@ -157,7 +157,7 @@ def _checked_count(given: object) -> int:
 
 
 def _problem(
-    robot: Robot, q_start: Array, q_end: object, **fields: Any
+    robot: Robot, q_start: JointsLike, q_end: object, **fields: Any
 ) -> tuple[Problem, bool]:
     """The problem from start to end, and whether the end is given."""
     if isinstance(q_end, str) and q_end != "start":
