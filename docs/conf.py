@@ -27,6 +27,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     # Of docs/extensions.
+    "csv_tables",
     "from_the_code",
     "mathml",
     "playback_pages",
