@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
+import time
 import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from clocks import Clock
 from hypothesis import settings
 
 from tominpmp.robot import Robot, load_robot
@@ -38,6 +41,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A generator seeded by the name of the test."""
     return np.random.default_rng(zlib.crc32(request.node.nodeid.encode()))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """A clock that stands still, by which the library keeps its times."""
+    found = Clock()
+    monkeypatch.setattr(time, "perf_counter", found)
+    # What another clock has shown says nothing on this one, nor the reverse.
+    monkeypatch.setattr("tominpmp.initial_guess.parallel._idle_since", -math.inf)
+    return found
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import time
 
+PATIENCE = 300.0  # with a machine that does other things, too [s]
+
 
 def square(x):
     return x * x
@@ -18,3 +20,32 @@ def wait_and_tell(seconds):
 def sleep_and_tell(seconds):
     os.write(1, f"{os.getpid()}\n".encode())
     time.sleep(seconds)
+
+
+def await_and_write(files):
+    """Wait for a file of another process, and make one; either may be None."""
+    awaited, written = files
+    end = time.monotonic() + PATIENCE
+    while awaited is not None and not awaited.exists():
+        assert time.monotonic() < end, "nobody makes the file"
+        time.sleep(0.01)
+    if written is not None:
+        written.touch()
+    return os.getpid(), os.environ.get("OMP_NUM_THREADS")
+
+
+def until_asked(folder):
+    """Say that this has begun, and wait; tell whether it was asked to end."""
+    from tominpmp.initial_guess.parallel import asked_to_stop
+
+    (folder / str(os.getpid())).touch()
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end and not asked_to_stop():
+        time.sleep(0.02)
+    return asked_to_stop()
+
+
+def never_asked(folder):
+    """Say that this has begun, and wait, whoever asks."""
+    (folder / str(os.getpid())).touch()
+    time.sleep(2.0 * PATIENCE)

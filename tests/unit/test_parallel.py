@@ -12,10 +12,10 @@ import time
 import numpy as np
 import pytest
 from guess_samples import START, maze, wall
-from parallel_work import square, wait_and_tell
+from parallel_work import await_and_write, square, wait_and_tell
 
 from tominpmp.exceptions import FrameNotFound
-from tominpmp.initial_guess.parallel import available_processes, run_parallel
+from tominpmp.initial_guess.parallel import LATE, available_processes, run_parallel
 
 
 def refuse(x):
@@ -34,8 +34,9 @@ def test_all_results_come_with_their_numbers(processes):
     assert results == {number: number**2 for number in range(5)}
 
 
-def test_results_come_as_they_are_ready_from_other_processes():
-    results = list(run_parallel(wait_and_tell, [2.0, 0.0], 2))
+def test_results_come_as_they_are_ready_from_other_processes(tmp_path):
+    items = [(tmp_path / "second", None), (None, tmp_path / "second")]
+    results = list(run_parallel(await_and_write, items, 2))
     assert [number for number, _ in results] == [1, 0]
     workers = {worker for _, (worker, _) in results}
     assert os.getpid() not in workers and len(workers) == 2
@@ -49,18 +50,28 @@ def test_exceptions_arrive_with_their_values(processes):
     assert caught.value.available == ("base", "tip")
 
 
-def test_late_results_are_not_waited_for():
-    list(run_parallel(square, [1], 2))  # to start processes takes its time
-    begin = time.monotonic()
-    results = list(run_parallel(wait_and_tell, [0.0, 60.0], 2, seconds=1.0))
-    assert [number for number, _ in results] == [0]
-    assert time.monotonic() - begin < 50.0
+def test_late_results_are_not_waited_for(clock):
+    begin, found = time.monotonic(), []
+    for number, _ in run_parallel(wait_and_tell, [0.0, 600.0], 2, seconds=100.0):
+        found.append(number)
+        clock.advance(100.0 + 1.1 * LATE)
+    assert found == [0]
+    assert time.monotonic() - begin < 300.0
 
 
-def test_no_item_is_begun_after_the_time_limit():
+def test_results_that_are_a_little_late_are_taken(clock, tmp_path):
+    items, found = [(None, None), (tmp_path / "late", None)], []
+    for number, _ in run_parallel(await_and_write, items, 2, seconds=100.0):
+        found.append(number)
+        clock.advance(100.0 + 0.9 * LATE)
+        (tmp_path / "late").touch()
+    assert found == [0, 1]
+
+
+def test_no_item_is_begun_after_the_time_limit(clock):
     def items():
         yield 1
-        time.sleep(0.05)
+        clock.advance(0.05)
         yield 2
 
     assert list(run_parallel(square, items(), 1, seconds=0.02)) == [(0, 1)]

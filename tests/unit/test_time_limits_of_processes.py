@@ -2,49 +2,71 @@
 
 from __future__ import annotations
 
+import math
+import threading
 import time
+from concurrent import futures
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from parallel_work import square, wait_and_tell
+from clocks import Clock
+from parallel_work import PATIENCE, never_asked, square, until_asked
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.initial_guess import parallel
+from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.multistart import _SourceOfMany
+from tominpmp.planner.multistart import _SourceOfMany, solve_alone
 from tominpmp.planner.progress import Progress
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
-def deadline_of(seconds: float, end: float) -> Deadline:
-    deadline = Deadline()
-    deadline.end = time.perf_counter() + seconds
-    deadline.last = time.perf_counter() + end
-    return deadline
-
-
-def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end() -> None:
+def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     list(run_parallel(square, range(3), 2))  # to start processes takes its time
     assert ready()
-    deadline = deadline_of(0.5, 1.0)
-    begin = time.perf_counter()
+    deadline = Deadline()
+    deadline.end, deadline.last = clock.now + 0.5, clock.now + 1.0
+
+    def waited(pending: Any, seconds: float, **how: str) -> tuple[set[Any], set[Any]]:
+        if len(list(tmp_path.iterdir())) < 2:
+            return futures.wait(pending, seconds, **how)
+        clock.advance(seconds)
+        return futures.wait(pending, 0.0, **how)
+
+    monkeypatch.setattr(parallel, "wait", waited)
     with deadline.in_force(), pytest.raises(Stop):
-        list(run_parallel(wait_and_tell, [60.0, 60.0], 2))
-    assert time.perf_counter() - begin < 3.0
+        list(run_parallel(never_asked, [tmp_path, tmp_path], 2))
+    assert clock.now <= deadline.last + 2.0 * parallel.TICK
     assert not ready(), "they were ended, and have to be started anew"
+    monkeypatch.setattr(parallel, "wait", futures.wait)
     assert dict(run_parallel(square, range(3), 2)) == {0: 0, 1: 1, 2: 4}
 
 
-def test_results_by_the_end_are_kept() -> None:
-    list(run_parallel(square, range(3), 2))
-    deadline = deadline_of(0.3, 20.0)
+def test_results_by_the_end_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parallel, "GRACE", PATIENCE)
+    deadline = Deadline()
+
+    def once_both_have_begun() -> None:
+        while len(list(tmp_path.iterdir())) < 2:
+            time.sleep(0.02)
+        deadline.end = -math.inf
+
     found = []
+    watch = threading.Thread(target=once_both_have_begun, daemon=True)
+    watch.start()
     with deadline.in_force(), pytest.raises(Stop):
-        for number, _ in run_parallel(wait_and_tell, [1.0, 1.0], 2):
-            found.append(number)
-    assert sorted(found) == [0, 1]
+        for result in run_parallel(until_asked, [tmp_path, tmp_path], 2):
+            found.append(result)
+    watch.join()
+    assert sorted(found) == [(0, True), (1, True)]
 
 
 def reach() -> tm.Problem:
@@ -54,15 +76,39 @@ def reach() -> tm.Problem:
     return tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=tm.Scene([ball]))
 
 
-def test_a_plan_in_two_processes_ends_in_time() -> None:
-    limit = 6.0
-    # Far more starts than there is time for, each with a grid that takes long.
-    options = tm.Options(processes=2, starts=200, intervals=160, tolerance=1e-9)
-    begin = time.perf_counter()
+def test_a_plan_in_two_processes_ends_in_time(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What processes are at when the time is used up, they hand over."""
+    limit, starts = 600.0, 200
+    usual, handed = _SourceOfMany.solve, []
+
+    def solve(source: _SourceOfMany, number: int, guess: Guess) -> Attempt | None:
+        attempt = usual(source, number, guess)
+        clock.advance(0.0 if handed else 1.05 * limit)
+        handed.append(number)
+        return attempt
+
+    monkeypatch.setattr(_SourceOfMany, "solve", solve)
+    options = tm.Options(processes=2, starts=starts, intervals=20, tolerance=1e-9)
+    begin = time.monotonic()
     solution = tm.plan(reach(), options, max_planning_time=limit)
-    spent = time.perf_counter() - begin
+    # The next may have come together with the first.
+    assert 0 < len(handed) <= 3
     assert solution.status is tm.Status.TIME_LIMIT
-    assert spent < 1.1 * limit + 0.2 + 1.5  # processes may have to wait for a core
+    assert solution.success
+    assert time.monotonic() - begin < PATIENCE
+
+
+def test_a_process_without_time_ends_at_once() -> None:
+    system = ProblemFunctions.of(reach())
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
+    attempt, failures = solve_alone(system, options, time.time() - 1.0, (0, guess))
+    assert not failures
+    if attempt is not None:
+        assert attempt.status is tm.Status.TIME_LIMIT
+        assert len(attempt.history) <= 1
 
 
 def ended_by_request() -> Attempt:
@@ -94,7 +140,7 @@ def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
 
 
 def test_processes_are_not_started_where_there_is_no_time_for_it(
-    monkeypatch: pytest.MonkeyPatch,
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def started(*_: object) -> None:
         raise AssertionError("processes were started")
