@@ -108,7 +108,7 @@ def test_help_is_to_the_point() -> None:
         [sys.executable, "-c", HELP, *paths],
         capture_output=True,
         text=True,
-        timeout=200,
+        timeout=900,
     )
     assert done.returncode == 0, done.stderr
     _, *helps = done.stdout.split("EXAMPLE ")

@@ -129,7 +129,7 @@ def test_options_reach_the_planner(run: Run, planner: Planner) -> None:
     result = run(
         *PLAN,
         *["--method", "collocation", "--intervals", 20, "--smoothing", 0.001],
-        *["--starts", 3, "--seed", 7, "--max-time", 2.5, "--max-iterations", 9],
+        *["--starts", 3, "--seed", 7, "--max-time", 250.0, "--max-iterations", 9],
         *["--lp-solver", "highs"],
     )
     assert result.exit_code == 0
@@ -139,7 +139,7 @@ def test_options_reach_the_planner(run: Run, planner: Planner) -> None:
         "smoothing": 0.001,
         "starts": 3,
         "seed": 7,
-        "max_planning_time": 2.5,
+        "max_planning_time": 250.0,
         "max_iterations": 9,
         "lp_solver": "highs",
     }

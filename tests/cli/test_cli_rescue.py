@@ -71,7 +71,7 @@ def test_a_limit_on_file_sizes_leaves_nothing_behind(tmp_path: Path) -> None:
     command = ["plan", "planar3r", "--start", START, "--goal", GOAL, "-o", "m.csv"]
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.argv[1:] = {command!r}\n{script}"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=900,
         env={**os.environ, "TMPDIR": str(tmp_path), "TOMINPMP_CACHE": str(tmp_path)},
     )  # fmt: skip
     assert done.returncode == 2

@@ -22,15 +22,12 @@ def sleep_and_tell(seconds):
     time.sleep(seconds)
 
 
-def await_and_write(files):
-    """Wait for a file of another process, and make one; either may be None."""
-    awaited, written = files
+def await_file(path):
+    """Wait until somebody makes a file, if one is named; say who did."""
     end = time.monotonic() + PATIENCE
-    while awaited is not None and not awaited.exists():
+    while path is not None and not path.exists():
         assert time.monotonic() < end, "nobody makes the file"
         time.sleep(0.01)
-    if written is not None:
-        written.touch()
     return os.getpid(), os.environ.get("OMP_NUM_THREADS")
 
 

@@ -271,10 +271,10 @@ def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
     worker = Worker(take, end)
     try:
         worker._process.kill()
-        assert ended.wait(60.0)
+        assert ended.wait(300.0)
         assert "ended by itself" in ends[0]
         worker.plan(2, NEAR)
-        assert final.wait(120.0)
+        assert final.wait(600.0)
         assert outcomes[-1].number == 2
         assert outcomes[-1].ok
         exported = worker.export(".csv", 0.01, None)

@@ -136,12 +136,15 @@ import sys
 sys.path.insert(0, {here!r})
 from pathlib import Path
 from batch_samples import QUICK, problems
+import time
 import tominpmp as tm
+def given(folder):
+    yield from problems(folder, 400)[:60]
+    time.sleep(3600.0)  # it is killed before, however fast the machine
 if __name__ == "__main__":
     folder = Path({folder!r})
-    for _ in tm.plan_many(
-        problems(folder, 400), workers=2, results=folder / "killed", **QUICK
-    ):
+    results = folder / "killed"
+    for _ in tm.plan_many(given(folder), workers=2, results=results, **QUICK):
         pass
 """
 
@@ -151,7 +154,7 @@ def test_a_killed_run_loses_what_was_under_way(folder: Path) -> None:
     here = str(Path(batch_samples.__file__).parent)
     script.write_text(SCRIPT.format(here=here, folder=str(folder)))
     run = subprocess.Popen([sys.executable, str(script)])
-    limit = time.monotonic() + 60.0
+    limit = time.monotonic() + 600.0
     while len(list(results.glob("*/*.npz"))) < 6 and time.monotonic() < limit:
         time.sleep(0.05)
     run.send_signal(signal.SIGKILL)

@@ -43,7 +43,7 @@ def planned(velocity: str) -> tuple[int, int, bool, str]:
         [sys.executable, "-c", SLOW, velocity],
         capture_output=True,
         text=True,
-        timeout=400,
+        timeout=900,
         check=True,
     )
     return tuple(json.loads(done.stdout.splitlines()[-1]))

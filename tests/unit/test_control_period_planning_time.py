@@ -132,6 +132,7 @@ def test_without_a_clock_the_motion_itself_is_replayed(ur5, calls):
     assert (calls.search, calls.clock) == (1, 0)
 
 
+@pytest.mark.usefixtures("clock")
 def test_where_time_is_limited_nothing_is_put_off(planar3r, calls):
     """There may be no time for a clock, and what was found has to be known to hold."""
     problem = planar_problem(planar3r)

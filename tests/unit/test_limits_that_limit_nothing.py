@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 
 import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.solvers.slp import SlpSolver
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
@@ -22,11 +22,15 @@ def reach(limits: tm.MotionLimits | None = None, **changes: object) -> tm.Proble
 
 
 @pytest.mark.parametrize("wide", [1e9, 1e12])
-def test_nothing_that_limits_a_motion_is_said_at_once(wide: float) -> None:
-    begin = time.process_time()
+def test_nothing_that_limits_a_motion_is_said_at_once(
+    wide: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def step(*_: object) -> None:
+        pytest.fail("an iteration is made, and it would take many")
+
+    monkeypatch.setattr(SlpSolver, "step", step)
     with pytest.raises(tm.ProblemError) as caught:
         plan_quickly(reach(effort=wide, velocity=wide))
-    assert time.process_time() - begin < 5.0
     assert caught.value.field == "robot"
     message = str(caught.value)
     for part in ("joint '", "velocity", "effort", "load_robot", "MotionLimits"):

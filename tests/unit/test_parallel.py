@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 from guess_samples import START, maze, wall
-from parallel_work import await_and_write, square, wait_and_tell
+from parallel_work import await_file, square, wait_and_tell
 
 from tominpmp.exceptions import FrameNotFound
 from tominpmp.initial_guess.parallel import LATE, available_processes, run_parallel
@@ -35,8 +35,10 @@ def test_all_results_come_with_their_numbers(processes):
 
 
 def test_results_come_as_they_are_ready_from_other_processes(tmp_path):
-    items = [(tmp_path / "second", None), (None, tmp_path / "second")]
-    results = list(run_parallel(await_and_write, items, 2))
+    results = []
+    for result in run_parallel(await_file, [tmp_path / "second is here", None], 2):
+        results.append(result)
+        (tmp_path / "second is here").touch()
     assert [number for number, _ in results] == [1, 0]
     workers = {worker for _, (worker, _) in results}
     assert os.getpid() not in workers and len(workers) == 2
@@ -60,8 +62,8 @@ def test_late_results_are_not_waited_for(clock):
 
 
 def test_results_that_are_a_little_late_are_taken(clock, tmp_path):
-    items, found = [(None, None), (tmp_path / "late", None)], []
-    for number, _ in run_parallel(await_and_write, items, 2, seconds=100.0):
+    items, found = [None, tmp_path / "late"], []
+    for number, _ in run_parallel(await_file, items, 2, seconds=100.0):
         found.append(number)
         clock.advance(100.0 + 0.9 * LATE)
         (tmp_path / "late").touch()
