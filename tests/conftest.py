@@ -23,8 +23,8 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
 
-# Of many cases of one test those that take longest, by pytest's names for them: only
-# `make test-all` runs these.
+# Tests that take longest, often some of many cases of one, by pytest's names for them:
+# only `make test-all` runs these.
 NIGHTLY = Path(__file__).with_name("nightly.txt").read_text("utf-8").splitlines()
 
 

@@ -249,9 +249,9 @@ def test_friction_and_gravity(family: str, name: str, method: str) -> None:
 @pytest.mark.parametrize(
     ("family", "name", "method"),
     [
-        pytest.param(family, name, method, marks=marks)
+        (family, name, method)
         for family, name in names("level", "vertical")
-        for method, marks in (("collocation", ()), ("adjoint", pytest.mark.nightly))
+        for method in ("collocation", "adjoint")
     ],
 )
 def test_two_links(family: str, name: str, method: str) -> None:

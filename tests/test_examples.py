@@ -42,7 +42,6 @@ def test_ur5_post(tmp_path: Path) -> None:
         assert (tmp_path / f"ur5_post.{ending}").stat().st_size > 10_000
 
 
-@pytest.mark.nightly
 @needs_robots
 @needs_meshcat
 def test_pick_and_place(tmp_path: Path) -> None:
@@ -56,7 +55,6 @@ def test_pick_and_place(tmp_path: Path) -> None:
 
 @needs_robots
 @needs_meshcat
-@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("name", "said"),
     [("seam", "speed on the seam"), ("handing_over", "both at the bar after")],
@@ -69,7 +67,6 @@ def test_examples_of_segments(name: str, said: str, tmp_path: Path) -> None:
 
 @needs_robots
 @needs_meshcat
-@pytest.mark.nightly
 def test_spot_weld(tmp_path: Path) -> None:
     said = output_of("spot_weld", "--out", tmp_path, "--spots", "3")
     assert "cycle " in said and "of which welding 1.05 s" in said

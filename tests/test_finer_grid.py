@@ -45,9 +45,9 @@ CASES = [
     ("auto", None),
     ("constant", None),
     ("linear", None),
-    pytest.param("spline", None, marks=pytest.mark.nightly),
+    ("spline", None),
     ("auto", LIMITED),
-    pytest.param("auto", RATED, marks=pytest.mark.nightly),
+    ("auto", RATED),
 ]
 
 

@@ -33,13 +33,7 @@ def reach(**changes):
     return tm.Problem(robot, START, tm.JointGoal(END), **changes)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *NEAREST_IS_NOT_BEST[:2],
-        *(pytest.param(n, marks=pytest.mark.nightly) for n in NEAREST_IS_NOT_BEST[2:]),
-    ],
-)
+@pytest.mark.parametrize("name", NEAREST_IS_NOT_BEST)
 def test_the_best_motion_is_found_where_the_nearest_is_slower(name):
     case = all_cases()[name]
     solution = tm.plan(case.problem())
@@ -52,13 +46,7 @@ def test_two_swings_are_found_where_one_descent_ends_elsewhere():
     assert tm.plan(case.problem()).T < ABOVE * case.minimum
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        NEAREST_IS_NOT_BEST[1],
-        pytest.param(NEAREST_IS_NOT_BEST[-2], marks=pytest.mark.nightly),
-    ],
-)
+@pytest.mark.parametrize("name", [NEAREST_IS_NOT_BEST[1], NEAREST_IS_NOT_BEST[-2]])
 def test_more_effort_is_never_worse(name):
     problem = all_cases()[name].problem()
     quick, standard = (tm.plan(problem, effort=e) for e in ("quick", "standard"))
@@ -124,7 +112,6 @@ def test_a_motion_at_its_lower_bound_is_not_searched_on_from(monkeypatch):
     assert tm.plan(case.problem()).T < 1.002 * case.minimum
 
 
-@pytest.mark.nightly
 def test_a_thorough_search_is_exact_on_two_links_and_keeps_to_its_time():
     case = all_cases()["vertical rods, friction"]
     solution = tm.plan(case.problem(), effort="thorough", max_planning_time=30.0)

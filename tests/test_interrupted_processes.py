@@ -167,10 +167,7 @@ def test_nobody_stays_where_the_process_is_terminated(tmp_path: Path) -> None:
     assert all_end(pids)
 
 
-@pytest.mark.parametrize(
-    "number",
-    [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.nightly)],
-)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_command_writes_the_motion(tmp_path: Path, number: signal.Signals) -> None:
     process = begin(COMMAND, *ASKED, cwd=tmp_path)
     pids = processes_of(process)

@@ -18,3 +18,10 @@ def test_it_is_there(line: str) -> None:
 
 def test_none_is_named_twice_and_all_are_sorted() -> None:
     assert sorted(set(LINES)) == LINES
+
+
+def test_there_is_no_other_list() -> None:
+    """Marks in the code would be a second one."""
+    mark = "mark." + "nightly"
+    files = (ROOT / "tests").rglob("test_*.py")
+    assert [file.name for file in files if mark in file.read_text("utf-8")] == []

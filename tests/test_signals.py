@@ -133,8 +133,8 @@ PLAN += ["--planning-effort", "quick"]
         (signal.SIGINT, "planning"),
         (signal.SIGTERM, "planning"),
         (signal.SIGTERM, "writing"),
-        pytest.param(signal.SIGTERM, "loading", marks=pytest.mark.nightly),
-        pytest.param(signal.SIGINT, "writing", marks=pytest.mark.nightly),
+        (signal.SIGTERM, "loading"),
+        (signal.SIGINT, "writing"),
     ],
 )
 def test_the_command_writes_what_was_found(tmp_path, number, where):

@@ -89,10 +89,7 @@ def test_more_starts_make_the_same_attempts_first(monkeypatch, seed, finds, scen
         former, least = now, T
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"control": "constant"}, pytest.param({}, marks=pytest.mark.nightly)],
-)
+@pytest.mark.parametrize("options", [{"control": "constant"}, {}])
 def test_durations_do_not_rise_with_the_number_of_starts(options):
     problem = reach(scene=AROUND)
     options = {"intervals": 20, **options}

@@ -32,7 +32,6 @@ def test_three_rails_at_their_speed_limits_take_their_closed_form() -> None:
     assert solution.T == pytest.approx(4.0 / 3.0, rel=1e-7)
 
 
-@pytest.mark.nightly
 def test_three_links_at_their_speed_limits() -> None:
     """Two orders of switches are locally optimal, 1.23548 s and 1.23333 s.
 

@@ -19,7 +19,6 @@ import tominpmp as tm
 Array = NDArray[np.float64]
 
 METHODS = ("inverse", "collocation")
-FIRST = ("inverse", pytest.param("collocation", marks=pytest.mark.nightly))
 INTERVALS = 24
 # Share of T to which two iterations agree, with room for their smoothing; those of
 # collocation stop farther from where they would end.
@@ -91,7 +90,7 @@ def test_time_scaling_of_the_planar_arm(planar3r: tm.Robot) -> None:
     )
 
 
-@pytest.mark.parametrize("method", FIRST)
+@pytest.mark.parametrize("method", METHODS)
 def test_mass_scaling(method: str) -> None:
     # Heavier links, stronger motors: the same motion.
     heavy = replace(ROD, mass=7.0 * ROD.mass, inertia=7.0 * ROD.inertia)
@@ -106,7 +105,7 @@ def test_mass_scaling(method: str) -> None:
     )
 
 
-@pytest.mark.parametrize("method", FIRST)
+@pytest.mark.parametrize("method", METHODS)
 def test_length_scaling(method: str) -> None:
     # Lengths by s: inertias, friction and, without gravity, torques by s^2.
     long = replace(ROD, length=2.0, centre=1.0, inertia=4.0 * ROD.inertia)
@@ -118,7 +117,7 @@ def test_length_scaling(method: str) -> None:
     )
 
 
-@pytest.mark.parametrize("method", FIRST)
+@pytest.mark.parametrize("method", METHODS)
 def test_mirror_image(method: str) -> None:
     # In the level plane about x; upright about y, where the base angle is pi - q.
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
@@ -136,7 +135,7 @@ def test_mirror_image(method: str) -> None:
     assert mirrored == pytest.approx(T, rel=SETTLED[method])
 
 
-@pytest.mark.parametrize("method", FIRST)
+@pytest.mark.parametrize("method", METHODS)
 def test_turned_base(method: str) -> None:
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
     turn = np.array([2.0, 0.0])

@@ -167,7 +167,6 @@ def test_spline_motions_are_joined_by_quintic_polynomials(planar3r):
     check(solution, 0.01)
 
 
-@pytest.mark.nightly
 def test_the_penalty_method_is_brought_to_the_clock(planar3r):
     problem = planar_problem(planar3r)
     options = {"method": "penalty", "intervals": 16}
@@ -189,9 +188,7 @@ def test_the_penalty_method_is_brought_to_the_clock(planar3r):
     ],
     ids=["position", "moving position", "moving joints", "region", "any"],
 )
-@pytest.mark.parametrize(
-    "moving", [False, pytest.param(True, marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("moving", [False, True])
 def test_goals_of_all_kinds_and_moving_starts(ur5, goal, moving):
     v_start = (0.6, -0.4, 0.2, 0.0, 0.5, -0.5) if moving else np.zeros(6)
     problem = replace(ur5_problem(ur5), goal=goal, v_start=v_start)
@@ -203,9 +200,7 @@ def test_goals_of_all_kinds_and_moving_starts(ur5, goal, moving):
     np.testing.assert_allclose(solution.trajectory.v[0], v_start, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "control", ["constant", pytest.param("linear", marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("control", ["constant", "linear"])
 def test_obstacles_that_move_are_met_on_time(planar3r, control):
     """Time matters: the motion is not merely stretched."""
     ball = tm.Sphere(

@@ -97,16 +97,7 @@ ARMS = {
 }
 
 
-SLOW = ("slider", "upright")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.nightly if name in SLOW else ())
-        for name in ARMS
-    ],
-)
+@pytest.mark.parametrize("name", ARMS)
 def test_no_random_motion_beats_the_bound(name: str, rng: np.random.Generator) -> None:
     robot = ARMS[name]()
     limits, positive, tightest = robot.limits, 0, 0.0

@@ -94,10 +94,7 @@ def test_splines_keep_a_tool_speed(control):
     assert largest(solution, solution.problem.constraints[0]) < 1.01 * 1.5
 
 
-@pytest.mark.parametrize(
-    "method",
-    ["inverse", *(pytest.param(m, marks=pytest.mark.nightly) for m in METHODS[1:])],
-)
+@pytest.mark.parametrize("method", METHODS)
 def test_an_arm_of_three_joints_keeps_its_tool_speed(method):
     robot = tm.load_robot("planar3r", velocity=20.0, gravity=(0, 0, 0))
     limit = tm.ToolSpeed("tip", 4.0)
@@ -112,10 +109,7 @@ def test_an_arm_of_three_joints_keeps_its_tool_speed(method):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [{}, pytest.param({"method": "collocation"}, marks=pytest.mark.nightly)],
-)
+@pytest.mark.parametrize("options", [{}, {"method": "collocation"}])
 def test_a_cup_is_kept_upright_on_its_way(options):
     free = plan_quickly(panda(beside()), starts=1, **options)
     cone = level(0.07)
@@ -127,7 +121,6 @@ def test_a_cup_is_kept_upright_on_its_way(options):
     assert solution.verification.worst["tilt of frame panda_hand_tcp"].share < 0.01
 
 
-@pytest.mark.nightly
 def test_both_hold_among_obstacles():
     ball = tm.Sphere("ball", radius=0.07, position=(0.45, -0.2, 0.55))
     limit = tm.ToolSpeed("panda_hand_tcp", 1.0)

@@ -91,8 +91,8 @@ def test_time_scaling_of_what_makes_torques(case: str) -> None:
         ("loaded", "payload", "payload", 10.0),
         ("obstacle", "obstacle", "O", 1.0),
         ("obstacle", "goal", "frame tip", 1.0),
-        pytest.param("obstacle", "margin", "", 1.0, marks=pytest.mark.nightly),
-        pytest.param("slow", "velocity", "joint3", 1.0, marks=pytest.mark.nightly),
+        ("obstacle", "margin", "", 1.0),
+        ("slow", "velocity", "joint3", 1.0),
     ],
 )
 def test_differences_of_plans(case: str, kind: str, subject: str, steps: float) -> None:

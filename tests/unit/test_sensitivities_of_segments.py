@@ -112,7 +112,6 @@ def test_times_of_arrival_are_refused() -> None:
     assert caught.value.field == "segments[0].arrival"
 
 
-@pytest.mark.nightly
 def test_differences_of_plans() -> None:
     robot = tm.load_robot("planar3r")
     options = {**FINE, "intervals": 40}

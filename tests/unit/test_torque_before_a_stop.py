@@ -121,9 +121,7 @@ def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
     assert np.allclose(dry, np.where(still, 0.0, FRICTION * np.sign(dry[0])), atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "method", ["collocation", pytest.param("adjoint", marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("method", ["collocation", "adjoint"])
 def test_accelerations_of_given_torques_are_those_before_the_stop(method: str) -> None:
     """The certificate had those of the opposite friction at the end of a motion."""
     problem = tm.Problem(arm(), [-1.6, 0.0], tm.JointGoal([-1.3, 0.001]))

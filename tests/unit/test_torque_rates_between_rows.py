@@ -17,9 +17,7 @@ WAY = np.array([-0.408, 0.281, -0.464, -0.131, 0.02, -0.083, 0.104])
 FINGERS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(5.0, marks=pytest.mark.nightly), 20.0]
-)
+@pytest.fixture(scope="module", params=[5.0, 20.0])
 def planned(request: pytest.FixtureRequest) -> tuple[tm.Solution, np.ndarray]:
     """A motion limited by torque rates alone [1/s], in shares of the torques."""
     robot = tm.load_robot("panda", locked_joints=FINGERS)
