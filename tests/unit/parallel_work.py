@@ -42,7 +42,8 @@ def until_asked(folder):
     return asked_to_stop()
 
 
-def never_asked(folder):
-    """Say that this has begun, and wait, whoever asks."""
-    (folder / str(os.getpid())).touch()
-    time.sleep(2.0 * PATIENCE)
+def begin_and_wait(folder):
+    """Say that this has begun, and wait, whoever asks; nothing without a folder."""
+    if folder is not None:
+        (folder / str(os.getpid())).touch()
+        time.sleep(2.0 * PATIENCE)

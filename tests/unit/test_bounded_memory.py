@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tracemalloc
@@ -41,6 +42,8 @@ print(json.dumps([peak, rows, found.success, found.message]))
 def planned(velocity: str) -> tuple[int, int, bool, str]:
     done = subprocess.run(
         [sys.executable, "-c", SLOW, velocity],
+        # Each thread of a machine with many cores would have buffers of its own.
+        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=900,

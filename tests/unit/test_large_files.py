@@ -53,7 +53,8 @@ def test_an_archive_of_many_members(tmp_path: Path) -> None:
 
 
 def test_rows_of_a_table_take_little_more_than_their_numbers(tmp_path: Path) -> None:
-    count = 200_000
+    count = 50_000
+    read(tmp_path / "few.csv", HEAD + b"0,0.5\n1,0.5\n")  # what is imported is no row
     content = HEAD + b"".join(b"%d,0.5\n" % i for i in range(count))
     path = tmp_path / "a.csv"
     path.write_bytes(content)
@@ -66,7 +67,7 @@ def test_rows_of_a_table_take_little_more_than_their_numbers(tmp_path: Path) -> 
     assert found.q.shape == (count, 1)
     assert found.t[-1] == count - 1
     # The numbers, those that are left out, copies of both, the file, and a batch.
-    assert peak < 12 * 8 * count + len(content) + 2**23
+    assert peak < 12 * 8 * count + len(content) + 2**21
 
 
 def test_tables_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from concurrent import futures
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clocks import Clock
-from parallel_work import PATIENCE, never_asked, square, until_asked
+from parallel_work import PATIENCE, begin_and_wait, square, until_asked
 
 import tominpmp as tm
 from tominpmp.initial_guess import parallel
@@ -41,11 +42,48 @@ def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end(
 
     monkeypatch.setattr(parallel, "wait", waited)
     with deadline.in_force(), pytest.raises(Stop):
-        list(run_parallel(never_asked, [tmp_path, tmp_path], 2))
+        list(run_parallel(begin_and_wait, [tmp_path, tmp_path], 2))
     assert clock.now <= deadline.last + 2.0 * parallel.TICK
     assert not ready(), "they were ended, and have to be started anew"
     monkeypatch.setattr(parallel, "wait", futures.wait)
     assert dict(run_parallel(square, range(3), 2)) == {0: 0, 1: 1, 2: 4}
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+@pytest.mark.skipif(os.name != "posix", reason="asks for processes by their numbers")
+def test_processes_end_though_others_take_their_place_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine they went on, and the program waited for them in the end."""
+    process_executor = pytest.importorskip("loky.process_executor")
+    manager = process_executor._ExecutorManagerThread
+    usual, others = manager.flag_executor_shutting_down, threading.Event()
+
+    def late(self: Any) -> None:
+        others.wait(PATIENCE)
+        usual(self)
+
+    monkeypatch.setattr(manager, "flag_executor_shutting_down", late)
+    monkeypatch.setattr(parallel, "LATE", 0.1)
+    run = run_parallel(begin_and_wait, [None, tmp_path, tmp_path], 2)
+    assert next(run)[0] == 0
+    while len(list(tmp_path.iterdir())) < 2:
+        time.sleep(0.02)
+    run.close()
+    assert dict(run_parallel(square, range(3), 2)) == {0: 0, 1: 1, 2: 4}
+    others.set()
+    end = time.monotonic() + PATIENCE
+    pids = [int(path.name) for path in tmp_path.iterdir()]
+    while not all(map(gone, pids)) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert all(map(gone, pids))
 
 
 def test_results_by_the_end_are_kept(

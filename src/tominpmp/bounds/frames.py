@@ -45,7 +45,7 @@ def frame_bounds(
     angle = goal.angle_to_go(np.asarray(place.rotation))
     if angle > ACCEPTED:
         # Less may be rounding, and nothing turns the hand of an arm that only slides.
-        T = _turning_time(problem, frame, angle - ACCEPTED, reach)
+        T = _turning_time(problem, frame, angle, reach)
         found.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
     if goal.distances(np.zeros((1, 3))) is not None:
         T = _Vicinity(problem, goal, frame, reach).time()

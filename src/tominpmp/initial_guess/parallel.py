@@ -118,6 +118,8 @@ def run_parallel(
 
 
 _idle_since = -math.inf
+# Whether the processes of the last call are being ended.
+_ending = False
 
 
 def ready() -> bool:
@@ -133,11 +135,15 @@ class _Crew:
         from loky import get_reusable_executor
         from loky.backend.reduction import dumps
 
+        global _ending
         self._asking = _event()
         self._asking.clear()
+        # To make others in their place would take the order to end them back.
+        ending, _ending = _ending, False
         self._executor = get_reusable_executor(
             max_workers=processes,
             timeout=KEEP,
+            kill_workers=ending,
             env=THREADS,
             initializer=_prepare,
             initargs=(os.getpid(), self._asking),
@@ -178,10 +184,10 @@ class _Crew:
         self.ask()
         if self.pending:
             wait(self.pending, min(LATE, seconds_to_end()))
-        global _idle_since
+        global _idle_since, _ending
         _idle_since = time.perf_counter()
         if not all(future.done() for future in self.pending):
-            _idle_since = -math.inf
+            _idle_since, _ending = -math.inf, True
             self._executor.shutdown(wait=False, kill_workers=True)
 
 
