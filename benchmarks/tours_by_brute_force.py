@@ -3,12 +3,11 @@
 Every leg between any two configurations is planned with `tm.plan`, and the best of
 all orders and configurations of them is found by dynamic programming over sets; nothing
 of the tour planner is used for that. `tm.plan_tour` is to find a tour that is as fast,
-from no more plans. The arms are the planar one of three joints and the same with its
-last joint locked ("planar2r"), ruled by their torques; limits of acceleration can be
-added.
+from no more plans. The arms are the planar one of three joints, ruled by its torques,
+and a UR5, ruled by its speeds; limits of acceleration can be added.
 
     python -m benchmarks.tours_by_brute_force [--stations 3] [--seeds 1]
-    python -m benchmarks.tours_by_brute_force --arm planar2r --stations 7 8
+    python -m benchmarks.tours_by_brute_force --arm ur5 --stations 7 8
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -28,7 +27,8 @@ import numpy as np
 import tominpmp as tm
 
 # Configurations are up to so far from home, joint by joint [rad].
-HOME, REACH = np.array([0.5, 1.2, -0.7]), 1.2
+HOMES = {"planar3r": (0.5, 1.2, -0.7), "ur5": (0.0, -1.2, 1.4, -1.7, -1.5, 0.0)}
+REACH = 1.2
 FEW = {"intervals": 12, "refine": None, "starts": 1, "effort": "quick"}
 # So much slower than the best of all is as fast: two plans of one leg differ by that.
 EQUAL = 1e-3
@@ -51,15 +51,11 @@ COLUMNS = (
 Place = tuple[int, int]
 
 
-def load_arm(name: str) -> tm.Robot:
-    """One of the arms, by its name."""
-    robot = tm.load_robot("planar3r")
-    return robot if name == "planar3r" else robot.with_locked({"joint3": 0.0})
-
-
-def choices(robot: tm.Robot, count: int, seed: int) -> list[list[np.ndarray]]:
+def choices(
+    robot: tm.Robot, home: np.ndarray, count: int, seed: int
+) -> list[list[np.ndarray]]:
     """Two configurations for each station, within limits and clear of itself."""
-    rng, home = np.random.default_rng(seed), HOME[: robot.n]
+    rng = np.random.default_rng(seed)
     lower = np.maximum(home - REACH, robot.limits.position_lower)
     upper = np.minimum(home + REACH, robot.limits.position_upper)
 
@@ -76,15 +72,20 @@ def choices(robot: tm.Robot, count: int, seed: int) -> list[list[np.ndarray]]:
 
 
 def times_of_legs(
-    robot: tm.Robot, at: list[list[np.ndarray]], limits: tm.MotionLimits | None
+    robot: tm.Robot,
+    home: np.ndarray,
+    at: list[list[np.ndarray]],
+    limits: tm.MotionLimits | None,
 ) -> dict[tuple[Place, Place], float]:
     """What each leg takes, planned one by one [s]."""
-    places: dict[Place, np.ndarray] = {(0, 0): HOME[: robot.n]}
+    places: dict[Place, np.ndarray] = {(0, 0): home}
     places |= {(k, c): q for k, rows in enumerate(at, 1) for c, q in enumerate(rows)}
     times = {}
     for (a, q), (b, p) in permutations(places.items(), 2):
         if a[0] != b[0]:
-            problem = tm.Problem(robot, q, tm.JointGoal(p), motion_limits=limits)
+            problem = tm.Problem(
+                robot, q, tm.JointGoal(p), motion_limits=limits, self_collision=False
+            )
             times[a, b] = tm.plan(problem, **FEW).T
     return times
 
@@ -128,17 +129,24 @@ def in_table(
 
 def compare(name: str, count: int, seed: int, limit: float | None) -> dict[str, object]:
     """One row: the best of all, and what the tour planner finds."""
-    robot = load_arm(name)
+    robot, home = tm.load_robot(name), np.array(HOMES[name])
     limits = None if limit is None else tm.MotionLimits(acceleration=limit)
-    at = choices(robot, count, seed)
+    at = choices(robot, home, count, seed)
     begin = time.process_time()
-    times = times_of_legs(robot, at, limits)
+    times = times_of_legs(robot, home, at, limits)
     best = best_of_all(times, count)
     middle = time.process_time()
     goals = [tm.AnyGoal([tm.JointGoal(q) for q in rows]) for rows in at]
     stations = {f"s{k}": goal for k, goal in enumerate(goals, 1)}
-    home = HOME[: robot.n]
-    tour = tm.plan_tour(robot, home, stations, motion_limits=limits, exact=True, **FEW)
+    tour = tm.plan_tour(
+        robot,
+        home,
+        stations,
+        motion_limits=limits,
+        self_collision=False,
+        exact=True,
+        **FEW,
+    )
     end = time.process_time()
     values = (
         f"{name}, {limit:g} rad/s²" if limit else name,
@@ -160,7 +168,7 @@ def compare(name: str, count: int, seed: int, limit: float | None) -> dict[str, 
 def main() -> int:
     """Compare, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--arm", choices=("planar3r", "planar2r"), default="planar3r")
+    parser.add_argument("--arm", choices=HOMES, default="planar3r")
     parser.add_argument("--stations", type=int, nargs="+", default=[3])
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--acceleration", type=float, help="limit of all joints")

@@ -75,3 +75,20 @@ def test_a_backend_without_its_package_is_told(
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     with pytest.raises(tm.ProblemError, match="needs the package ray"):
         tm.plan_many([], backend="ray")
+
+
+def test_legends_of_many_joints_fit_the_picture() -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.lines import Line2D
+
+    from tominpmp.viz.figures import add_legend, new_figure, styled
+
+    with styled():
+        figure = new_figure(8.0, 3.0)
+        names = [f"{arm}/shoulder_lift_joint" for arm in ("left", "right") * 6]
+        add_legend(figure, [Line2D([], [], label=name) for name in names], 6)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        box = figure.legends[0].get_window_extent(canvas.get_renderer())
+        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width

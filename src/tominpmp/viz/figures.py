@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, optional
 from tominpmp.io.files import write_file
@@ -76,6 +78,8 @@ PALETTE = (
 
 LINE_STYLES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "^", "D", "v")
+# Widths of a letter in a legend, and of what stands before a label and behind it [in].
+LETTER, LEGEND_GAP = 0.046, 0.56
 
 
 def color(index: int) -> str:
@@ -134,11 +138,28 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
 
 
 def add_legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
-    """Put one legend for all panels above them."""
+    """Put one legend for all panels above them, in as many columns as there is room.
+
+    Args:
+        figure: The figure.
+        handles: What is told of, with labels.
+        columns: Number of columns, at the most.
+    """
+    labels = [str(handle.get_label()) for handle in handles]
+    room = figure.get_figwidth()
+    count = max(min(columns, len(labels)), 1)
+    while count > 1 and _legend_width(labels, count) > room:
+        count -= 1
     figure.legend(
         handles=list(handles),
         loc="outside upper center",
-        ncols=min(columns, len(handles)),
+        ncols=count,
         handlelength=1.8,
         columnspacing=1.4,
     )
+
+
+def _legend_width(labels: Sequence[str], columns: int) -> float:
+    """Width of a legend, roughly [in]: labels run down one column after the other."""
+    parts = np.array_split([len(label) for label in labels], columns)
+    return sum(LETTER * int(part.max()) + LEGEND_GAP for part in parts)
