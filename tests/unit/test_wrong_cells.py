@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import warnings
 
 import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.batch.executor import Executor
 
 HOME = (0.5, 1.7, -1.7)
 
@@ -67,6 +69,19 @@ def test_dask_is_found_by_its_name(robot: tm.Robot) -> None:
             quick = {"intervals": 8, "refine": None, "effort": "quick"}
             (outcome,) = tm.plan_many([problem], backend="dask", **quick)
     assert outcome.success
+
+
+def test_what_was_configured_does_the_work_later() -> None:
+    joblib = pytest.importorskip("joblib")
+    with joblib.parallel_config("threading", n_jobs=2):
+        executor = Executor(in_main_thread, None, None)
+    work = iter([(number, number) for number in range(4)])
+    assert not any(main for _, main in executor.results(work, lambda _: True))
+    assert executor.workers == 2
+
+
+def in_main_thread(_: int) -> bool:
+    return threading.current_thread() is threading.main_thread()
 
 
 def test_a_backend_without_its_package_is_told(

@@ -20,6 +20,8 @@ from tominpmp.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tominpmp.sensitivities.records import Sensitivities
+
 
 @dataclass(frozen=True, eq=False)
 class Visit:
@@ -124,6 +126,20 @@ class Tour:
         if not self.success or not motions:
             return None
         return joined([m for m in motions if m is not None], self.stays)
+
+    @cached_property
+    def sensitivities(self) -> Sensitivities:
+        """What holds the cycle back: how its time changes with each limit and station.
+
+        The sum over the motions; the places of stations whose goals are about a frame
+        are records of kind "goal" by their names. See ``docs/sensitivities.md``.
+
+        Raises:
+            ProblemError: If there is no tour, or a motion has no multipliers.
+        """
+        from tominpmp.tours.held_back import cycle_sensitivities
+
+        return cycle_sensitivities(self)
 
     def raise_if_failed(self) -> Tour:
         """Return itself, or raise if planning failed.

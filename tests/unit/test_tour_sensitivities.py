@@ -1,0 +1,86 @@
+"""What holds a whole cycle back, beside cycles with moved stations and other limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tests.sample_arms as arms
+import tominpmp as tm
+from tominpmp.tours.joint_times import JointTimes
+
+HOME = np.array([0.3, 0.9])
+PLACES = {"far": np.array([0.1, 1.6]), "near": np.array([-0.9, 0.7])}
+LIMITS = tm.MotionLimits(acceleration=6.0)
+DWELL, STEP = 0.4, 1e-5
+
+
+@pytest.fixture(scope="module")
+def arm() -> tm.Robot:
+    """Two turning joints with a frame at the end, whose torques never limit it."""
+    return arms.make_arm(
+        arms.rod(1.0, 1.0),
+        arms.rod(1.0, 1.0),
+        arms.Link(0.1, kind="prismatic"),
+        effort=1e4,
+        velocity=2.0,
+    ).with_locked({"joint3": 0.0})
+
+
+@pytest.fixture(scope="module")
+def tour(arm: tm.Robot) -> tm.Tour:
+    tip = arm.frame_names[-1]
+    stations = [
+        tm.Station(name, tm.PositionGoal(tip, (*place, 0.0)), dwell=DWELL)
+        for name, place in PLACES.items()
+    ]
+    return tm.plan_tour(arm, HOME, stations, motion_limits=LIMITS)
+
+
+def reached(place: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The configuration near another one that brings the tip to a place."""
+    x, y = place
+    bend = np.arccos(0.5 * (x * x + y * y) - 1.0) * np.sign(q[1])
+    first = np.arctan2(y, x) - np.arctan2(np.sin(bend), 1.0 + np.cos(bend))
+    return np.array([first, bend])
+
+
+def cycle(tour: tm.Tour, moved: str, by: np.ndarray) -> float:
+    """Time of the motions where a station stands elsewhere, the order as it was."""
+    times, way = JointTimes.of(tour.problem), [HOME]
+    for visit in tour.visits:
+        shift = by if visit.station == moved else np.zeros(2)
+        way.append(reached(PLACES[visit.station] + shift, visit.q))
+    places = np.stack([*way, HOME])
+    return float(np.sum(times.between(places[:-1], places[1:])))
+
+
+def test_places_of_stations(tour: tm.Tour) -> None:
+    assert tour.direct == 3
+    for name in PLACES:
+        (record,) = tour.sensitivities.of("goal", name)
+        assert record.vector is not None
+        wanted = [
+            (cycle(tour, name, STEP * axis) - cycle(tour, name, -STEP * axis))
+            / (2.0 * STEP * tour.cycle_time)
+            for axis in np.eye(2)
+        ]
+        assert np.max(np.abs(wanted)) > 0.01
+        assert record.vector[:2] == pytest.approx(wanted, rel=0.05, abs=5e-3)
+
+
+def test_limits_add_up_to_the_time_of_the_motions(tour: tm.Tour) -> None:
+    found = tour.sensitivities
+    assert found.T == tour.cycle_time
+    moving = 1.0 - 2.0 * DWELL / tour.cycle_time
+    scaled = found.total("velocity") + 2.0 * found.total("acceleration")
+    assert -scaled == pytest.approx(moving, rel=1e-3)
+    # Configurations of legs are nobody's goals.
+    assert {r.subject for r in found if r.kind == "goal"} <= set(PLACES)
+    assert "far" in found.table()
+
+
+def test_there_is_nothing_to_say_without_a_tour(tour: tm.Tour) -> None:
+    nothing = tm.Tour(tour.problem, tour.stations, tour.status, "It was stopped.")
+    with pytest.raises(tm.ProblemError, match=r"no tour: It was stopped\."):
+        _ = nothing.sensitivities
