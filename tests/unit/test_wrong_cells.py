@@ -107,3 +107,17 @@ def test_legends_of_many_joints_fit_the_picture() -> None:
         canvas.draw()
         box = figure.legends[0].get_window_extent(canvas.get_renderer())
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width
+
+
+def test_names_of_others_are_told_without_its_own(robot: tm.Robot) -> None:
+    alone = [tm.Station("a", at(4, 1), after=("z",))]
+    with pytest.raises(tm.ProblemError, match="after names 'z', expected none"):
+        tm.plan_tour(robot, HOME, alone)
+    two = [*alone, tm.Station("b", at(3, 2))]
+    with pytest.raises(tm.ProblemError, match="expected one of the others: 'b'"):
+        tm.plan_tour(robot, HOME, two)
+
+
+def test_backends_that_there_are_not() -> None:
+    with pytest.raises(tm.ProblemError, match=r"'nowhere'.*\(joblib does not know it"):
+        tm.plan_many([], backend="nowhere")

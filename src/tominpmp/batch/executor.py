@@ -174,6 +174,8 @@ def _wrong(name: str | None, error: Exception) -> Exception:
             "backend",
         )
     reason = shortened(" ".join(str(error).split()), 300)
+    if isinstance(error, ValueError) and reason.startswith("Invalid backend"):
+        reason = "joblib does not know it"
     return ProblemError(
         f"backend is {brief(name)}, which cannot be used ({reason}); expected 'loky', "
         "'threading', 'dask', 'ray' or another one of joblib",

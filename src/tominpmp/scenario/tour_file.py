@@ -38,7 +38,7 @@ from typing import Any
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError
+from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
 from tominpmp.options import Options
 from tominpmp.robot import Robot
 from tominpmp.scenario.conditions import read_conditions
@@ -139,7 +139,9 @@ def _read_tour(table: Field, robot: Robot) -> dict[str, Any]:
     end, count = table.get("end"), table.get("configurations")
     if isinstance(end.value, str):
         if end.value not in ("start", "last"):
-            end.fail('expected "start", "last" or joint positions')
+            end.fail(
+                f'is {brief(end.value)}, expected "start", "last" or joint positions'
+            )
         found["q_end"] = "start" if end.value == "start" else None
     elif end.value is not None:
         found["q_end"] = vector(end, robot)

@@ -152,10 +152,11 @@ def _check_names(stations: Sequence[Station]) -> None:
         for field in ("after", "then"):
             for name in getattr(station, field):
                 if name not in seen or name == station.name:
+                    others = brief(", ".join(sorted(seen - {station.name})))
+                    there = f"one of the others: {others}" if len(seen) > 1 else "none"
                     raise ProblemError(
                         f"station {brief(station.name)}: {field} names "
-                        f"{brief(name)}, expected another of the stations "
-                        f"{brief(', '.join(sorted(seen)))}",
+                        f"{brief(name)}, expected {there}",
                         f"station.{field}",
                     )
 
