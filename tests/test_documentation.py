@@ -15,6 +15,7 @@ import pytest
 import tominpmp as tm
 from tominpmp import exceptions
 from tominpmp.description.files import robot_names
+from tominpmp.scenario.tour_file import load_tour
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -138,6 +139,21 @@ def test_reference_is_made_from_the_code(name: str) -> None:
     assert len(lines) > 4
     # A row whose last cell is empty is a field that its docstring does not tell of.
     assert [line for line in lines if line.endswith("|  |")] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "load"),
+    [("scenario_example", tm.load_scenario), ("tour_keys", load_tour)],
+    ids=lambda item: getattr(item, "__name__", item),
+)
+@pytest.mark.skipif("panda" not in robot_names(), reason="needs example-robot-data")
+def test_examples_of_files_are_read(name: str, load: Any, tmp_path: Path) -> None:
+    text = "\n".join(from_the_code.CONTENTS[name]())
+    path = tmp_path / "example.toml"
+    path.write_text(text.partition("```toml\n")[2].partition("```")[0])
+    found = load(path)
+    robot = found.robot if name == "tour_keys" else found.problem.robot
+    assert f'name = "{robot.name}"' in text
 
 
 def test_pages_ask_for_what_the_code_gives() -> None:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import inspect
 import re
-import textwrap
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from file_keys import scenario_example, scenario_keys, tour_keys
+from tables import entries, field_rows, kinds, plain, summary
 
 import tominpmp as tm
 from tominpmp import exceptions
@@ -23,16 +22,10 @@ from tominpmp.cli.app import app as commands
 from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
 from tominpmp.goals import Goal
-from tominpmp.motion_limits import MotionLimits
-from tominpmp.payload import Payload
-from tominpmp.robot import load_robot
-from tominpmp.scenario import robot_table, scenario
 from tominpmp.scenario.records import classes, motions
 from tominpmp.scene import Obstacle
-from tominpmp.segments import Segment
 
 PLACE = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
-ENTRY = re.compile(r"^    (\w+)(?: \(.*\))?: (.*(?:\n(?:     .*|$))*)", re.MULTILINE)
 # Blocks of code of a page, cells of notebooks among them.
 CODE = re.compile(
     r"^```+(?:python|\{code-cell\}[^\n]*)\n(.*?)^```+ *$", re.MULTILINE | re.DOTALL
@@ -40,7 +33,6 @@ CODE = re.compile(
 DOCS = Path(__file__).parents[1]
 FAMILIES = (Goal, PathConstraint, Obstacle, tm.Motion)
 ALL_NAMES = "reference/examples"  # the page on which every public name is used
-ROLE = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`")
 
 # Pages of the reference of Python, each with its parts of the library in the order in
 # which one meets them; parts that are not here stand at the end of the last.
@@ -64,58 +56,6 @@ PARTS = {
 }
 
 
-def entries(text: str | None, heading: str) -> dict[str, str]:
-    """What a docstring says of its arguments or attributes, in one line each."""
-    body = inspect.cleandoc(text or "").partition(f"\n{heading}:\n")[2]
-    body = re.split(r"^\S", body, maxsplit=1, flags=re.MULTILINE)[0]
-    return {name: plain(words) for name, words in ENTRY.findall(body)}
-
-
-def plain(words: str) -> str:
-    """Turn what docstrings mark in their way into Markdown, on one line."""
-    text = ROLE.sub(r"`\1`", " ".join(words.split()))
-    text = re.sub(r"``docs/([\w/]+)\.md``", r"[\1](/\1.md)", text)
-    return re.sub(r"``(.*?)``", r"`\1`", text).replace("|", r"\|")
-
-
-def summary(kind: Any) -> str:
-    """Return the first paragraph of a docstring."""
-    return plain(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0])
-
-
-def default(item: Any) -> str:
-    """Return the default of a field as code, or a word where there is none."""
-    if item.default is MISSING and item.default_factory is MISSING:
-        return "required"
-    value = item.default if item.default is not MISSING else item.default_factory()
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    return "empty" if isinstance(value, tm.Scene) else f"`{value!r}`"
-
-
-def field_rows(kind: type[Any], texts: Mapping[str, str] | None = None) -> list[str]:
-    """Table of the fields of a class: name, default, meaning."""
-    if texts is None:
-        texts = {}
-        for base in reversed(kind.__mro__):
-            texts = texts | entries(base.__doc__, "Attributes")
-    rows = ["| key | default | meaning |", "|---|---|---|"]
-    for item in fields(kind):
-        if item.init:
-            meaning = texts.get(item.name, "")
-            rows.append(f"| `{item.name}` | {default(item)} | {meaning} |")
-    return rows
-
-
-def kinds(found: Mapping[str, type[Any]], level: int = 3) -> list[str]:
-    """A section for each class of a family, by what a file calls it."""
-    lines: list[str] = []
-    for name, kind in sorted(found.items()):
-        lines += [f"{'#' * level} `{name}` — `{kind.__name__}`", "", summary(kind), ""]
-        lines += [*field_rows(kind), ""]
-    return lines
-
-
 def options() -> list[str]:
     """All options of a plan."""
     return field_rows(tm.Options)
@@ -134,47 +74,6 @@ def obstacles() -> list[str]:
 def constraints() -> list[str]:
     """All constraints along a motion."""
     return kinds(classes(PathConstraint, ""), 2)
-
-
-def scenario_keys() -> list[str]:
-    """Every key of a scenario file."""
-    arguments = entries(load_robot.__doc__, "Args")
-    own = {
-        "name": next(iter(arguments.values())),
-        "path": "Path of a URDF file, relative to that of the scenario.",
-        "joint_limits": "Path of a `joint_limits.yaml` of MoveIt.",
-        "motion_limits": "As the table `[motion_limits]`, but of the robot itself.",
-        "payloads": "List of tables, keys as in the table of payloads below.",
-    }
-    lines = ["## Tables and keys at the top", "", "| key |", "|---|"]
-    lines += [f"| `{name}` |" for name in scenario.SECTIONS]
-    lines += ["", "## `[robot]`", "", "| key | meaning |", "|---|---|"]
-    lines += [
-        f"| `{key}` | {own.get(key) or arguments.get(key, '')} |"
-        for key in robot_table.KEYS
-    ]
-    for heading, kind in (
-        ("`[motion_limits]`", MotionLimits),
-        ("`[[segments]]`", Segment),
-        ("Payloads", Payload),
-        ("`[options]`", tm.Options),
-    ):
-        lines += ["", f"## {heading}", "", *field_rows(kind)]
-    for heading, found in (
-        ("`[goal]`: types", classes(Goal)),
-        ("`[[scene.obstacles]]`: types", classes(Obstacle)),
-        ("`motion` of an obstacle: types", motions()),
-        ("`[[constraints]]`: types", classes(PathConstraint, "")),
-    ):
-        lines += ["", f"## {heading}", "", *kinds(found)]
-    return lines
-
-
-def scenario_example() -> list[str]:
-    """The annotated file in the docstring of the module."""
-    text = (scenario.__doc__ or "").partition("::\n")[2]
-    body = textwrap.dedent(text.split("\n\nA motion of several")[0]).strip("\n")
-    return ["```toml", *body.splitlines(), "```"]
 
 
 def errors() -> list[str]:
@@ -361,6 +260,7 @@ CONTENTS: dict[str, Callable[[], list[str]]] = {
         constraints,
         scenario_keys,
         scenario_example,
+        tour_keys,
         errors,
         statuses,
         command_line,

@@ -16,8 +16,13 @@
     [[stations]]
     name = "drill"
     dwell = 0.3
-    goal = {type = "axis", frame = "tool0", axis = [0, 0, 1], direction = [0, 0, -1],
-            position = [0.5, 0.1, 0.2]}
+
+    [stations.goal]
+    type = "axis"
+    frame = "tool0"
+    axis = [0, 0, 1]
+    direction = [0, 0, -1]
+    position = [0.5, 0.1, 0.2]
 
     [[stations]]
     name = "tap"

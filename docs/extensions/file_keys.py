@@ -1,0 +1,101 @@
+"""Keys of scenario files, out of the code that reads them."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping
+
+from tables import entries, field_rows, kinds
+
+import tominpmp as tm
+from tominpmp.constraints import PathConstraint
+from tominpmp.goals import Goal
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.payload import Payload
+from tominpmp.robot import load_robot
+from tominpmp.scenario import robot_table, scenario, tour_file
+from tominpmp.scenario.records import classes, motions
+from tominpmp.scene import Obstacle
+from tominpmp.segments import Segment
+from tominpmp.tours import Station
+
+# What a file has in a table of its own, or says in another way than the code.
+TABLES = {
+    "robot": "Table: the robot, see `[robot]`.",
+    "start": "Table: where the motion starts, see `[start]`.",
+    "goal": "Table: its `type` and the keys of that, see `[goal]`.",
+    "scene": "Table with the list `obstacles`, see `[[scene.obstacles]]`.",
+    "motion_limits": "Table, see `[motion_limits]`.",
+    "constraints": "List of tables: what holds at all times, see `[[constraints]]`.",
+    "segments": "List of tables in place of the goal, see `[[segments]]`.",
+    "options": "Table, see `[options]`.",
+    "tour": "Table: where a tour ends and what comes first, see `[tour]`.",
+    "stations": "List of tables in place of the goal, see `[[stations]]`.",
+}
+START = {
+    "q": "Joint positions [rad or m], in order or by joint name.",
+    "state": "Name of a group state of the SRDF file, in place of `q`.",
+    "v": "Joint velocities [rad/s or m/s]; at rest if left out.",
+}
+ROBOT = {
+    "name": "Name of a robot that `tominpmp robots` lists, or of one of the package "
+    "robot_descriptions.",
+    "path": "Path of a URDF file, relative to that of the scenario.",
+    "joint_limits": "Path of a `joint_limits.yaml` of MoveIt.",
+    "motion_limits": "As the table `[motion_limits]`, but of the robot itself.",
+    "payloads": "List of tables, keys as in the table of payloads below.",
+}
+TOUR = {
+    "end": '`"start"`, which is the default; `"last"` for the last station; or joint '
+    "positions [rad or m], by joint name too.",
+    "precedence": "Pairs of stations, of which the first comes first.",
+}
+
+
+def rows_of(keys: Iterable[str], meanings: Mapping[str, str]) -> list[str]:
+    """A table of keys; a key without a meaning leaves its cell empty."""
+    rows = ["| key | meaning |", "|---|---|"]
+    return rows + [f"| `{key}` | {meanings.get(key, '')} |" for key in keys]
+
+
+def scenario_keys() -> list[str]:
+    """Every key of a scenario file."""
+    top = entries(tm.Problem.__doc__, "Attributes") | TABLES
+    robot = entries(load_robot.__doc__, "Args") | ROBOT
+    lines = ["## At the top", "", *rows_of(scenario.SECTIONS, top)]
+    lines += ["", "## `[robot]`", "", *rows_of(robot_table.KEYS, robot)]
+    lines += ["", "## `[start]`", "", *rows_of(START, START)]
+    for heading, kind in (
+        ("`[motion_limits]`", MotionLimits),
+        ("`[[segments]]`", Segment),
+        ("Payloads", Payload),
+        ("`[options]`", tm.Options),
+    ):
+        lines += ["", f"## {heading}", "", *field_rows(kind)]
+    for heading, found in (
+        ("`[goal]`: types", classes(Goal)),
+        ("`[[scene.obstacles]]`: types", classes(Obstacle)),
+        ("`motion` of an obstacle: types", motions()),
+        ("`[[constraints]]`: types", classes(PathConstraint, "")),
+    ):
+        lines += ["", f"## {heading}", "", *kinds(found)]
+    return lines
+
+
+def scenario_example() -> list[str]:
+    """The annotated file in the docstring of the module."""
+    text = (scenario.__doc__ or "").partition("::\n")[2]
+    body = textwrap.dedent(text.split("\n\nA motion of several")[0]).strip("\n")
+    return ["```toml", *body.splitlines(), "```"]
+
+
+def tour_keys() -> list[str]:
+    """Every key of the file of a tour that other scenarios have not, and an example."""
+    text = (tour_file.__doc__ or "").partition("::\n")[2]
+    body = textwrap.dedent(text.split("\n\nScene, limits")[0]).strip("\n")
+    told = entries(tm.plan_tour.__doc__, "Args") | TOUR
+    lines = ["```toml", *body.splitlines(), "```", ""]
+    more = [key for key in tour_file.SECTIONS if key not in scenario.SECTIONS]
+    lines += [*rows_of(more, TABLES), "", "### `[tour]`", ""]
+    lines += [*rows_of((*TOUR, "configurations"), told)]
+    return [*lines, "", "### `[[stations]]`", "", *field_rows(Station)]
