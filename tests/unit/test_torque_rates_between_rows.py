@@ -28,7 +28,7 @@ def planned(request: pytest.FixtureRequest) -> tuple[tm.Solution, np.ndarray]:
         tm.JointGoal(START + WAY),
         motion_limits=tm.MotionLimits(effort_rate=largest),
     )
-    return tm.plan(problem), largest
+    return tm.plan(problem, effort="quick"), largest
 
 
 def test_a_motion_is_found(planned: tuple[tm.Solution, np.ndarray]) -> None:

@@ -90,12 +90,14 @@ def test_the_bend_meets_the_new_ends(planar3r, free):
 def test_a_bent_guess_stays_within_the_position_limits(planar3r):
     lower = planar3r.limits.position_lower
     start = np.maximum(START, lower + 0.02)
-    first = tm.plan(tm.Problem(planar3r, start, tm.JointGoal((lower[0], -1.0, 0.3))))
+    first = tm.plan(
+        tm.Problem(planar3r, start, tm.JointGoal((lower[0], -1.0, 0.3))), effort="quick"
+    )
     goal = tm.JointGoal((lower[0] + 0.3, -1.0, 0.3))
     problem = tm.Problem(planar3r, (lower[0], *start[1:]), goal)
     guess = warm_start(ProblemFunctions.of(problem), first.trajectory)
     assert np.all(guess.q >= lower)
-    assert tm.plan(problem, start=first).success
+    assert tm.plan(problem, start=first, effort="quick").success
 
 
 def test_another_goal_is_as_good_as_from_scratch_and_quicker(around):
@@ -114,7 +116,7 @@ def test_an_obstacle_in_the_way_is_avoided(around):
     problem = replace(around.problem, scene=scene)
     tight = replace(around.problem, scene=scene, margin=0.05)
     for changed in (problem, tight):
-        warm = tm.plan(changed, start=around)
+        warm = tm.plan(changed, start=around, effort="quick")
         assert warm.success
         assert warm.verification.min_clearance >= changed.margin - 1e-5
 
@@ -152,7 +154,7 @@ def test_wider_limits_never_make_it_slower(planar3r, free):
 
 def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     """A grid that is too coarse for anything as fast."""
-    fine = tm.plan(free.problem, tm.Options(intervals=120, effort="quick"))
+    fine = tm.plan(free.problem, tm.Options(intervals=60, effort="quick"))
     warm = tm.plan(free.problem, tm.Options(intervals=10, effort="quick"), start=fine)
     coarse = tm.plan(free.problem, tm.Options(intervals=10, effort="quick"))
     assert coarse.T > fine.T
