@@ -37,17 +37,25 @@ def contradiction(
             f": no configuration was found that keeps it; the nearest is "
             f"{np.round(q_alone, 4).tolist()}"
         )
-    for other in others:
+    for number, other in enumerate(others, 1):
         if other is broken or other.window != broken.window:
             continue
         q_both, left = nearest((broken, other), robot, q)
         if left > KEPT:
             return (
                 f": no configuration was found that keeps it together with the "
-                f"{other.name}; they contradict each other, and come nearest at "
-                f"{np.round(q_both, 4).tolist()}"
+                f"{other.name} (at most {other.largest:.4g} {other.unit}; number "
+                f"{number} of the constraints); they contradict each other, and come "
+                f"nearest at {np.round(q_both, 4).tolist()}, where they are "
+                f"{_size(broken, q_both)} and {_size(other, q_both)}"
             )
     return ""
+
+
+def _size(item: PathConstraint, q: Array) -> str:
+    """A quantity at a configuration at rest, with its unit."""
+    none = np.zeros((1, q.size))
+    return f"{float(item.measure_rows(q[None], none, none)[0]):.4g} {item.unit}"
 
 
 def nearest(

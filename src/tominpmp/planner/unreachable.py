@@ -70,9 +70,10 @@ def _against_constraints(
 
     q = min(reached, key=lambda q: worst(q)[0])
     item, none = worst(q)[1], np.zeros_like(q)
-    size = float(item.sizes(np.zeros(1), q[None], none[None], none[None])[0])
+    # Of loads it tells why they are not held.
+    why = item.lack(q, none, 0.0).removeprefix(f"the {item.name} ")
     return (
         f"no configuration was found that reaches it and keeps the {item.name}: in the "
-        f"nearest one it is {size:.4g} {item.unit}, more than its limit "
-        f"{item.largest:.4g} {item.unit}, at q = {np.round(q, 4).tolist()}"
+        f"nearest one it {why or 'is beyond its limit'}, at q = "
+        f"{np.round(q, 4).tolist()}"
     )

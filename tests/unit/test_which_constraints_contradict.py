@@ -1,0 +1,46 @@
+"""Two constraints of one name that no configuration keeps: told apart, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, rod
+from tominpmp.exceptions import ProblemError
+
+UP, ACROSS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def arm(**more) -> tm.Robot:
+    links = [rod(1.0, 1.0)] * 3
+    return make_arm(*links, effort=np.full(3, 90.0), **more)
+
+
+def test_the_other_one_is_told_by_its_number_and_limit_and_both_by_their_size():
+    items = (
+        tm.ToolSpeed("tip", 1.0),
+        tm.KeepUpright("tip", UP, UP, 0.05),
+        tm.KeepUpright("tip", UP, ACROSS, 0.07),
+    )
+    words = (
+        r"start: the tilt of frame tip is 1\.571 rad, more than its limit 0\.07 rad: "
+        r"no configuration was found that keeps it together with the tilt of frame tip "
+        r"\(at most 0\.05 rad; number 2 of the constraints\); they contradict each "
+        r"other, and come nearest at \[.*\], where they are \d\.\d+ rad and \d\.\d+ rad"
+    )
+    with pytest.raises(ProblemError, match=words):
+        tm.Problem(
+            arm(), [0.8, -1.6, 0.8], tm.JointGoal([0.5, -1.0, 0.5]), constraints=items
+        )
+
+
+def test_of_a_load_that_is_not_held_at_the_start_it_is_told_why():
+    """The tray is upright where the arm is stretched out, in the plane of gravity."""
+    glass = tm.StableContact("tip", (0.0, 0.0, 0.1), 0.3)
+    level = arm(gravity=(0.0, 0.0, -9.81))
+    on_edge = arm(gravity=(0.0, -9.81, 0.0))
+    goal = tm.PositionGoal("tip", (2.0, 1.0, 0.0))
+    tm.Problem(level, [0.1, 0.2, 0.3], goal, constraints=(glass,))
+    with pytest.raises(ProblemError, match=r"leans by 90 deg, and friction 0\.3 holds"):
+        tm.Problem(on_edge, [0.1, 0.2, 0.3], goal, constraints=(glass,))
