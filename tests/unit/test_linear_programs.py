@@ -8,7 +8,8 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from tominpmp.exceptions import SolverNotFound
-from tominpmp.linear_programs import LinearProgram, available_solvers, make_solver
+from tominpmp.linear_programs import available_solvers, make_solver
+from tominpmp.program_records import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]
 

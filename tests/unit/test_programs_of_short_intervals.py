@@ -8,7 +8,8 @@ import scipy.sparse as sp
 
 from tominpmp import linear_programs
 from tominpmp.arrays import equation_scale
-from tominpmp.linear_programs import LinearProgram, PiqpSolver
+from tominpmp.linear_programs import PiqpSolver
+from tominpmp.program_records import LinearProgram
 
 
 def second_differences(sharpest: float) -> LinearProgram:

@@ -16,7 +16,8 @@ from scipy.optimize import linprog
 
 import tominpmp as tm
 from tominpmp.io import export
-from tominpmp.linear_programs import LinearProgram, LpSolution, LpSolver, make_solver
+from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription

@@ -24,7 +24,8 @@ from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.certificate.perturbations import Linearised
-from tominpmp.linear_programs import LinearProgram, LpSolution, make_solver
+from tominpmp.linear_programs import make_solver
+from tominpmp.program_records import LinearProgram, LpSolution
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
 # over the duration, which changes by a share of itself.

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import LpSolution, LpSolver, make_solver
+from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.program_records import LpSolution
 from tominpmp.solvers.iterate import Effort, Iterate
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check

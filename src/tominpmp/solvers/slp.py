@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import LpSolution, LpSolver
+from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
+from tominpmp.program_records import LpSolution
 from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
@@ -33,12 +34,10 @@ from tominpmp.transcription.base import Program, Variation
 # Where any motion will do: how much slower one may be made.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weights of the merit before any multiplier is known, in shares of T: what the duration
-# can gain at most from a violation of 100 % of a torque (T/2) or velocity limit (T).
-FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0}
-# That of what else slowing down cures, and of what it does not.
-CURABLE_WEIGHT, OTHER_WEIGHT = 2.0, 10.0
-# Limits of motions whose weight is that of what it does not, all the same.
-STIFF = ("acceleration", "jerk", "torque rate", "torque over speed")
+# can gain at most from a violation of 100 % of a torque (T/2), or of a limit of joints'
+# velocities or of the speed of a tool (T).
+FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0, "speed": 2.0}
+OTHER_WEIGHT = 10.0
 # Raising of the weights when the iteration settles on a violated constraint.
 WEIGHT_GROWTH = 10.0
 WEIGHT_RAISES = 4
@@ -166,8 +165,7 @@ class SlpSolver:
         """Iterate at the start."""
         nlp = self.nlp
         duration = float(nlp.cost @ z)
-        kinds = zip(nlp.rows.kinds, nlp.rows.curable.tolist(), strict=True)
-        shares = [first_weight(kind, curable) for kind, curable in kinds]
+        shares = [first_weight(kind) for kind in nlp.rows.kinds]
         merit = Merit(nlp.cost, nlp.rows, self.smoothing, duration * np.array(shares))
         values = nlp.evaluate(z)
         return Iterate(z, values, merit, TrustRegion(), np.zeros(nlp.rows.size))
@@ -353,8 +351,11 @@ class SlpSolver:
         )
 
 
-def first_weight(kind: str, curable: bool) -> float:
-    """Weight of a kind of rows before any multiplier is known, in shares of T."""
-    kind, _, _ = kind.partition(" on segment")
-    other = CURABLE_WEIGHT if curable and kind not in STIFF else OTHER_WEIGHT
-    return FIRST_WEIGHTS.get(kind, other)
+def first_weight(kind: str) -> float:
+    """Weight of a kind of rows before any multiplier is known, in shares of T.
+
+    Kinds are named as "torque", "torque on segment 2", or "speed of frame tip".
+    """
+    of_all, _, _ = kind.partition(" on segment")
+    quantity, _, _ = of_all.partition(" of ")
+    return FIRST_WEIGHTS.get(quantity, OTHER_WEIGHT)

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.linear_programs import LinearProgram, LpSolution
+from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.solvers.merit import NEGLIGIBLE, Merit
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.rows import Rows

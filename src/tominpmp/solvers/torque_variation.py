@@ -21,8 +21,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.linear_programs import LinearProgram
 from tominpmp.options import Options
+from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.quadratic import (
     QuadraticProgram,
