@@ -40,6 +40,9 @@ LATEST = 0.95
 SPEED_WEIGHT = 0.1
 # Grids of this many times the intervals asked for are not taken over.
 FINEST = 4
+# A spline on a finer grid than the one asked for goes on with this many times the
+# intervals at most.
+FINER = 2
 # Nor are those with an interval this much shorter than the mean.
 SHORTEST = 1e-3
 # Samples an interval for fitting splines.
@@ -170,11 +173,24 @@ class WarmStart(Guess):
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline, and the nearest one to the motion."""
-        shares = interval_shares(kind, intervals, sudden=system.sudden)
         own = np.diff(self.nodes)[:, None] / self.duration
-        if own.shape == shares.shape:
+        finer = self._finer(intervals)
+        shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
+        even = finer is None or own.min() >= SHORTEST * own.mean()
+        if own.shape == shares.shape and even:
             shares = own
         return self._spline_on(system, shares, self.duration, degree)
+
+    def _finer(self, intervals: int) -> int | None:
+        """How many intervals a spline on a finer grid than asked for goes on with.
+
+        What a fine grid had brought, a coarse one would lose again; the finest are left
+        to the refinement of the new motion, whose controls bend elsewhere.
+        """
+        own = self.nodes.size - 1
+        if not self.continuous or own <= intervals:
+            return None
+        return min(own, FINER * intervals)
 
     def _spline_on(
         self, system: ProblemFunctions, shares: Array, duration: float, degree: int
