@@ -8,7 +8,7 @@ the arm may reach a place that is moved in another way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -20,7 +20,6 @@ from tominpmp.sensitivities.records import Sensitivity
 from tominpmp.solution import Solution
 from tominpmp.tours.joining import joined
 from tominpmp.tours.station import Station
-from tominpmp.tours.tour import Tour
 
 # Times that are the same [s].
 SAME = 1e-9
@@ -29,48 +28,51 @@ SAME = 1e-9
 MOST_PROMISE = 0.02
 
 
-def cycle_sensitivities(tour: Tour) -> Sensitivities:
+def cycle_sensitivities(
+    problem: Problem,
+    stations: Sequence[Station],
+    motions: Sequence[Solution],
+    stays: Sequence[float],
+    arrivals: Sequence[tuple[str, float]],
+) -> Sensitivities:
     """How the time of a cycle changes with each limit, obstacle and station.
 
     Args:
-        tour: The tour.
+        problem: Robot, obstacles and limits.
+        stations: The stations.
+        motions: The motions of the cycle.
+        stays: How long the arm stays at the start, and after each motion [s].
+        arrivals: Names of stations, and when they are reached [s], in their order.
 
     Returns:
         The sum over the motions, and records of kind "goal" for the places of stations
         whose goals are about a frame and at which the arm stops.
 
     Raises:
-        ProblemError: If there is no tour, or a motion has no multipliers.
+        ProblemError: If a motion has no multipliers.
     """
-    if not tour.success or not tour.motions:
-        raise ProblemError(f"there is no tour: {tour.message}", "trajectory")
     parts = []
-    for motion in tour.motions:
+    for motion in motions:
         found = motion.sensitivities
         kept = tuple(item for item in found if item.kind != "goal")
         parts.append(replace(found, records=kept))
-    whole = Sensitivities.of_cycle(parts, T=tour.cycle_time)
-    return replace(whole, records=(*whole.records, *_places(tour)))
-
-
-def _places(tour: Tour) -> Iterator[Sensitivity]:
-    """Records of the stations between two motions."""
-    named = {station.name: station for station in tour.stations}
+    T = sum(motion.T for motion in motions) + sum(stays)
+    whole = Sensitivities.of_cycle(parts, T=T)
+    named = {station.name: station for station in stations}
     last: Station | None = None
-    end = tour.stays[0]
-    legs = zip(tour.motions, tour.motions[1:], tour.stays[1:], strict=False)
-    for before, after, stay in legs:
+    places, end = [], stays[0]
+    for before, after, stay in zip(motions, motions[1:], stays[1:], strict=False):
         end += before.T
         first, until = end - SAME, end + stay + SAME
-        here = [v.station for v in tour.visits if first <= v.arrival <= until]
+        here = [name for name, arrival in arrivals if first <= arrival <= until]
         end += stay
-        station = named[here[0]] if len(here) == 1 else None
         alone = not before.problem.segments and not after.problem.segments
-        if station is not None and station.goal.configuration is None and alone:
-            found = _place(tour.problem, last, station, before, after)
-            if found is not None:
-                yield found.scaled((before.T + after.T) / tour.cycle_time)
+        if len(here) == 1 and alone:
+            place = _place(problem, last, named[here[0]], before, after)
+            if place is not None:
+                places.append(place.scaled((before.T + after.T) / T))
         last = named[here[-1]] if here else last
+    return replace(whole, records=(*whole.records, *places))
 
 
 def _place(
@@ -80,7 +82,12 @@ def _place(
     before: Solution,
     after: Solution,
 ) -> Sensitivity | None:
-    """What the place of a station is worth to the motions that meet there."""
+    """What the place of a station is worth to the motions that meet there.
+
+    None where the goal is a configuration, or nothing is known.
+    """
+    if station.goal.configuration is not None:
+        return None
     one, other = before.trajectory, after.trajectory
     assert one is not None and other is not None  # noqa: S101 (of a tour)
     begin = Segment(

@@ -139,7 +139,11 @@ class Tour:
         """
         from tominpmp.tours.held_back import cycle_sensitivities
 
-        return cycle_sensitivities(self)
+        self._motion()  # there has to be one
+        arrivals = [(visit.station, visit.arrival) for visit in self.visits]
+        return cycle_sensitivities(
+            self.problem, self.stations, self.motions, self.stays, arrivals
+        )
 
     def raise_if_failed(self) -> Tour:
         """Return itself, or raise if planning failed.
