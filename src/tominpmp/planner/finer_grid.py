@@ -64,8 +64,9 @@ BENDS = 0.95
 # Shorter intervals, as shares of T, are left as they are.
 SHORTEST = 1e-3
 # Where a joint is at its speed limit from end to end of an interval, there is nothing
-# to gain for it.
-AT_LIMIT = 0.999
+# to gain for it; if it is one that T hangs on, which is there for this share of T. The
+# others may swing at their limits to help it elsewhere.
+AT_LIMIT, RULING = 0.999, 0.4
 
 
 def on_finer_grid(
@@ -244,7 +245,9 @@ def to_be_split(of: Gridded, z: Array) -> BoolArray:
     bends = h * bends_of_controls(of, z)
     at_limit = speeds > AT_LIMIT * limits.velocity
     if at_limit.shape[0] == h.size + 1:  # no stays on the way
-        bends[np.any(at_limit[1:] & at_limit[:-1], axis=1)] = 0.0
+        at_limit = at_limit[1:] & at_limit[:-1]
+        ruling = h @ at_limit > RULING * h.sum()
+        bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
     bends[h < SHORTEST * h.sum()] = 0.0
     order = np.argsort(-bends, kind="stable")
     before = np.cumsum(bends[order]) - bends[order]
