@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -40,27 +40,17 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Rounds of halving, and the largest number of intervals.
-ROUNDS = 3
+# The largest number of intervals.
 MOST_INTERVALS = 300
-# A round is worth while if it promises this share of T; another one promises half of
-# what this one did, at most. An iteration goes on while it has not kept more of what it
-# promised than this: most of the gain comes with the first step.
-WORTH, FALLS = 3e-3, 2.0
-ENOUGH = 1.5e-3
+# Another round promises half of what this one did, at most.
+FALLS = 2.0
 # Slowing down cures a violation of this much, and costs no more than half of it.
 CURABLE = 3e-4
-# What the programs of all rounds may take together, in intervals of programs: this
-# many times what the search took, or so many programs of the first grid at least. A
-# round that has used it up ends with what it has, and is the last.
-WORK, LEAST_PROGRAMS = 1.5, 16
-# Motions that gain less than this share of T are not worth a replay.
-LEAST_GAIN = 1e-3
+# Programs that all rounds together may take at least, on the first grid.
+LEAST_PROGRAMS = 16
 ITERATIONS = 8
 # Trust region, as a share of the usual one: the motion is near to what it comes from.
 RADIUS = 0.3
-# Intervals are halved that have this share of all bends, with their lengths, together.
-BENDS = 0.95
 # Shorter intervals, as shares of T, are left as they are.
 SHORTEST = 1e-3
 # Where a joint is at its speed limit from end to end of an interval, there is nothing
@@ -69,8 +59,42 @@ SHORTEST = 1e-3
 AT_LIMIT, RULING = 0.999, 0.4
 
 
+@dataclass(frozen=True)
+class Thrift:
+    """What finer grids must bring, and may take.
+
+    Attributes:
+        worth: A round is worth while if it promises this share of T.
+        enough: An iteration goes on while it has not kept more of what it promised than
+            this share of T: most of the gain comes with the first step.
+        gain: Motions that gain less than this share of T are not worth a replay.
+        rounds: Rounds of halving.
+        work: What the programs of all rounds may take together, in intervals of
+            programs, to what the search took. A round that has used it up ends with
+            what it has, and is the last.
+        bends: Intervals are halved that have this share of all bends, with their
+            lengths, together.
+    """
+
+    worth: float
+    enough: float
+    gain: float
+    rounds: int
+    work: float
+    bends: float
+
+
+USUAL = Thrift(3e-3, 1.5e-3, 1e-3, 3, 1.5, 0.95)
+# Where time matters less than T.
+LAVISH = Thrift(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
+
+
 def on_finer_grid(
-    problem: Problem, options: Options, progress: Progress, attempts: Sequence[Attempt]
+    problem: Problem,
+    options: Options,
+    progress: Progress,
+    attempts: Sequence[Attempt],
+    thrift: Thrift = USUAL,
 ) -> Iterator[Attempt]:
     """Go on with the best motion on a grid of its own, if that pays.
 
@@ -79,6 +103,7 @@ def on_finer_grid(
         options: Options of the plan.
         progress: Time limit and callback.
         attempts: What was found.
+        thrift: What it must bring, and may take.
 
     Yields:
         The motion on a finer grid, if it is faster.
@@ -92,13 +117,13 @@ def on_finer_grid(
     if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
         return
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    if nothing_to_gain(system, best.trajectory):
+    if nothing_to_gain(system, best.trajectory, thrift.worth):
         return
     progress.share(1)
     progress.begin()
     made = sum(r.programs for attempt in attempts for r in attempt.history)
-    programs = max(WORK * made, LEAST_PROGRAMS)
-    work = Work(programs * (best.trajectory.t.size - 1))
+    programs = max(thrift.work * made, LEAST_PROGRAMS)
+    work = Work(programs * (best.trajectory.t.size - 1), thrift)
     solve = partial(refined, system, options, best, progress, work)
     faster = guarded(problem, options, progress, best.name, solve)
     if faster is not None and faster.duration < best.duration:
@@ -106,10 +131,12 @@ def on_finer_grid(
     progress.deadline.check()
 
 
-def nothing_to_gain(system: ProblemFunctions, motion: Trajectory) -> bool:
+def nothing_to_gain(
+    system: ProblemFunctions, motion: Trajectory, worth: float = USUAL.worth
+) -> bool:
     """Whether a joint needs nearly all of T for its way at its speed limit alone."""
     least = time_at_speed_limits(system, motion)
-    return bool(least > (1.0 - WORTH) * motion.duration)
+    return bool(least > (1.0 - worth) * motion.duration)
 
 
 class Work:
@@ -117,13 +144,14 @@ class Work:
 
     Args:
         budget: Intervals of all programs together.
+        thrift: What it must bring.
 
     Attributes:
         done: How many there were.
     """
 
-    def __init__(self, budget: float) -> None:
-        self.budget, self.done = budget, 0.0
+    def __init__(self, budget: float, thrift: Thrift) -> None:
+        self.budget, self.thrift, self.done = budget, thrift, 0.0
 
     @property
     def spent(self) -> bool:
@@ -152,7 +180,8 @@ def refined(
     found = _refined(first, options, attempt, progress, work)
     if first is system or found is None or not found.touches:
         return found
-    return _refined(system, options, attempt, progress, Work(work.budget))
+    again = Work(work.budget, work.thrift)
+    return _refined(system, options, attempt, progress, again)
 
 
 def _refined(
@@ -168,9 +197,9 @@ def _refined(
     of, z = layout.taken_up(system, attempt.trajectory)
     T, lp = attempt.duration, make_solver(options.lp_solver)
     best: tuple[NonlinearProgram, SlpResult] | None = None
-    reached = T
-    for _ in range(ROUNDS):
-        split = to_be_split(of, z)
+    reached, thrift = T, work.thrift
+    for _ in range(thrift.rounds):
+        split = to_be_split(of, z, thrift.bends)
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
@@ -181,11 +210,11 @@ def _refined(
         if found is None or found.duration >= reached:
             break
         best, reached = (program, result), found.duration
-        if promise.first < FALLS * WORTH or work.spent:
+        if promise.first < FALLS * thrift.worth or work.spent:
             break
         assert isinstance(program.transcription, Gridded)  # noqa: S101
         of, z = program.transcription, found.z
-    if best is None or reached > (1.0 - LEAST_GAIN) * T:
+    if best is None or reached > (1.0 - thrift.gain) * T:
         return None
     return _attempt(system, options, attempt, best, progress)
 
@@ -233,13 +262,14 @@ class Promise:
         if np.isnan(self.first):
             self.first = promised
         self.work.done += record.programs * self.intervals
-        near = record.violation <= CURABLE
-        enough = self.first < WORTH or (near and (left < ENOUGH or self.work.spent))
+        near, thrift = record.violation <= CURABLE, self.work.thrift
+        enough = near and (left < thrift.enough or self.work.spent)
+        enough = enough or self.first < thrift.worth
         return status or (Status.CONVERGED if enough else None)
 
 
-def to_be_split(of: Gridded, z: Array) -> BoolArray:
-    """Which intervals are to be halved, shape (N,)."""
+def to_be_split(of: Gridded, z: Array, share: float = USUAL.bends) -> BoolArray:
+    """Which intervals are to be halved: those with a share of all bends, (N,)."""
     h, speeds = of.motion(z).h, np.abs(of.trajectory(z).v)
     limits = of.system.problem.robot.limits
     bends = h * bends_of_controls(of, z)
@@ -252,7 +282,7 @@ def to_be_split(of: Gridded, z: Array) -> BoolArray:
     order = np.argsort(-bends, kind="stable")
     before = np.cumsum(bends[order]) - bends[order]
     split = np.zeros(h.size, dtype=bool)
-    split[order] = (bends[order] > 0.0) & (before < BENDS * bends.sum())
+    split[order] = (bends[order] > 0.0) & (before < share * bends.sum())
     split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
     return split
 

@@ -27,6 +27,8 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import CoarseSearch, Rough, suits, torques_rule
 from tominpmp.planner.continuation import WARM_START_RADIUS
 from tominpmp.planner.direct_solve import solve_and_verify
+from tominpmp.planner.finer_grid import LAVISH, on_finer_grid
+from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import SHOOTING, shots
@@ -80,7 +82,7 @@ def thorough_search(
     best = min(attempts, key=lambda attempt: attempt.duration, default=None)
     progress.best = np.inf if best is None else best.duration
     if best is not None and best.found:
-        for last in exact_switching(problem, options, progress, best):
+        for last in exactly(problem, options, progress, best):
             best = last if _faster(last, best) else best
             yield last
     most = WAVES if options.max_planning_time is None else MOST_WAVES
@@ -117,7 +119,19 @@ def _to_the_end(
     for attempt in stages(best):
         best = attempt if _faster(attempt, best) else best
         yield attempt
-    yield from exact_switching(problem, options, progress, best)
+    yield from exactly(problem, options, progress, best)
+
+
+def exactly(
+    problem: Problem, options: Options, progress: Progress, best: Attempt
+) -> Iterator[Attempt]:
+    """What is left to be had of a motion: exact switches, or a finer grid."""
+    for attempt in exact_switching(problem, options, progress, best):
+        yield attempt
+        best = attempt
+    for attempt in on_finer_grid(problem, options, progress, [best], LAVISH):
+        yield attempt
+        yield from certified(problem, options, progress, [attempt])
 
 
 def exact_switching(
