@@ -155,7 +155,11 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
         motions = {m: s.trajectory for m, s in found.items()}
         plot_controls(found["adjoint"].problem, motions, path(f"{controls}.png"))
         plot_motion(found["adjoint"].problem, motions, path(f"{motion}.png"))
-    histories = {m: solutions[CASES[1], gravity, m].history for m in METHODS}
+    # Of the first start; what refines it afterwards begins to count anew.
+    histories = {
+        m: [r for r in solutions[CASES[1], gravity, m].history if r.start == 0]
+        for m in METHODS
+    }
     plot_convergence(histories, path("convergence.png"))
     best = min(
         (solutions[CASES[1], gravity, m] for m in METHODS if m != "penalty"),

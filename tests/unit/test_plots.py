@@ -236,6 +236,13 @@ def test_convergence_of_several_methods() -> None:
     assert below.get_xscale() == "linear"
 
 
+def test_numbers_that_begin_anew_are_counted_on() -> None:
+    history = records([0.5, 0.8]) + records([0.9, 1.0, 1.1])
+    above, _ = plot_convergence({"penalty": history}).axes
+    (line,) = above.get_lines()
+    assert points(line)[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
 def test_short_histories_stay_readable_beside_long_ones() -> None:
     short, long = records([1.0] * 8), records([1.0] * 300)
     _, below = plot_convergence({"inverse": short, "penalty": long}).axes

@@ -196,7 +196,7 @@ def plot_convergence(
         for k, (label, history) in enumerate(histories.items()):
             lines: list[Any] = []
             for records in _by_start(history):
-                iteration = [record.iteration for record in records]
+                iteration = _counted(records)
                 look = _record_look(k, len(records), first=not lines)
                 duration = [record.duration for record in records]
                 violation = [max(r.violation, LEAST_VIOLATION) for r in records]
@@ -365,6 +365,18 @@ def _spread_first_iterations(panel: Axes, longest: int) -> None:
 def _by_start(history: Sequence[IterationRecord]) -> list[list[IterationRecord]]:
     starts = sorted({record.start for record in history})
     return [[r for r in history if r.start == start] for start in starts]
+
+
+def _counted(records: Sequence[IterationRecord]) -> list[int]:
+    """Iterations of a start, counted on where its numbers begin anew."""
+    counts: list[int] = []
+    before = last = -1
+    for record in records:
+        new = record.iteration <= before
+        last += 1 if new else record.iteration - before
+        before = record.iteration
+        counts.append(last)
+    return counts
 
 
 def _record_look(method: int, records: int, first: bool) -> dict[str, Any]:
