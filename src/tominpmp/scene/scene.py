@@ -53,7 +53,8 @@ class Scene(Record):
     def __repr__(self) -> str:
         """Names of the obstacles, on one line."""
         names = brief(", ".join(item.name for item in self.obstacles))[1:-1]
-        return f"<Scene with {len(self)} obstacles: {names or 'none'}>"
+        count = "1 obstacle" if len(self) == 1 else f"{len(self)} obstacles"
+        return f"<Scene with {count}: {names or 'none'}>"
 
     def __len__(self) -> int:
         """Return how many obstacles there are."""
