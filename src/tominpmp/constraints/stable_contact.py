@@ -15,6 +15,10 @@ from tominpmp.constraints.quantity import length_bend
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import VectorLike
 
+# How far from the tip of a cone, where a load has no weight, it is rounded off [shares
+# of what it holds at rest]: the fastest motions let loads fall almost freely on their
+# way, and programs go astray at a tip. What is within the rounded cone is within it.
+TIP = 3e-3
 # Force across z, moment across z, and force along z, of a wrench.
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
 
@@ -136,7 +140,7 @@ class StableContact(HeldLoad):
             cones.append(np.vstack([_ABOUT / self.support, _PRESSING]))
         for k, rows in enumerate(cones):
             y = w @ rows.T + rows[2, 2] * pull
-            root[:, k] = length_bend(y, 0.0) @ rows
+            root[:, k] = length_bend(y, self._tips[k] / np.sqrt(2.0)) @ rows
         root /= np.sqrt(self.weight)
         by_q, by_v, by_a = (root @ part[:, None] for part in by)
         return by_q, by_v, by_a
@@ -144,7 +148,13 @@ class StableContact(HeldLoad):
     def _slipping(self, w: Array) -> tuple[Array, Array]:
         """Force across the contact beyond what friction holds, rounded off [N]."""
         pull, mu = self.adhesion, self.friction
-        return _cone(w[:, :2], mu * (w[:, 2] + pull), _ACROSS, mu * _PRESSING)
+        most = mu * (w[:, 2] + pull)
+        return _cone(w[:, :2], most, _ACROSS, mu * _PRESSING, self._tips[0])
+
+    @property
+    def _tips(self) -> tuple[float, float]:
+        """What the cones of slipping and tipping are rounded off by [N]."""
+        return TIP * self.friction * self.weight, TIP * self.weight
 
     def _tipping(self, w: Array) -> list[tuple[Array, Array]]:
         """How far the contact is from holding the moments about its edges [N]."""
@@ -154,7 +164,8 @@ class StableContact(HeldLoad):
             # The centre of pressure (-m_y, m_x) / f_z is within a circle.
             moment = w[:, 3:5] / self.support
             most = w[:, 2] + self.adhesion
-            return [_cone(moment, most, _ABOUT / self.support, _PRESSING)]
+            by_moment = _ABOUT / self.support
+            return [_cone(moment, most, by_moment, _PRESSING, self._tips[1])]
         rows, room = self._moments
         scale = np.maximum(room, 1e-6)
         value = (w @ rows.T - self.adhesion * room) / scale
@@ -193,22 +204,24 @@ class StableContact(HeldLoad):
 
 
 def _cone(
-    part: Array, most: Array, by_part: Array, by_most: Array
+    part: Array, most: Array, by_part: Array, by_most: Array, tip: float
 ) -> tuple[Array, Array]:
     """How far parts of wrenches are beyond a cone, rounded off about its tip.
 
-    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L where L > 0, and is positive else.
+    sqrt(2 x^2 + 2 L^2 + e^2) - 2 L is positive where x > L, and has the sign of x - L
+    but for a little where L is much larger than e.
 
     Args:
         part: What is to be no longer than a length, shape (m, 2) [N].
         most: The length L, shape (m,) [N].
         by_part: Derivative of the part by the wrench, shape (2, 6).
         by_most: Derivative of the length by it, shape (6,).
+        tip: What it is rounded off by, e [N].
 
     Returns:
         Values, shape (m, 1) [N], and their derivatives by wrenches, shape (m, 1, 6).
     """
-    size = np.sqrt(2.0 * (np.sum(part**2, axis=1) + most**2))
+    size = np.sqrt(2.0 * (np.sum(part**2, axis=1) + most**2) + tip**2)
     safe = np.maximum(size, 1e-300)
     slope = 2.0 * (part / safe[:, None]) @ by_part
     slope += (2.0 * most / safe - 2.0)[:, None] * by_most
