@@ -91,7 +91,7 @@ def test_obstacles_are_those_of_the_segment() -> None:
     arm = tm.load_robot("planar3r").with_changes(gravity=(0, 0, 0))
     first, second = (0.9, 1.5, -1.5), (0.5, 1.7, -1.7)
     ball = tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))
-    goal, options = tm.PositionGoal("tip", (4, 1, 0)), {**FINE, "intervals": 24}
+    goal, options = tm.PositionGoal("tip", (4, 1, 0)), {**FINE, "intervals": 40}
     segments = [
         tm.Segment(tm.JointGoal(second), scene=[], stop=True),
         tm.Segment(goal, scene=[ball]),

@@ -85,7 +85,8 @@ def play(
     appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
     meshcat = import_meshcat()
     if viewer is not None:
-        expect(viewer, meshcat.Visualizer, "viewer", "a meshcat.Visualizer")
+        if not hasattr(getattr(viewer, "window", None), "send"):
+            expect(viewer, meshcat.Visualizer, "viewer", "a meshcat.Visualizer")
         viewer["/meshcat"].delete()
         draw(meshcat.Visualizer(window=viewer.window), problem, trajectory, appearance)
         return viewer
