@@ -114,3 +114,18 @@ def make_arm(
         path = Path(folder) / "sample.urdf"
         path.write_text(describe(links), encoding="utf-8")
         return load_robot(path, effort=effort, gravity=gravity, **limits)
+
+
+def two_link_arm(length: float = 1.0) -> Robot:
+    """Two turning joints with a frame at the end, whose torques never limit it.
+
+    Args:
+        length: Of both links [m].
+    """
+    return make_arm(
+        rod(1.0, length),
+        rod(1.0, length),
+        Link(0.1, kind="prismatic"),
+        effort=1e4,
+        velocity=2.0,
+    ).with_locked({"joint3": 0.0})

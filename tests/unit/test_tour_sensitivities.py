@@ -18,13 +18,7 @@ DWELL, STEP = 0.4, 1e-5
 @pytest.fixture(scope="module")
 def arm() -> tm.Robot:
     """Two turning joints with a frame at the end, whose torques never limit it."""
-    return arms.make_arm(
-        arms.rod(1.0, 1.0),
-        arms.rod(1.0, 1.0),
-        arms.Link(0.1, kind="prismatic"),
-        effort=1e4,
-        velocity=2.0,
-    ).with_locked({"joint3": 0.0})
+    return arms.two_link_arm()
 
 
 @pytest.fixture(scope="module")

@@ -28,13 +28,7 @@ LENGTH = 1.0
 @pytest.fixture(scope="module")
 def arm() -> Robot:
     """Two turning joints with a frame at the end, whose torques never limit it."""
-    return arms.make_arm(
-        arms.rod(1.0, LENGTH),
-        arms.rod(1.0, LENGTH),
-        arms.Link(0.1, kind="prismatic"),
-        effort=1e4,
-        velocity=2.0,
-    ).with_locked({"joint3": 0.0})
+    return arms.two_link_arm(LENGTH)
 
 
 def tip(robot: Robot) -> str:

@@ -16,13 +16,7 @@ LIMITS = tm.MotionLimits(acceleration=6.0)
 @pytest.fixture(scope="module")
 def both() -> tm.Robot:
     """Two arms of two links each, far enough from each other."""
-    arm = arms.make_arm(
-        arms.rod(1.0, 1.0),
-        arms.rod(1.0, 1.0),
-        arms.Link(0.1, kind="prismatic"),
-        effort=1e4,
-        velocity=2.0,
-    ).with_locked({"joint3": 0.0})
+    arm = arms.two_link_arm()
     return tm.combine_robots([("left", arm, (0, 0, 0)), ("right", arm, (6, 0, 0))])
 
 
