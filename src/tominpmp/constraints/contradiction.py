@@ -54,8 +54,8 @@ def contradiction(
 
 def _size(item: PathConstraint, q: Array) -> str:
     """A quantity at a configuration at rest, with its unit."""
-    none = np.zeros((1, q.size))
-    return f"{float(item.measure_rows(q[None], none, none)[0]):.4g} {item.unit}"
+    none = np.zeros(q.size)
+    return f"{item.measure(q, none, none):.4g} {item.unit}"
 
 
 def nearest(
