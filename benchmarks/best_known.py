@@ -22,7 +22,6 @@ one_thread()
 import argparse
 import math
 import statistics
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from typing import Any
 import tominpmp as tm
 from benchmarks.motionbenchmaker import names
 from benchmarks.random_goals import ROBOTS, Contest, load_arm, sample_problems
+from benchmarks.timed_plan import timed_plan
 
 COLUMNS = ("robot", "goal", "way", "status", "success", "T", "seconds")
 WAYS: dict[str, dict[str, Any]] = {
@@ -47,20 +47,8 @@ EXCESS = 0.005
 SHARE = 0.003
 
 
-def planned(problem: tm.Problem, way: str, limit: float) -> dict[str, Any]:
-    """Plan a problem one way; the columns of its row."""
-    begin = time.process_time()
-    solution = tm.plan(problem, tm.Options(max_planning_time=limit, **WAYS[way]))
-    return {
-        "status": solution.status.name,
-        "success": solution.success,
-        "T": solution.T if solution.success else math.nan,
-        "seconds": time.process_time() - begin,
-    }
-
-
 def rival(contest: Contest, q_start: Any, q_goal: Any) -> dict[str, Any]:
-    """The same of IPOPT, whose motion has to keep the limits between its nodes."""
+    """Columns of IPOPT's row: its motion has to keep the limits between its nodes."""
     row = contest.run("ipopt", q_start, q_goal)
     found = row["ipopt_success"] == "True"
     keeps = found and float(row["ipopt_torque_excess"]) <= EXCESS
@@ -152,7 +140,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 found = (
                     rival(contest, *ends)
                     if way == RIVAL
-                    else planned(problem, way, given.time_limit)
+                    else timed_plan(
+                        problem, max_planning_time=given.time_limit, **WAYS[way]
+                    )
                 )
                 sheet.add({"robot": name, "goal": goal, "way": way, **found})
     print(markdown(HEADER, [line(way, sheet) for way in given.ways]))

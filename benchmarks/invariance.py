@@ -21,9 +21,7 @@ from benchmarks.sheet import Sheet, markdown, one_thread
 one_thread()
 
 import argparse
-import math
 import statistics
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +32,7 @@ import numpy as np
 import tominpmp as tm
 from benchmarks.certified import problems
 from benchmarks.motionbenchmaker import VARIABLE, add_problems, names
+from benchmarks.timed_plan import timed_plan
 
 COLUMNS = ("problem", "variant", "status", "success", "T", "seconds")
 DEFAULT = "default"
@@ -67,16 +66,8 @@ def measure(
 ) -> dict[str, Any]:
     """Plan one variant; a row."""
     other, options = varied(problem, variant)
-    begin = time.process_time()
-    solution = tm.plan(other, tm.Options(max_planning_time=limit, **options))
-    return {
-        "problem": name,
-        "variant": variant,
-        "status": solution.status.name,
-        "success": solution.success,
-        "T": solution.T if solution.success else math.nan,
-        "seconds": time.process_time() - begin,
-    }
+    found = timed_plan(other, max_planning_time=limit, **options)
+    return {"problem": name, "variant": variant, **found}
 
 
 def line(variant: str, sheet: Sheet) -> tuple[object, ...]:
