@@ -118,14 +118,6 @@ class RowExchange:
         if changed is None:
             return None
         program, z = changed
-        merit = replace(iterate.merit, rows=program.rows)
-        region, values = iterate.region, program.evaluate(z)
-        return program, replace(
-            iterate,
-            z=z,
-            values=values,
-            merit=merit,
-            region=replace(region, radius=max(region.radius, LEAST_RADIUS)),
-            multipliers=program.rows.carried(iterate.merit.rows, iterate.multipliers),
-            gains=(),
-        )
+        radius = max(iterate.region.radius, LEAST_RADIUS)
+        region = replace(iterate.region, radius=radius)
+        return program, replace(iterate.on(program, z), region=region, gains=())

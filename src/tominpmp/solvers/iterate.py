@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
 from tominpmp.program_records import LpSolution
@@ -49,6 +49,17 @@ class Iterate:
         if self.violation > feasibility:
             return best
         return self if best is None or self.duration < best.duration else best
+
+    def on(self, program: Program, z: Array) -> Iterate:
+        """The state for nearly the same program, with other rows and unknowns."""
+        former = self.merit.rows
+        return replace(
+            self,
+            z=z,
+            values=program.evaluate(z),
+            merit=replace(self.merit, rows=program.rows),
+            multipliers=program.rows.carried(former, self.multipliers),
+        )
 
 
 @dataclass(frozen=True, eq=False)

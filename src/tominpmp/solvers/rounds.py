@@ -95,15 +95,7 @@ def _slower(
     """A result whose motion is slowed down a little; None if that is no cure."""
     if light <= 0.0:
         return None
-    merit = replace(result.iterate.merit, rows=program.rows)
-    former = result.iterate.merit.rows
-    iterate = replace(
-        result.iterate,
-        z=z,
-        values=program.evaluate(z),
-        merit=merit,
-        multipliers=program.rows.carried(former, result.iterate.multipliers),
-    )
+    iterate = result.iterate.on(program, z)
     slower = cured(program, iterate, light, options.feasibility)
     if slower is None:
         return None
