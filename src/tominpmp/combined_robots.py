@@ -121,12 +121,13 @@ def _checked_parts(
     return robots, bases
 
 
-def base_placement(name: str, base: object) -> pin.SE3:
+def base_placement(name: str, base: object, field: str = "robots") -> pin.SE3:
     """Check where the base of a robot is.
 
     Args:
         name: Name of the robot, for the message.
         base: Placement base_to_world, or position, shape (3,) [m].
+        field: The argument that it comes from.
 
     Raises:
         ProblemError: If it is neither.
@@ -140,9 +141,9 @@ def base_placement(name: str, base: object) -> pin.SE3:
     right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
     if not (right and rotation.shape == (3, 3) and is_rotation(rotation)):
         raise ProblemError(
-            f"robots: the base of {brief(name)} is {brief(base)}, expected a "
+            f"{field}: the base of {brief(name)} is {brief(base)}, expected a "
             "pinocchio.SE3, another pose or three finite coordinates [m]",
-            "robots",
+            field,
         )
     return pin.SE3(np.array(rotation), np.array(position))
 

@@ -8,6 +8,7 @@ parse the message.
 
 from __future__ import annotations
 
+import copy
 import copyreg
 import difflib
 import reprlib
@@ -153,6 +154,30 @@ class ProblemError(TominpmpError):
     def __init__(self, message: str, field: str | None = None) -> None:
         super().__init__(message)
         self.field = field
+
+
+@contextmanager
+def told_of(what: str, field: str | None = None) -> Iterator[None]:
+    """Name what is looked at in the errors of this library that arise within this.
+
+    They stay of their class and keep what they know.
+
+    Args:
+        what: What it is, which goes before their sentences: "station 2 ('drill')".
+        field: Its field, to which a :class:`ProblemError` is then ascribed.
+
+    Raises:
+        TominpmpError: What was raised, with the name.
+    """
+    try:
+        yield
+    except TominpmpError as error:
+        told = copy.copy(error)
+        told.args = (shortened(f"{what}: {error}", LONGEST),)
+        if isinstance(told, ProblemError) and field is not None:
+            inner = (told.field or "").removeprefix(field).lstrip(".")
+            told.field = f"{field}.{inner}" if inner else field
+        raise told from error
 
 
 def expect(

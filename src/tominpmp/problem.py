@@ -367,6 +367,7 @@ class Problem(Record):
             ProblemError: If one of them is wrong.
         """
         expect(goal, Goal, "goal", "a goal")
+        goal = goal.resolved(self.robot)
         goal.validate(self.robot)
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
         other = copy.copy(self)

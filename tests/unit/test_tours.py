@@ -240,9 +240,9 @@ def test_wrong_tours_are_told(arm: Robot, goals: list[tm.PositionGoal]) -> None:
     above = tm.PositionGoal(frame, (1.0, 0.0, 0.5))
     with pytest.raises(ProblemError, match=r"'b'.*outside reach"):
         tm.plan_tour(arm, HOME, {"a": goals[0], "b": far})
-    with pytest.raises(ProblemError, match="station 'up' cannot be reached: no conf"):
+    with pytest.raises(ProblemError, match=r"2 \('up'\) cannot be reached: no conf"):
         tm.plan_tour(arm, HOME, {"a": goals[0], "up": above})
-    with pytest.raises(ProblemError, match="'a' and 'b' are in one place"):
+    with pytest.raises(ProblemError, match=r"\('a'\) and .* \('b'\) are in one"):
         tm.plan_tour(arm, HOME, {"a": goals[0], "b": goals[0]})
     with pytest.raises(ProblemError, match="circle"):
         pairs = [("a", "b"), ("b", "a")]

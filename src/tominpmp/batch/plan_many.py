@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from tominpmp.arrays import Record, number_or_nan
 from tominpmp.batch.executor import Executor
@@ -41,7 +44,7 @@ class Progress(Record):
 
 
 def plan_many(
-    problems: Iterable[Any],
+    problems: Iterable[Any] | Mapping[str, Any],
     options: Options | None = None,
     *,
     workers: int | None = None,
@@ -68,7 +71,7 @@ def plan_many(
     Args:
         problems: What to plan: problems, scenarios (see
             :func:`~tominpmp.scenario.scenario.load_scenario`) or paths of their files;
-            each may be a pair of a name and one of these.
+            each may be a pair of a name and one of these; or all of them by name.
         options: Options of all plans; None for those of the scenarios, or the defaults.
         workers: How many are planned at once; None for as many as there are cores, or
             as the backend that is configured says.
@@ -105,15 +108,18 @@ def plan_many(
     count = _checked_workers(workers)
     for name, value in (("ordered", ordered), ("warm_start", warm_start)):
         expect(value, bool, name, "True or False")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if not whole or seed < 0:
         raise ProblemError(f"seed is {brief(seed)}, expected an integer >= 0", "seed")
     if backend is not None:
         expect(backend, str, "backend", "the name of a backend of joblib")
     if progress is not None and not callable(progress):
-        raise ProblemError(f"progress is {brief(progress)}, expected a function")
+        raise ProblemError(
+            f"progress is {brief(progress)}, expected a function", "progress"
+        )
     executor = Executor(run_packed, count, backend)
     total = len(problems) if isinstance(problems, Sized) else None
-    numbered = (item_of(index, given, seed) for index, given in enumerate(items))
+    numbered = (item_of(index, given, int(seed)) for index, given in enumerate(items))
     batch = _Batch(executor, settings)
     found = batch.in_rounds(numbered) if warm_start else batch.outcomes(numbered)
     if progress is not None:
@@ -128,12 +134,14 @@ def _iterator(problems: Any) -> Iterator[Any]:
             "other: [path] for one",
             "problems",
         )
+    if isinstance(problems, Mapping):
+        problems = problems.items()
     try:
         return iter(problems)
     except TypeError as error:
         raise ProblemError(
             f"problems is {brief(problems)}, expected problems, scenarios or paths, "
-            "one after the other",
+            "one after the other or by name",
             "problems",
         ) from error
 
@@ -147,9 +155,25 @@ def _settings(
     folder = None
     if results is not None:
         folder = checked_path(results, "results").absolute()
-        if folder.exists() and not folder.is_dir():
-            raise ScenarioError(f"{folder} is a file, expected a folder", folder)
+        _make_folder(folder)
     return Settings(options, changes, folder)
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of the results, before anything is planned for it.
+
+    Raises:
+        ScenarioError: If it is a file, or nothing can be written there.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"{folder} is a file, expected a folder", folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ScenarioError(f"results: {folder}: {reason}", folder) from error
 
 
 def _checked_workers(workers: int | None) -> int | None:

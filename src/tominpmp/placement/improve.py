@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +18,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.combined_robots import base_placement
-from tominpmp.exceptions import ProblemError, TominpmpError, brief, expect
+from tominpmp.exceptions import ProblemError, TominpmpError, brief, expect, told_of
 from tominpmp.options import Options
 from tominpmp.placement.moves import (
     BASE,
@@ -140,7 +141,9 @@ def improve_placement(
     given, low, high = _checked(tasks, bounds)
     names = tuple(bounds)
     what = _what(moves, given, names)
-    place = pin.SE3.Identity() if base is None else base_placement("robot", base)
+    place = (
+        pin.SE3.Identity() if base is None else base_placement(robot.name, base, "base")
+    )
     scale = _weights(weights, len(given))
     if (
         isinstance(most_plans, bool)
@@ -159,10 +162,12 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
     expected = "problems of one segment, one or more"
     if isinstance(tasks, Problem) or not isinstance(tasks, Sequence) or not tasks:
         raise ProblemError(f"tasks is {brief(tasks)}, expected {expected}", "tasks")
-    for task in tasks:
+    for number, task in enumerate(tasks):
         if not isinstance(task, Problem) or task.segments:
             raise ProblemError(
-                f"tasks: {brief(task)} is there, expected {expected}", "tasks"
+                f"tasks: number {number + 1} of {len(tasks)} is {brief(task)}, "
+                f"expected {expected}",
+                f"tasks[{number}]",
             )
     expect(bounds, Mapping, "bounds", "ranges by the names of coordinates")
     rows = []
@@ -182,11 +187,16 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
     return list(tasks), table[:, 0], table[:, 1]
 
 
+def _of_task(number: int, count: int) -> AbstractContextManager[None]:
+    """Errors that arise within this are about a task."""
+    return told_of(f"tasks: number {number + 1} of {count}", f"tasks[{number}]")
+
+
 def _what(
     moves: Any, tasks: Sequence[Problem], names: Sequence[str]
 ) -> str | tuple[str, ...]:
     """Check what is to be moved, and that it can be."""
-    if moves == BASE:
+    if isinstance(moves, str) and moves == BASE:
         return BASE
     if not set(names) <= set(TRANSLATIONS):
         raise ProblemError(
@@ -194,16 +204,17 @@ def _what(
             f"{', '.join(TRANSLATIONS)}: what is not the base does not turn",
             "bounds",
         )
-    if moves == GOALS:
-        for task in tasks:
-            task.goal.moved(np.zeros(3))
+    if isinstance(moves, str) and moves == GOALS:
+        for number, task in enumerate(tasks):
+            with _of_task(number, len(tasks)):
+                task.goal.moved(np.zeros(3))
         return GOALS
     chosen = (moves,) if isinstance(moves, str) else moves
     known = {item.name: item for task in tasks for item in task.scene}
     fine = isinstance(chosen, Sequence) and len(chosen) > 0
     for name in chosen if fine else ():
-        if name not in known or known[name].motion is not None:
-            fine = False
+        there = isinstance(name, str) and name in known
+        fine = fine and there and known[name].motion is None
     if not fine:
         resting = [name for name, item in known.items() if item.motion is None]
         raise ProblemError(
@@ -288,16 +299,21 @@ class _Search:
         Raises:
             ProblemError: If a task has no motion there.
         """
-        problems = self._moves.problems(self._tasks, x)
+        count = len(self._tasks)
+        problems = list[Problem]()
+        for number, move in enumerate(self._moves.each(self._tasks, x)):
+            with _of_task(number, count):
+                problems.append(move())
         solutions = []
         for number, problem in enumerate(problems):
             self.plans += 1
-            found = plan(problem, self._options)
+            with _of_task(number, count):
+                found = plan(problem, self._options)
             if not found.success:
                 raise ProblemError(
-                    f"tasks: number {number + 1} of {len(problems)} has no motion "
-                    f"where the placement begins: {found.message}",
-                    "tasks",
+                    f"tasks: number {number + 1} of {count} has no motion where the "
+                    f"placement begins: {found.message}",
+                    f"tasks[{number}]",
                 )
             solutions.append(found)
         return self._point(x, solutions)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ def robot_at(robot: Robot, base: Any) -> Robot:
         ProblemError: If an argument is of another type.
     """
     expect(robot, Robot, "robot", "a Robot")
-    description = on_base(robot.description, base_placement(robot.name, base))
+    description = on_base(robot.description, base_placement(robot.name, base, "base"))
     plain = build_model(description, robot.locked_joints)
     ties = robot.expansion_matrix, robot.expansion_offset
     model = configured_model(plain, robot._table(), robot.gravity, *ties)
@@ -78,12 +79,19 @@ class Moves:
         Raises:
             TominpmpError: If one of them cannot be: a start that collides, say.
         """
+        return [make() for make in self.each(tasks, x)]
+
+    def each(
+        self, tasks: Sequence[Problem], x: Array
+    ) -> Iterator[Callable[[], Problem]]:
+        """The same, made one by one by functions: so it is known which cannot be."""
         move = self.placement(x)
         if self.what == BASE:
             # Tasks share a robot, whose meshes are read once.
             robot = robot_at(self.robot, move)
-            return [replace(task, robot=robot) for task in tasks]
-        return [self._with_moved(task, np.array(move.translation)) for task in tasks]
+            return (partial(replace, task, robot=robot) for task in tasks)
+        by = np.array(move.translation)
+        return (partial(self._with_moved, task, by) for task in tasks)
 
     def _with_moved(self, task: Problem, by: Array) -> Problem:
         if self.what == GOALS:

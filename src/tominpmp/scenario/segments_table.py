@@ -120,8 +120,14 @@ def read_payload(table: Field) -> Payload | None:
     return make(Payload, table.table(), table, classes(Obstacle))
 
 
-def read_pairs(table: Field) -> tuple[tuple[str, str], ...]:
+def read_pairs(
+    table: Field, about: str = "of what may touch"
+) -> tuple[tuple[str, str], ...]:
     """Read pairs of names; none if they are left out.
+
+    Args:
+        table: The list of them.
+        about: What the names are, for messages.
 
     Raises:
         ScenarioError: If they are no such pairs.
@@ -130,7 +136,7 @@ def read_pairs(table: Field) -> tuple[tuple[str, str], ...]:
     for item in table.items():
         names = [name.text() for name in item.items()]
         if len(names) != 2:
-            item.fail(f"holds {len(names)} names, expected two, of what may touch")
+            item.fail(f"holds {len(names)} names, expected two, {about}")
         found.append((names[0], names[1]))
     return tuple(found)
 

@@ -150,7 +150,9 @@ def _read_tour(table: Field, robot: Robot) -> dict[str, Any]:
         found["q_end"] = "start" if end.value == "start" else None
     elif end.value is not None:
         found["q_end"] = vector(end, robot)
-    found["precedence"] = read_pairs(table.get("precedence"))
+    found["precedence"] = read_pairs(
+        table.get("precedence"), "of a station and of one that comes later"
+    )
     if count.value is not None:
         found["configurations"] = count.value
     return found

@@ -171,7 +171,9 @@ def failed(
     problem: Problem, stations: tuple[Station, ...], planner: LegPlanner
 ) -> Tour:
     """What is returned where no tour was found."""
-    reason = "no order of the stations is allowed"
+    reason = (
+        "no order of the stations keeps what was said of it (after, then, precedence)"
+    )
     if planner.errors:
         reason = f"of the legs, {planner.errors[-1]}"
     text = f"{Status.INFEASIBLE.value} No tour was found: {reason}"

@@ -7,13 +7,12 @@ so that the arm can go on as it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
@@ -43,16 +42,20 @@ class Configurations:
         problem: Robot, obstacles and limits.
         goals: The goals of the stations.
         weights: Weights of the joints by which a displacement is short, shape (n,).
+        leaving: By station from which something is carried, the problem with that.
     """
 
     problem: Problem
     goals: tuple[Goal, ...]
     weights: Array
+    leaving: Mapping[int, Problem] = field(default_factory=dict)
     _rows: GoalRows = field(init=False, repr=False)
     _counts: IntArray = field(init=False, repr=False)
     _first: IntArray = field(init=False, repr=False)
     _kinematics: RobotKinematics = field(init=False, repr=False)
-    _free: dict[bytes, bool] = field(init=False, repr=False, default_factory=dict)
+    _free: dict[tuple[bytes, int | None], bool] = field(
+        init=False, repr=False, default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         """Prepare what goals ask of many configurations."""
@@ -154,21 +157,21 @@ class Configurations:
             q[left] = np.clip(q[left] + move, low, high)
         return q, good
 
-    def free(self, q: Array) -> BoolArray:
-        """Which configurations keep clear, and what else holds, shape (m,)."""
-        return np.array([self._is_free(row) for row in q], dtype=bool)
+    def free(self, q: Array, g: int | None) -> BoolArray:
+        """At which configurations a station can be, shape (m,).
 
-    def _is_free(self, q: Array) -> bool:
-        key = q.tobytes()
+        They keep clear, when it is left, too, with what is carried from there; and
+        constraints hold.
+        """
+        return np.array([self._is_free(row, g) for row in q], dtype=bool)
+
+    def _is_free(self, q: Array, g: int | None) -> bool:
+        loaded = None if g is None else self.leaving.get(g)
+        key = q.tobytes(), None if loaded is None else g
         if key not in self._free:
-            self._free[key] = self._found_free(q)
+            found = _keeps(self.problem, q)
+            self._free[key] = found and (loaded is None or _keeps(loaded, q))
         return self._free[key]
-
-    def _found_free(self, q: Array) -> bool:
-        checker, rest = self.problem.checker, np.zeros_like(q)
-        if not checker.hulls_clear(q) and not checker.is_free(q, self.problem.margins):
-            return False
-        return not any(c.lack(q, rest, 1e-6) for c in self.problem.ready_constraints)
 
     def search(self, count: int, rng: np.random.Generator) -> list[Array]:
         """Find some configurations for each station.
@@ -188,7 +191,8 @@ class Configurations:
             if rows:
                 found[g] = np.stack(rows)
                 # Of several those that are blocked are left out.
-                found[g] = found[g][self.free(found[g])] if len(rows) > 1 else found[g]
+                if len(rows) > 1 or g in self.leaving:
+                    found[g] = found[g][self.free(found[g], g)]
             if len(rows) < len(given):
                 open_ones.append(g)
         self._from_starts(found, open_ones, STARTS, rng)
@@ -277,7 +281,7 @@ class Configurations:
         for g in np.unique(which[good]).tolist():
             mine = q[good & (which == g)]
             new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]
-            found[g] = np.concatenate([found[g], new[self.free(new)]])
+            found[g] = np.concatenate([found[g], new[self.free(new, g)]])
 
     def spread(self, rows: Array, count: int) -> Array:
         """Some configurations of many, far from each other."""
@@ -307,24 +311,28 @@ class Configurations:
                 f"nearest one misses it by {min(rests):.2g} m or rad"
             )
         row = q[good][0]
-        contact = self.problem.checker.closest(row, self.problem.margins)
-        if contact is None or contact.distance >= contact.margin:
-            return "all configurations that reach its goal break a constraint"
-        return (
-            "all configurations found that reach its goal are in collision, as "
-            f"{contact.link!r} with {contact.obstacle!r} ({contact.distance:.3g} m)"
-        )
+        for problem, when in (
+            (self.problem, "in collision"),
+            (self.leaving.get(g), "in collision with what is carried from there"),
+        ):
+            if problem is None:
+                continue
+            contact = problem.checker.closest(row, problem.margins)
+            if contact is not None and contact.distance < contact.margin:
+                return (
+                    f"all configurations found that reach its goal are {when}, as "
+                    f"{contact.link!r} with {contact.obstacle!r} "
+                    f"({contact.distance:.3g} m)"
+                )
+        return "all configurations that reach its goal break a constraint"
 
-    def checked(self, g: int, name: str) -> None:
-        """Check what a problem with the goal checks.
 
-        Raises:
-            ProblemError: If it cannot be reached: names the station.
-        """
-        try:
-            self.problem.with_ends(self.problem.q_start, self.goals[g])
-        except ProblemError as error:
-            raise ProblemError(f"station {name!r}: {error}", "stations") from error
+def _keeps(problem: Problem, q: Array) -> bool:
+    """Whether a configuration is clear of collisions, and keeps the constraints."""
+    checker, rest = problem.checker, np.zeros_like(q)
+    if not checker.hulls_clear(q) and not checker.is_free(q, problem.margins):
+        return False
+    return not any(c.lack(q, rest, 1e-6) for c in problem.ready_constraints)
 
 
 def distinct(rows: Array) -> Array:

@@ -70,15 +70,34 @@ class LegPlanner:
             return self.problem
         key = begin, end if touch else None
         if key not in self._settings:
-            robot = self.problem.robot
-            if payload is not None:
-                robot = robot.with_payload(payload)
-            known = known_names(robot, self.problem.scene)
-            # What is carried elsewhere is not there to touch anything.
-            pairs = [pair for pair in touch if set(pair) <= known]
-            allowed = (*self.problem.may_touch, *pairs)
-            self._settings[key] = replace(self.problem, robot=robot, may_touch=allowed)
+            self._settings[key] = self._with(payload, touch)
         return self._settings[key]
+
+    def _with(
+        self, payload: Payload | None, touch: Sequence[tuple[str, str]]
+    ) -> Problem:
+        """The problem with something carried, and more that may touch."""
+        robot = self.problem.robot
+        if payload is not None:
+            robot = robot.with_payload(payload)
+        known = known_names(robot, self.problem.scene)
+        # What is carried elsewhere is not there to touch anything.
+        pairs = [pair for pair in touch if set(pair) <= known]
+        allowed = (*self.problem.may_touch, *pairs)
+        return replace(self.problem, robot=robot, may_touch=allowed)
+
+    @property
+    def leaving(self) -> dict[int, Problem]:
+        """By station from which something is carried, the problem with that.
+
+        What may touch on the way to any other station may touch in it.
+        """
+        touch = [pair for station in self.stations for pair in station.may_touch]
+        return {
+            k: self._with(station.payload, touch)
+            for k, station in enumerate(self.stations)
+            if station.payload is not None
+        }
 
     def _carried(
         self, begin: int | None, end: int | None

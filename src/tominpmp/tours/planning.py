@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
+from tominpmp.exceptions import OptionsError, ProblemError, brief, expect, told_of
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.targets import place_of
 from tominpmp.inputs import JointsLike
@@ -24,9 +24,8 @@ from tominpmp.scene import Scene
 from tominpmp.segments import known_names
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
-from tominpmp.tours.configurations import Configurations
 from tominpmp.tours.search import TourSearch
-from tominpmp.tours.station import Rules, Station, checked_stations
+from tominpmp.tours.station import Rules, Station, called, checked_stations
 from tominpmp.tours.tour import Tour
 from tominpmp.tours.tour_bound import tour_bound
 
@@ -102,11 +101,11 @@ def plan_tour(
         scene=scene,
         margin=margin,
         motion_limits=motion_limits,
-        constraints=tuple(constraints),
+        constraints=constraints,
         self_collision=self_collision,
         may_touch=may_touch,
     )
-    _check_stations(problem, items, rules)
+    items = _checked_goals(problem, items, rules)
     with bounded(chosen.max_planning_time):
         try:
             tour = _plan(problem, items, rules, ends, count, chosen, exact)
@@ -177,7 +176,7 @@ def _problem(
     name = "q_start" if anywhere else "q_end"
     end: Any = q_start if anywhere else q_end
     try:
-        goal = JointGoal(end)
+        goal = JointGoal(end).resolved(robot)
         goal.validate(robot)
         problem = Problem(robot, q_start, goal, **fields)
     except ProblemError as error:
@@ -189,31 +188,37 @@ def _problem(
     return problem, q_end is not None
 
 
-def _check_stations(
+def _checked_goals(
     problem: Problem, stations: Sequence[Station], rules: Rules
-) -> None:
-    """Check that each station can be, and that no two are in one place."""
-    for station in stations:
-        try:
-            station.goal.validate(problem.robot)
-        except ProblemError as error:
-            raise ProblemError(
-                f"station {brief(station.name)}: {error}", "stations"
-            ) from error
-    _check_touching(problem, stations)
-    finder = Configurations(problem, tuple(s.goal for s in stations), np.ones(1))
+) -> tuple[Station, ...]:
+    """Check that each station can be, and that no two are in one place.
+
+    Returns:
+        The stations, with goals in the order of the joints of the robot.
+    """
+    robot, found = problem.robot, list[Station]()
+    for k, station in enumerate(stations):
+        with told_of(called(k + 1, station.name), f"stations[{k}]"):
+            goal = station.goal.resolved(robot)
+            goal.validate(robot)
+            if station.payload is not None:
+                robot.with_payload(station.payload)
+        found.append(replace(station, goal=goal))
+    _check_touching(problem, found)
     places: dict[object, int] = {}
-    for number, station in enumerate(stations):
-        finder.checked(number, station.name)
+    for k, station in enumerate(found):
+        with told_of(called(k + 1, station.name), f"stations[{k}]"):
+            problem.with_ends(problem.q_start, station.goal)
         place = place_of(station.goal)
-        other = places.setdefault(place, number)
-        if other != number and not _ordered(rules, other, number):
+        other = places.setdefault(place, k)
+        if other != k and not _ordered(rules, other, k):
             raise ProblemError(
-                f"stations {stations[other].name!r} and {station.name!r} are in one "
-                "place; expected one station, or a precedence of the one before the "
-                "other",
+                f"{called(other + 1, found[other].name)} and "
+                f"{called(k + 1, station.name)} are in one place; expected one "
+                "station, or a precedence of the one before the other",
                 "stations",
             )
+    return tuple(found)
 
 
 def _check_touching(problem: Problem, stations: Sequence[Station]) -> None:
@@ -222,14 +227,14 @@ def _check_touching(problem: Problem, stations: Sequence[Station]) -> None:
     loads = {id(s.payload): s.payload for s in stations if s.payload is not None}
     for load in loads.values():
         known |= known_names(problem.robot.with_payload(load), problem.scene)
-    for station in stations:
+    for k, station in enumerate(stations):
         for one in itertools.chain.from_iterable(station.may_touch):
             if one not in known:
                 raise ProblemError(
-                    f"station {brief(station.name)}: may_touch names {brief(one)}, "
+                    f"{called(k + 1, station.name)}: may_touch names {brief(one)}, "
                     "expected a link with a shape, an obstacle or a load of a "
                     f"station: one of {brief(', '.join(sorted(known)))}",
-                    "station.may_touch",
+                    f"stations[{k}].may_touch",
                 )
 
 

@@ -108,7 +108,7 @@ def _round(
         bad = [
             (k, c)
             for k, c in enumerate(chosen)
-            if c and not configurations.free(nodes[k][c : c + 1])[0]
+            if c and not configurations.free(nodes[k][c : c + 1], stations[k])[0]
         ]
         if not bad:
             return [nodes[k][c] for k, c in enumerate(chosen)], duration

@@ -31,7 +31,7 @@ from tominpmp.tours.leg_table import Leg, LegTable
 from tominpmp.tours.legs import LegPlanner
 from tominpmp.tours.local_search import search_order
 from tominpmp.tours.refinement import refined
-from tominpmp.tours.station import Rules, Station
+from tominpmp.tours.station import Rules, Station, called
 from tominpmp.tours.tour import Tour
 
 # Configurations of a station that differ by less in all joints are the same [rad or m]:
@@ -101,16 +101,20 @@ class TourSearch:
         """
         rng = np.random.default_rng(options.seed)
         times = JointTimes.of(problem)
+        planner = LegPlanner(problem, stations, options)
         finder = Configurations(
-            problem, tuple(station.goal for station in stations), times.weights
+            problem,
+            tuple(station.goal for station in stations),
+            times.weights,
+            planner.leaving,
         )
         found = finder.search(count, rng)
         for number, rows in enumerate(found):
             if not len(rows):
                 raise ProblemError(
-                    f"station {stations[number].name!r} cannot be reached: "
+                    f"{called(number + 1, stations[number].name)} cannot be reached: "
                     f"{finder.unreached(number)}",
-                    "stations",
+                    f"stations[{number}]",
                 )
         if not exact:
             times = times.with_acceleration(_torque_limited(problem, found))
@@ -120,7 +124,6 @@ class TourSearch:
             nodes.append(np.asarray(problem.goal.configuration)[None])
             rests.append(True)
         table = LegTable(nodes, rests, times, ends)
-        planner = LegPlanner(problem, stations, options)
         legs = KnownLegs(table, planner)
         return cls(problem, stations, rules, options, finder, table, legs, rng, exact)
 

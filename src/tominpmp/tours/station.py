@@ -6,11 +6,12 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Record, number_or_nan
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import Goal
 from tominpmp.payload import Payload
 from tominpmp.segments import checked_pairs
@@ -86,7 +87,8 @@ class Station(Record):
                 "stop=False lets the arm pass it at any velocity",
                 "station.goal",
             )
-        pairs = checked_pairs(self.may_touch, "station.may_touch")
+        with told_of(where):
+            pairs = checked_pairs(self.may_touch, "station.may_touch")
         object.__setattr__(self, "may_touch", pairs)
         # A stay is a stop.
         object.__setattr__(self, "stop", bool(self.stop) or dwell > 0.0)
@@ -116,12 +118,7 @@ def checked_stations(given: object) -> tuple[Station, ...]:
     """
     expected = "expected a list of Station or of goals, or goals by name"
     if isinstance(given, Mapping):
-        given = [
-            replace(item, name=name)
-            if isinstance(item, Station)
-            else Station(name, item)
-            for name, item in given.items()
-        ]
+        given = [_named(k, *item) for k, item in enumerate(given.items(), 1)]
     if isinstance(given, str | Goal | Station) or not isinstance(given, Sequence):
         raise ProblemError(f"stations is {brief(given)}, {expected}", "stations")
     if not 0 < len(given) <= MOST_STATIONS:
@@ -132,30 +129,58 @@ def checked_stations(given: object) -> tuple[Station, ...]:
     found: list[Station] = []
     for number, item in enumerate(given, 1):
         if isinstance(item, Goal):
-            item = Station(f"station {number}", item)
+            item = _named(number, f"station {number}", item)
         if not isinstance(item, Station):
-            raise ProblemError(f"stations holds {brief(item)}, {expected}", "stations")
+            raise ProblemError(
+                f"stations: number {number} is {brief(item)}, {expected}",
+                f"stations[{number - 1}]",
+            )
         found.append(item)
     _check_names(found)
     return tuple(found)
 
 
+def called(number: int, name: str) -> str:
+    """What a station is called in messages: its number, from 1, and its name."""
+    own = f"station {number}"
+    return own if name == own else f"{own} ({brief(name)})"
+
+
+def _named(number: int, name: Any, item: Any) -> Station:
+    """A station of a goal, or another name for a station.
+
+    Raises:
+        ProblemError: If it cannot be one: says which.
+    """
+    try:
+        if isinstance(item, Station):
+            return replace(item, name=name)
+        return Station(name, item)
+    except ProblemError as error:
+        text = str(error).removeprefix(f"station {brief(name)}: ")
+        where = called(number, name) if isinstance(name, str) else f"station {number}"
+        raise ProblemError(f"{where}: {text}", error.field) from error
+
+
 def _check_names(stations: Sequence[Station]) -> None:
     seen: set[str] = set()
-    for station in stations:
+    for number, station in enumerate(stations, 1):
         if station.name in seen:
+            first = [other.name for other in stations].index(station.name) + 1
             raise ProblemError(
-                f"stations: two of them are called {brief(station.name)}", "stations"
+                f"stations: numbers {first} and {number} are both called "
+                f"{brief(station.name)}, expected names of their own",
+                "stations",
             )
         seen.add(station.name)
-    for station in stations:
+    for number, station in enumerate(stations, 1):
         for field in ("after", "then"):
             for name in getattr(station, field):
                 if name not in seen or name == station.name:
                     others = brief(", ".join(sorted(seen - {station.name})))
                     there = f"one of the others: {others}" if len(seen) > 1 else "none"
                     raise ProblemError(
-                        f"station {brief(station.name)}: {field} names "
+                        f"{called(number, station.name)}: {field} names "
                         f"{brief(name)}, expected {there}",
                         f"station.{field}",
                     )

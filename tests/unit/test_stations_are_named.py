@@ -1,0 +1,210 @@
+"""What is wrong with a station, or a task, is told with its number and its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import tests.sample_arms as arms
+import tominpmp as tm
+from tominpmp.cli.app import app
+from tominpmp.exceptions import told_of
+
+HOME = np.array([0.3, 0.9])
+LIMITS = tm.MotionLimits(acceleration=6.0)
+BALLS = tm.Scene(
+    [
+        tm.Sphere("low", radius=0.3, position=(1.0, 0.2, 0.0)),
+        tm.Sphere("ball", radius=0.1, position=(3.0, 2.2, 0.0)),
+    ]
+)
+READY = (0.5, 1.7, -1.7)
+PART = tm.Sphere("part", radius=0.2)
+
+TIP = "tip"
+
+
+@pytest.fixture(scope="module")
+def arm() -> tm.Robot:
+    return arms.two_link_arm(1.0)
+
+
+@pytest.fixture(scope="module")
+def planar() -> tm.Robot:
+    return tm.load_robot("planar3r", gravity=(0, 0, 0))
+
+
+def at(x: float, y: float, frame: str = TIP) -> tm.Goal:
+    return tm.PositionGoal(frame, (x, y, 0.0))
+
+
+FAR, NOWHERE = at(50.0, 0.0), at(1.0, 0.5, "nose")
+WRONG: dict[str, tuple[Any, type[Exception], str]] = {
+    "frame": (NOWHERE, tm.FrameNotFound, "no frame 'nose'"),
+    "one of several frames": (tm.AnyGoal([FAR, NOWHERE]), tm.FrameNotFound, "nose"),
+    "type": (3, tm.ProblemError, "goal is 3, expected a JointGoal"),
+    "far away": (FAR, tm.ProblemError, "outside reach"),
+    "blocked": (tm.JointGoal((0.2, 0.2, 0.2)), tm.ProblemError, "'low' overlap"),
+    "limits": (tm.JointGoal((99.0, 0.2, 0.2)), tm.ProblemError, "position limits"),
+    "few": (tm.JointGoal((0.2,)), tm.ProblemError, "1 numbers"),
+    "joint": (tm.JointGoal({"elbow": 1.0}), tm.ProblemError, "a value for 'elbow'"),
+    "load": (
+        tm.Station("b", at(3, 1), payload=tm.Payload(0.1, "nose")),
+        tm.FrameNotFound,
+        "no frame 'nose'",
+    ),
+    "touching": (
+        tm.Station("b", at(3, 1), may_touch=[("ball", "shelf")]),
+        tm.ProblemError,
+        "may_touch names 'shelf'",
+    ),
+    "after": (tm.Station("b", at(3, 1), after="z"), tm.ProblemError, "names 'z'"),
+    "loaded": (
+        tm.Station("b", at(3, 2), payload=tm.Payload(0.1, TIP, geometry=[PART])),
+        tm.ProblemError,
+        "in collision with what is carried from there, as 'payload' with 'ball'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_stations_have_numbers_and_names(planar: tm.Robot, case: str) -> None:
+    given, kind, text = WRONG[case]
+    with pytest.raises(tm.TominpmpError) as error:
+        tm.plan_tour(planar, READY, {"a": at(4, 1), "b": given}, scene=BALLS)
+    assert type(error.value) is kind
+    assert "station 2 ('b')" in str(error.value) and text in str(error.value)
+    if isinstance(error.value, tm.FrameNotFound):
+        assert error.value.name == "nose" and TIP in error.value.available
+
+
+def test_goals_by_joint_name_are_put_into_the_order_of_the_joints(
+    arm: tm.Robot,
+) -> None:
+    first, second = arm.joint_names
+    goal = tm.JointGoal({second: 1.1, first: 0.5})
+    end = {second: 0.7, first: 0.4}
+    tour = tm.plan_tour(arm, HOME, [goal], q_end=end, motion_limits=LIMITS)
+    assert np.allclose(tour.visits[0].q, [0.5, 1.1])
+    assert np.allclose(tour.motions[-1].trajectory.q[-1], [0.4, 0.7])
+    problem = tm.Problem(arm, HOME, tm.JointGoal(HOME))
+    assert np.allclose(problem.with_ends(HOME, goal).goal.configuration, [0.5, 1.1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ({"constraints": None}, "constraints"),
+        ({"constraints": 3}, "constraints"),
+        ({"q_end": {"elbow": 1.0}}, "q_end"),
+        ({"stations": [3]}, "stations[0]"),
+    ],
+)
+def test_other_arguments_of_tours(
+    arm: tm.Robot, arguments: dict[str, Any], field: str
+) -> None:
+    given = {"stations": [tm.JointGoal(HOME + 0.1)]} | arguments
+    with pytest.raises(tm.ProblemError, match=r"expected") as error:
+        tm.plan_tour(arm, HOME, **given)
+    assert error.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"moves": [[3]]}, "moves is [[3]], expected"),
+        ({"moves": np.zeros(3)}, "moves is array([0., 0., 0.]), expected"),
+        ({"base": "x"}, "base: the base of 'planar3r' is 'x', expected"),
+        ({"base": (9, 9, 0)}, "tasks: number 1 of 1: goal"),
+        ({"robot": "ur5"}, "robot is 'ur5', expected a Robot"),
+        ({"tasks": [3]}, "tasks: number 1 of 1 is 3, expected"),
+    ],
+)
+def test_wrong_tasks_are_named(
+    planar: tm.Robot, change: dict[str, Any], text: str
+) -> None:
+    task = tm.Problem(planar, READY, at(4, 1))
+    given = {"robot": planar, "tasks": [task], "bounds": {"x": (-0.1, 0.1)}} | change
+    with pytest.raises(tm.ProblemError) as error:
+        tm.improve_placement(given.pop("robot"), given.pop("tasks"), **given)
+    assert text in str(error.value)
+
+
+def test_batches_take_problems_by_name_and_say_early_where_they_cannot_write(
+    tmp_path: Path,
+) -> None:
+    (outcome,) = tm.plan_many({"mine": 3}, workers=1, seed=np.int64(3))
+    assert outcome.name == "mine" and "the problem is 3" in outcome.message
+    under = tmp_path / "file"
+    under.write_text("")
+    with pytest.raises(tm.ScenarioError, match=r"results: .*file"):
+        tm.plan_many([], results=under / "inside")
+    with pytest.raises(tm.ProblemError) as error:
+        tm.plan_many([], progress=3)  # type: ignore[arg-type]
+    assert error.value.field == "progress"
+
+
+HEAD = '[robot]\nname = "planar3r"\n[start]\nq = [0.5, 1.2, -0.7]\n'
+STATION = '[[stations]]\nname = "a"\ngoal = {type = "joint", q = [0.6, 1.0, -0.3]}\n'
+NOSE = 'goal = {type = "position", frame = "nose", position = [3, 1, 0]}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (f'[[stations]]\nname = "b"\n{NOSE}', "station 2 ('b'): there is no frame"),
+        (
+            STATION.replace('"a"', '"b"') + 'payload = {mass = 1.0, frame = "nose"}\n',
+            "station 2 ('b'): there is no frame",
+        ),
+        ('[tour]\nprecedence = [["a"]]\n', "expected two, of a station and of one"),
+    ],
+)
+def test_files_of_tours_name_their_stations(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    path = tmp_path / "tour.toml"
+    path.write_text(HEAD + STATION + text)
+    assert told in _output(path)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--dt", "-1"), ("--dt", "nan"), ("--max-time", "0")]
+)
+def test_options_of_the_command_are_checked_before_planning(
+    tmp_path: Path, option: str, value: str
+) -> None:
+    path = tmp_path / "tour.toml"
+    path.write_text(HEAD + STATION)
+    output = _output(path, option, value)
+    assert "expected a positive" in output and "tour.toml" not in output
+
+
+def _output(path: Path, *arguments: str) -> str:
+    done = CliRunner().invoke(app, ["tour", str(path), *arguments])
+    assert done.exit_code == 2
+    return " ".join(done.output.split())
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: tm.JointNotFound("x", ["y"]),
+        lambda: tm.OptionsError("is wrong", "seed"),
+        lambda: tm.ProblemError("is wrong", "q"),
+    ],
+)
+def test_what_errors_know_is_kept(make: Callable[[], tm.TominpmpError]) -> None:
+    error = make()
+    with pytest.raises(type(error)) as told, told_of("station 1", "stations[0]"):
+        raise error
+    assert str(told.value) == f"station 1: {error}"
+    known = dict(vars(error))
+    if "field" in known:
+        known["field"] = "stations[0].q"
+    assert vars(told.value) == known and told.value.__cause__ is error
