@@ -1,6 +1,7 @@
 """T against energy on an arm: a plan for each weight, the figure of docs/energy.md.
 
 python -m benchmarks.time_energy [--figure docs/figures/time_energy.png]
+python -m benchmarks.time_energy --energy work
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -18,7 +19,10 @@ import numpy as np
 
 import tominpmp as tm
 
-WEIGHTS = (0.0, 1e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3)
+WEIGHTS = {
+    "torque_squared": (0.0, 1e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3),
+    "work": (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2),
+}
 COLUMNS = ("weight", "T", "energy", "cost", "status", "seconds")
 START = (0.0, -1.2, 1.4, -1.8, -1.57, 0.0)
 GOAL = (2.0, -1.0, 0.6, -1.2, -1.57, 0.0)
@@ -28,13 +32,14 @@ def main() -> int:
     """Plan for every weight, write the CSV file and the figure, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--csv", type=Path, default=Path("out/time_energy.csv"))
+    parser.add_argument("--energy", choices=list(WEIGHTS), default="torque_squared")
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
     problem = tm.Problem(tm.load_robot("ur5"), np.array(START), tm.JointGoal(GOAL))
     sheet, rows = Sheet(arguments.csv, COLUMNS), []
-    for weight in WEIGHTS:
+    for weight in WEIGHTS[arguments.energy]:
         begin = time.process_time()
-        solution = tm.plan(problem, energy_weight=weight)
+        solution = tm.plan(problem, energy=arguments.energy, energy_weight=weight)
         seconds = time.process_time() - begin
         values = (weight, solution.T, solution.energy, solution.cost)
         row = (*values, solution.status.name, round(seconds, 2))
@@ -60,7 +65,9 @@ def draw(solutions: list[tm.Solution], path: Path) -> None:
         axes.annotate(
             label, place, xytext=(2, 5), textcoords="offset points", size=7, rotation=45
         )
-    axes.set(xlabel="energy, the integral of |u|² over time [N² m² s]", ylabel="T [s]")
+    work = bool(found) and found[0].options.energy == "work"
+    kind = "work [J]" if work else "energy, the integral of |u|² over time [N² m² s]"
+    axes.set(xlabel=kind, ylabel="T [s]")
     axes.margins(x=0.08, y=0.18)
     axes.grid(visible=True, alpha=0.3)
     figure.savefig(path, dpi=150)

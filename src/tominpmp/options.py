@@ -23,6 +23,7 @@ GRIDS = ("cosine", "uniform")
 CONTROLS = ("auto", "constant", "linear", "spline")
 OBJECTIVES = ("time", "feasible")
 EFFORTS = ("quick", "standard", "thorough")
+ENERGIES = ("torque_squared", "work")
 REFINEMENTS = ("auto", "grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
@@ -97,9 +98,13 @@ class Options(Record):
             may exist and they take little time), or "thorough" (many more, of all
             kinds, and for as long as ``max_planning_time`` lasts if that is given).
             More effort makes the attempts of less, and then others.
-        energy_weight: Weight k of the energy [1/(N^2 m^2)]: what is least is then T + k
-            times the integral of the squared torques of all motors over time [N^2 m^2
-            s], forces of joints that slide [N] among them; 0 for time alone.
+        energy_weight: Weight k of the energy, in 1/(N^2 m^2) or s/J as ``energy`` says:
+            what is least is then T + k times the energy; 0 for time alone.
+        energy: Which energy: "torque_squared", the integral of the squared torques of
+            all motors over time [N^2 m^2 s], forces of joints that slide [N] among
+            them, which is what motors waste by heat; or "work", the mechanical work
+            that all motors do [J], each by itself: what they take up by braking is
+            neither given back nor counted.
         slack: Share of T to give away for quiet torques: the motion that was found is
             handed to :func:`tominpmp.smooth`. None leaves it as it is.
         refine: What follows the first solve: "auto" (intervals of the best motion are
@@ -160,6 +165,7 @@ class Options(Record):
     objective: Literal["time", "feasible"] = "time"
     effort: Literal["quick", "standard", "thorough"] = "standard"
     energy_weight: float = 0.0
+    energy: Literal["torque_squared", "work"] = "torque_squared"
     slack: float | None = None
     refine: Literal["auto", "grid", "switching"] | None = "auto"
     smoothing: float | None = None
@@ -192,6 +198,7 @@ class Options(Record):
         self._one_of("grid", GRIDS)
         self._one_of("objective", OBJECTIVES)
         self._one_of("effort", EFFORTS)
+        self._one_of("energy", ENERGIES)
         if self.refine is not None:
             self._one_of("refine", REFINEMENTS)
         for name, least in (
@@ -220,7 +227,7 @@ class Options(Record):
         for name in ("smoothing", "slack"):
             if getattr(self, name) is not None:
                 self._number(name, "a number >= 0, or None", zero=True)
-        self._number("energy_weight", "a number >= 0 [1/(N^2 m^2)]", zero=True)
+        self._number("energy_weight", "a number >= 0 [1/(N^2 m^2) or s/J]", zero=True)
         if not isinstance(self.lp_solver, str) or not self.lp_solver:
             self._fail("lp_solver", "the name of a solver")
         if self.callback is not None and not callable(self.callback):

@@ -22,7 +22,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
-from tominpmp.torque_measures import energy_of, roughness
+from tominpmp.torque_measures import energy_of, roughness, work_of
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -115,12 +115,15 @@ class Solution:
 
     @cached_property
     def energy(self) -> float | None:
-        """Integral of the squared torques of all motors over time [N^2 m^2 s].
+        """The energy that ``options.energy`` names; None if there is no motion.
 
-        Forces of joints that slide are among them [N]; None if there is no motion.
+        The integral of the squared torques of all motors over time [N^2 m^2 s], forces
+        of joints that slide [N] among them, or the mechanical work that they do [J].
         """
         if self.trajectory is None:
             return None
+        if self.options.energy == "work":
+            return work_of(self.trajectory)
         return energy_of(self.trajectory)
 
     @property

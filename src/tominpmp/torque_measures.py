@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.robot import JointLimits
-from tominpmp.trajectory import Trajectory
+from tominpmp.trajectory import State, Trajectory
 
 # Instants whose torques are compared.
 ROUGHNESS_INSTANTS = 100
 # Instants of each interval between nodes at which torques are squared.
 GAUSS_POINTS = 4
+# The same for work, which has kinks where a motor begins to brake.
+WORK_POINTS = 12
 
 
 def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
@@ -24,9 +29,25 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
 
 def energy_of(trajectory: Trajectory) -> float:
     """Integral of the squared torques of a motion over time [N^2 m^2 s]."""
+    return _integral(trajectory, GAUSS_POINTS, lambda state: np.sum(state.u**2, axis=1))
+
+
+def work_of(trajectory: Trajectory) -> float:
+    """Mechanical work that the motors do in a motion [J], without what they brake."""
+    return _integral(
+        trajectory,
+        WORK_POINTS,
+        lambda state: np.sum(np.maximum(state.u * state.v, 0.0), axis=1),
+    )
+
+
+def _integral(
+    trajectory: Trajectory, points: int, of: Callable[[State], Array]
+) -> float:
+    """Integral over time of what is at the states of a motion."""
     h = np.diff(trajectory.t)
-    places, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    places, weights = np.polynomial.legendre.leggauss(points)
     share = 0.5 * (1.0 + places)
     times = trajectory.t[:-1, None] + h[:, None] * share
-    squares = np.sum(trajectory(times.ravel()).u ** 2, axis=1)
-    return float(np.sum(squares.reshape(h.size, -1) @ (0.5 * weights) * h))
+    values = of(trajectory(times.ravel())).reshape(h.size, -1)
+    return float(np.sum(values @ (0.5 * weights) * h))

@@ -74,6 +74,8 @@ def report_data(
             data["peak_acceleration"] = solution.peak_acceleration
         if not solution.success:
             data["best_attempt"] = trajectory.duration
+        elif options.energy_weight:
+            data |= {"energy": solution.energy, "cost": solution.cost}
         if trajectory.segment_ends is not None:
             data["segments"] = segments_data(solution)
     if found is not None:

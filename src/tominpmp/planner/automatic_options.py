@@ -29,7 +29,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     method = options.method
     check_clock(problem, options)
     check_segments(problem, options)
-    check_energy(problem, options)
+    check_energy(options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:
@@ -72,7 +72,7 @@ def check_segments(problem: Problem, options: Options) -> None:
     _check_known(options, known, "the problem has several segments")
 
 
-def check_energy(problem: Problem, options: Options) -> None:
+def check_energy(options: Options) -> None:
     """Refuse options that know no energy.
 
     Raises:
@@ -87,12 +87,6 @@ def check_energy(problem: Problem, options: Options) -> None:
         "slack": (None,),
     }
     _check_known(options, known, f"energy_weight is {options.energy_weight:g}")
-    if problem.segments:
-        raise OptionsError(
-            f"energy_weight is {options.energy_weight:g}, and the problem has several "
-            "segments: expected 0 for these",
-            "energy_weight",
-        )
 
 
 def _check_known(

@@ -240,9 +240,21 @@ def first_program(
 
 
 def segmented_program(
-    system: ProblemFunctions, options: Options, guess: SegmentedGuess
+    system: ProblemFunctions,
+    options: Options,
+    guess: SegmentedGuess,
+    *,
+    breaks: bool = False,
 ) -> tuple[NonlinearProgram, Array]:
-    """Program for a guess of several segments, and the guess as its iterate."""
+    """Program for a guess of several segments, and the guess as its iterate.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        guess: The guess.
+        breaks: Whether the highest derivative but one of splines may jump where
+            segments end.
+    """
     smooth, durations = options.control in DEGREES, guess.durations
     sudden = system.sudden or not smooth
     counts = segment_intervals(options.intervals, durations)
@@ -250,8 +262,9 @@ def segmented_program(
     ends = tuple(np.cumsum(counts).tolist())
     transcription: Transcription[Any]
     if smooth:
+        where = ends[:-1] if breaks else ()
         transcription = spline = SegmentedBSpline(
-            system, shares, DEGREES[options.control], ends
+            system, shares, DEGREES[options.control], ends, breaks=where
         )
         stretch = 1.0 if guess.solved else SMOOTH_STRETCH
         eta = np.full(len(ends), stretch * guess.duration)

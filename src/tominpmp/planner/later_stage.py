@@ -10,9 +10,9 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution
@@ -28,10 +28,10 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 
 Over = Callable[[], bool]
+# What a stage begins with: the motion as a guess.
+Former = TypeVar("Former", bound=Guess)
 # Makes a motion on a grid of so many intervals, and says how its iteration ended.
-Make = Callable[
-    [ProblemFunctions, WarmStart, int, Over], tuple[Trajectory | None, Status]
-]
+Make = Callable[[ProblemFunctions, Former, int, Over], tuple[Trajectory | None, Status]]
 
 
 class Made(NamedTuple):
@@ -81,7 +81,11 @@ def bettered(
 
 
 def made(
-    solution: Solution, former: Trajectory, intervals: int, make: Make
+    solution: Solution,
+    former: Trajectory,
+    intervals: int,
+    taken: Callable[[ProblemFunctions, Trajectory], Former],
+    make: Make[Former],
 ) -> Made | None:
     """Make another motion, on finer grids until its replay is all right.
 
@@ -89,6 +93,7 @@ def made(
         solution: The solution.
         former: Its motion.
         intervals: Of the first grid.
+        taken: Takes the motion as a guess.
         make: Makes the motion.
 
     Returns:
@@ -100,9 +105,9 @@ def made(
     def over() -> bool:
         return seconds_left() < REPLAYS * replay
 
-    complete = ProblemFunctions.of(problem.alternative_at(former.q[-1], former.v[-1]))
+    complete = ProblemFunctions.of(problem.alternative_of(former))
     system = complete.first_tried
-    guess, found = warm_start(system, former), None
+    guess, found = taken(system, former), None
     for refinement in range(1 + REFINEMENTS):
         motion, status = make(system, guess, intervals, over)
         if motion is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, number_or_nan
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
-from tominpmp.initial_guess.warm_start import WarmStart
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.later_stage import Over, bettered, made
 from tominpmp.solution import Solution
@@ -74,7 +74,7 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
     options, limits = solution.options, solution.problem.robot.limits
     before = roughness(former, limits)
     make = partial(_quieter, options, former, share)
-    found = made(solution, former, former.t.size - 1, make)
+    found = made(solution, former, former.t.size - 1, warm_start, make)
     if found is None:
         return NO_QUIETER
     trajectory = found.trajectory

@@ -31,7 +31,10 @@ class Basis:
 
     @classmethod
     def on(cls, nodes: Array, degree: int) -> Basis:
-        """Basis on nodes that increase from 0, shape (N + 1,)."""
+        """Basis on nodes that increase from 0, shape (N + 1,).
+
+        At a node that is there twice a derivative less is continuous.
+        """
         ends = np.zeros(degree), np.full(degree, nodes[-1])
         return cls(degree, np.concatenate([ends[0], nodes, ends[1]]))
 
@@ -54,9 +57,9 @@ class Basis:
             k = order - 1
             p, t = self.degree - k, self.knots[k : self.knots.size - k]
             m = t.size - p - 1  # control points before this differentiation
-            span = t[p + 1 : p + m] - t[1:m]
+            along = slopes(p, t[p + 1 : p + m] - t[1:m])
             difference = sp.diags([-1.0, 1.0], [0, 1], shape=(m - 1, m))
-            matrix = sp.diags(p / span) @ difference @ self.derivative(k)
+            matrix = sp.diags(along) @ difference @ self.derivative(k)
             known[order] = matrix.tocsr()
         return known[order]
 
@@ -133,6 +136,12 @@ class Elimination:
             shape=(M * n, size),
         )
         return cls(matrix, base.ravel(), free, v_end is not None)
+
+
+def slopes(degree: int, spans: Array) -> Array:
+    """What differences of control points are multiplied by; 0 where a curve jumps."""
+    wide = spans > 0.0
+    return np.where(wide, degree / np.where(wide, spans, 1.0), 0.0)
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:

@@ -8,18 +8,18 @@ by central differences, which are exact to ten digits and cost as much as the ba
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, Variation
 from tominpmp.transcription.bspline import RATE_SHARES, SHARES, products
-from tominpmp.transcription.bspline_basis import Basis, Elimination
+from tominpmp.transcription.bspline_basis import Basis, Elimination, slopes
 from tominpmp.transcription.control_points import (
     TORQUE_SHARES,
     ControlPointTranscription,
@@ -41,15 +41,18 @@ class SegmentedCurve:
         eta: Durations by which the shares are multiplied, shape (m,).
         shares: Lengths of the intervals by eta, shape (N, m).
         degree: Degree of the spline.
+        breaks: Numbers of intervals before nodes that are knots twice, so that the
+            derivative below the highest may jump there.
     """
 
     points: Array
     eta: Array
     shares: Array
     degree: int
+    breaks: tuple[int, ...] = ()
     finite: bool = True
     _known: dict[tuple[Instants, int], sp.csr_matrix] = field(
-        default_factory=dict, repr=False
+        default_factory=dict, repr=False, init=False
     )
 
     @cached_property
@@ -60,7 +63,12 @@ class SegmentedCurve:
     @cached_property
     def basis(self) -> Basis:
         """The basis on the knots of the iterate [s]."""
-        return Basis.on(self.nodes, self.degree)
+        return Basis.on(with_breaks(self.nodes, self.breaks), self.degree)
+
+    @cached_property
+    def first(self) -> IntArray:
+        """Number of the first control point that each interval depends on."""
+        return first_points(self.h.size, self.breaks)
 
     @cached_property
     def neighbours(self) -> list[tuple[SegmentedCurve, SegmentedCurve, float]]:
@@ -72,10 +80,7 @@ class SegmentedCurve:
         for j in range(self.eta.size):
             step = np.zeros(self.eta.size)
             step[j] = DIFFERENCE * self.eta[j]
-            less, more = (
-                SegmentedCurve(self.points, self.eta + s, self.shares, self.degree)
-                for s in (-step, step)
-            )
+            less, more = (replace(self, eta=self.eta + s) for s in (-step, step))
             out.append((less, more, 2.0 * float(step[j])))
         return out
 
@@ -91,9 +96,8 @@ class SegmentedCurve:
             p, t = self.degree - order + 1, self.basis.knots
             t = t[order - 1 : t.size - order + 1]
             m = t.size - p - 1
-            span = t[p + 1 : p + m] - t[1:m]
             before = np.diff(self.derivative(order - 1), axis=0)
-            known[order] = (p / span)[:, None] * before
+            known[order] = slopes(p, t[p + 1 : p + m] - t[1:m])[:, None] * before
         return known[order]
 
     @cached_property
@@ -106,7 +110,8 @@ class SegmentedCurve:
         known = self._known.get((at, order))
         if known is None:
             p = self.degree - order
-            data, first = self._functions(at, order), at.interval[:, None]
+            data = self._functions(at, order)
+            first = self.first[at.interval][:, None]
             columns = (first + np.arange(p + 1)).ravel()
             starts = np.arange(at.size + 1) * (p + 1)
             shape = at.size, self.basis.count - order
@@ -117,7 +122,8 @@ class SegmentedCurve:
 
     def values(self, at: Instants, order: int) -> Array:
         """A derivative at instants, shape (m, n)."""
-        places = at.interval[:, None] + np.arange(self.degree - order + 1)
+        first = self.first[at.interval][:, None]
+        places = first + np.arange(self.degree - order + 1)
         points = self.derivative(order)[places]
         return np.asarray(np.einsum("mk,mkn->mn", self._functions(at, order), points))
 
@@ -129,10 +135,8 @@ class SegmentedCurve:
         """
         p, t = self.degree - order, self.basis.knots
         t = t[order : t.size - order]
-        x, span = (
-            self.nodes[at.interval] + at.share * self.h[at.interval],
-            at.interval + p,
-        )
+        x = self.nodes[at.interval] + at.share * self.h[at.interval]
+        span = self.first[at.interval] + p
         left = [x - t[span + 1 - j] for j in range(p + 1)]
         right = [t[span + j] - x for j in range(p + 1)]
         found = [np.ones(at.size)]
@@ -167,6 +171,8 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         segment_ends: Number of intervals up to the end of each segment.
         acceleration_range: What the full torque range of each joint brings about, shape
             (n,), which controls are measured in; None before a motion was looked at.
+        breaks: Numbers of intervals before nodes at which the derivative below the
+            highest may jump: accelerations of degree 3.
     """
 
     segment_ends: tuple[int, ...]
@@ -178,9 +184,11 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         degree: int,
         segment_ends: tuple[int, ...],
         acceleration_range: Array | None = None,
+        breaks: tuple[int, ...] = (),
     ) -> None:
         self.system, self.shares, self.degree = system, shares, degree
         self.segment_ends, self.acceleration_range = segment_ends, acceleration_range
+        self.breaks = breaks
         self._n, self._m = system.n, int(shares.shape[1])
         # What is eliminated at the ends is linear in the durations, as the knots are.
         each = [Elimination.of(system, self._basis_of(column)) for column in shares.T]
@@ -190,7 +198,8 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         self.fixed_end = each[0].fixed_end
 
     def _basis_of(self, h: Array) -> Basis:
-        return Basis.on(np.concatenate([[0.0], np.cumsum(h)]), self.degree)
+        nodes = np.concatenate([[0.0], np.cumsum(h)])
+        return Basis.on(with_breaks(nodes, self.breaks), self.degree)
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -208,7 +217,10 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
 
     def motion(self, z: Array) -> SegmentedCurve:
         """Spline of an iterate."""
-        return SegmentedCurve(self.points(z), z[-self._m :], self.shares, self.degree)
+        eta = z[-self._m :]
+        return SegmentedCurve(
+            self.points(z), eta, self.shares, self.degree, self.breaks
+        )
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes and middles for torques; middles and ends, or pairs for rates."""
@@ -261,9 +273,9 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
 
     def scaled_at(self, z: Array) -> SegmentedBSpline:
         """The same with the range of accelerations at a motion."""
-        scale = self.full_range(z)
+        scale, ends = self.full_range(z), self.segment_ends
         return SegmentedBSpline(
-            self.system, self.shares, self.degree, self.segment_ends, scale
+            self.system, self.shares, self.degree, ends, scale, self.breaks
         )
 
     def variation(self, z: Array) -> Variation:
@@ -312,6 +324,17 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         return trajectory_of_segments(self, motion)
 
 
+def with_breaks(nodes: Array, breaks: tuple[int, ...]) -> Array:
+    """Nodes, some of them twice."""
+    return np.insert(nodes, breaks, nodes[list(breaks)]) if breaks else nodes
+
+
+def first_points(intervals: int, breaks: tuple[int, ...]) -> IntArray:
+    """Number of the first control point that each interval depends on, shape (N,)."""
+    every = np.arange(intervals)
+    return every + np.searchsorted(breaks, every, side="right")
+
+
 class SegmentedHull(Hull[SegmentedCurve]):
     """Control points of a derivative over its limit.
 
@@ -323,10 +346,11 @@ class SegmentedHull(Hull[SegmentedCurve]):
     ) -> None:
         self._of, self._limit = of, limit
         first, end = within or (0, of.intervals)
-        count = of.intervals + of.degree - limit.order
-        point = np.arange(count)
-        begins = np.maximum(point + limit.order - of.degree, 0)
-        ends = np.minimum(point + 1, of.intervals)
+        intervals = first_points(of.intervals, of.breaks)
+        degree = of.degree - limit.order
+        point = np.arange(intervals[-1] + 1 + degree)
+        begins = np.searchsorted(intervals, point - degree)
+        ends = np.searchsorted(intervals, point, side="right")
         self._points = np.flatnonzero((begins < end) & (ends > first))
         self.lower = np.tile(limit.lower / limit.scale, self._points.size)
         self.upper = np.tile(limit.upper / limit.scale, self._points.size)

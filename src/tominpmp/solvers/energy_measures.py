@@ -1,0 +1,316 @@
+r"""Measures of the energy that a motion takes, and convex models of them.
+
+Both are sums over the Gauss points of the intervals, of lengths h and with weights w,
+with the robot and the load of each segment:
+
+- of squared torques, :math:`\sum |r|^2` with r = sqrt(w h) u. Its linearisation in r
+  gives a convex quadratic (Gauss and Newton);
+- of the work that motors do, :math:`\sum \max(p, 0)` with p = w h u v, of each motor
+  by itself: what one gets back by braking drives no other. Linearised in p it is convex
+  and piecewise linear, its kinks and all.
+
+The curvature along slower and faster motions is added, which is known and the largest
+of what is left out.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array
+from tominpmp.constraints import Partials, States
+from tominpmp.transcription.base import Motion
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
+
+# Shares of an interval and weights of the quadrature: exact where what is summed is of
+# degree 5 in time.
+SHARES = (0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15))
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+# Change of a duration by which curvature along it is found.
+STRETCH = 1e-3
+
+Measure = Literal["torque_squared", "work"]
+
+
+class Kinks(NamedTuple):
+    """Terms max(p, 0) of a model that may change their sign.
+
+    Attributes:
+        values: What p is, shape (k,).
+        jacobian: Its derivatives, shape (k, size).
+    """
+
+    values: Array
+    jacobian: sp.csr_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyModel:
+    """An energy near an iterate.
+
+    Attributes:
+        value: What it is.
+        gradient: Its gradient but for the kinks, shape (size,).
+        curvature: Its curvature, positive semidefinite, shape (size, size).
+        kinks: What else it has; None for nothing.
+    """
+
+    value: float
+    gradient: Array
+    curvature: sp.csc_matrix
+    kinks: Kinks | None = None
+
+    def change(self, step: Array) -> float:
+        """By how much a step changes it."""
+        smooth = float(self.gradient @ step + 0.5 * step @ (self.curvature @ step))
+        if self.kinks is None:
+            return smooth
+        here, jacobian = self.kinks
+        there = here + jacobian @ step
+        return smooth + float(np.sum(np.maximum(there, 0.0) - np.maximum(here, 0.0)))
+
+
+class Sums(NamedTuple):
+    """Terms of a sum over the Gauss points, with their derivatives.
+
+    Attributes:
+        values: Shape (k,).
+        jacobian: Shape (k, size).
+    """
+
+    values: Array
+    jacobian: sp.csr_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Energy(ABC):
+    """An energy of a program's motions.
+
+    Attributes:
+        nlp: The program.
+    """
+
+    nlp: NonlinearProgram
+
+    @abstractmethod
+    def __call__(self, z: Array) -> float:
+        """What it is."""
+
+    @abstractmethod
+    def model(self, z: Array) -> EnergyModel:
+        """A convex model near an iterate."""
+
+    def _points(self, motion: Motion) -> tuple[Instants, States]:
+        of = self.nlp.transcription
+        at = Instants.spread(of.intervals, SHARES)
+        return at, of.states(motion, at, 2)
+
+    def _segments(self) -> Iterator[tuple[ProblemFunctions, slice]]:
+        """The functions of each segment, and its Gauss points."""
+        of, count = self.nlp.transcription, len(SHARES)
+        for part, (first, end) in zip(of.system.segments, of.segments, strict=True):
+            yield part, slice(count * first, count * end)
+
+    def _torques(self, states: States) -> Array:
+        """Torques of the motors, dry friction and all, shape (m, n)."""
+        torques = np.empty_like(states.v)
+        for part, mine in self._segments():
+            torques[mine] = part.motors.torque(_some(states, mine))
+        return torques + self.nlp.system.problem.robot.friction * np.sign(states.v)
+
+    def _torque_partials(self, states: States) -> Iterator[tuple[slice, Partials]]:
+        """Derivatives of these torques by the states, of each segment, row by row."""
+        n = states.v.shape[1]
+        for part, mine in self._segments():
+            every = np.arange(mine.start, mine.stop)
+            at, joints = np.repeat(every, n), np.tile(np.arange(n), every.size)
+            partials = part.motors.differentiate(states, at, joints)
+            rows = slice(mine.start * n, mine.stop * n)
+            yield rows, partials.times(part.motors.half[joints][:, None])
+
+    def _lengths(self, motion: Motion) -> sp.csr_matrix:
+        """Derivatives of the lengths of the intervals, shape (N, size)."""
+        of = self.nlp.transcription
+        every = np.arange(of.intervals)
+        times = Partials(every, by_t=np.ones(every.size))
+        ends, begins = (
+            of.pull_back(motion, Instants(every, np.full(every.size, share)), times)
+            for share in (1.0, 0.0)
+        )
+        return sp.csr_matrix(ends - begins)
+
+    def _of_pace(
+        self, z: Array, value: float, jacobian: sp.csr_matrix
+    ) -> sp.csr_matrix:
+        """Curvature along slower motions that the squares alone do not have.
+
+        From rest to rest the pace is changed as one, of several segments too: with that
+        of a part of them alone, the path would change.
+        """
+        nlp, roots = self.nlp, []
+        paces = list(self._paces(z))
+        for pace in paces:
+            step = STRETCH * z * pace
+            slower, faster = z + step, z - step
+            if len(paces) == 1:
+                slower, faster = (nlp.stretch(z, 1.0 + s * STRETCH) for s in (1, -1))
+            bend = (self(slower) - 2.0 * value + self(faster)) / STRETCH**2
+            along = jacobian @ ((slower - faster) / (2.0 * STRETCH))
+            missing = max(bend - 2.0 * float(along @ along), 0.0)
+            cost = nlp.cost * pace
+            roots.append(np.sqrt(missing) / float(cost @ z) * cost)
+        root = sp.csr_matrix(np.array(roots))
+        return sp.csr_matrix(root.T @ root)
+
+    def _paces(self, z: Array) -> Iterator[Array]:
+        """Which unknowns are durations, for each part of the motion between stops."""
+        nlp = self.nlp
+        durations = np.flatnonzero(nlp.cost)
+        stops = [segment.stop for segment in nlp.system.problem.segments[:-1]]
+        number = np.concatenate([[0], np.cumsum(stops)])
+        if number.size != durations.size:
+            number = np.zeros(durations.size)
+        for one in np.unique(number):
+            pace = np.zeros(z.size)
+            pace[durations[number == one]] = 1.0
+            yield pace
+
+
+def _some(states: States, which: slice) -> States:
+    """States at some of the instants."""
+    t, q, v, a, u = states
+    some_u = None if u is None else u[which]
+    return States(t[which], q[which], v[which], a[which] if len(a) else a, some_u)
+
+
+class SquaredTorques(Energy):
+    """The integral of the squared torques [N^2 m^2 s].
+
+    Where the arm stays at the end of a segment, it is that of the torques that hold it.
+    """
+
+    def __call__(self, z: Array) -> float:
+        """The integral [N^2 m^2 s]."""
+        motion = self.nlp.transcription.motion(z)
+        squares = np.sum(self._torques(self._points(motion)[1]) ** 2, axis=1)
+        moving = float(np.sum(squares.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
+        return moving + sum(float(held @ held) for held, _ in self._held(motion))
+
+    def model(self, z: Array) -> EnergyModel:
+        """The integral near an iterate."""
+        terms = self._terms(z)
+        residual, jacobian = terms.values, terms.jacobian
+        gradient = 2.0 * (jacobian.T @ residual)
+        value = float(residual @ residual)
+        curvature = 2.0 * (jacobian.T @ jacobian) + self._of_pace(z, value, jacobian)
+        return EnergyModel(value, np.asarray(gradient), sp.csc_matrix(curvature))
+
+    def _terms(self, z: Array) -> Sums:
+        """Roots of the terms."""
+        of = self.nlp.transcription
+        motion = of.motion(z)
+        at, states = self._points(motion)
+        h, n = motion.h, states.v.shape[1]
+        torques = self._torques(states).ravel()
+        share = np.repeat(np.tile(WEIGHTS, h.size), n)
+        size = np.repeat(np.sqrt(h[at.interval]), n) * np.sqrt(share)
+        by_length = self._lengths(motion)[np.repeat(at.interval, n)]
+        parts = [
+            of.pull_back(motion, at, partials)
+            for _, partials in self._torque_partials(states)
+        ]
+        jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
+        longer = 0.5 * torques * share / size
+        jacobian = sp.csr_matrix(jacobian + sp.diags(longer) @ by_length)
+        stays = list(self._held(motion, differentiated=True))
+        values = [size * torques, *(held for held, _ in stays)]
+        matrices = [jacobian, *(by for _, by in stays if by is not None)]
+        return Sums(np.concatenate(values), sp.vstack(matrices, format="csr"))
+
+    def _held(
+        self, motion: Motion, *, differentiated: bool = False
+    ) -> Iterator[tuple[Array, sp.csr_matrix | None]]:
+        """Roots of what it takes to stay at the end of each segment that has a stay."""
+        of = self.nlp.transcription
+        asked = of.system.problem.segments
+        for part, (_, end), one in zip(
+            of.system.segments, of.segments, asked, strict=False
+        ):
+            if one.dwell == 0.0:
+                continue
+            at = Instants.end(end)
+            states = of.states(motion, at, 0)
+            still = np.zeros_like(states.q)
+            states = States(states.t, states.q, still, still)
+            root = np.sqrt(one.dwell)
+            held = root * part.motors.torque(states)[0]
+            if not differentiated:
+                yield held, None
+                continue
+            joints = np.arange(held.size)
+            partials = part.motors.differentiate(states, 0 * joints, joints)
+            scale = root * part.motors.half[:, None]
+            by_q = Partials(partials.at, by_q=partials.times(scale).by_q)
+            yield held, of.pull_back(motion, at, by_q)
+
+
+class PositiveWork(Energy):
+    """The work that the motors do [J]; what they get back by braking is lost."""
+
+    def __call__(self, z: Array) -> float:
+        """The work [J]."""
+        motion = self.nlp.transcription.motion(z)
+        states = self._points(motion)[1]
+        power = np.maximum(self._torques(states) * states.v, 0.0).sum(axis=1)
+        return float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
+
+    def model(self, z: Array) -> EnergyModel:
+        """The work near an iterate."""
+        terms = self._terms(z)
+        value = float(np.sum(np.maximum(terms.values, 0.0)))
+        none = sp.csr_matrix((1, z.size))
+        pace = sp.csc_matrix(self._of_pace(z, value, none))
+        return EnergyModel(value, np.zeros(z.size), pace, Kinks(*terms))
+
+    def _terms(self, z: Array) -> Sums:
+        """Work of each motor by Gauss points."""
+        of = self.nlp.transcription
+        motion = of.motion(z)
+        at, states = self._points(motion)
+        h, n = motion.h, states.v.shape[1]
+        torques, speeds = self._torques(states), states.v
+        share = np.repeat(np.tile(WEIGHTS, h.size), n)
+        size = share * np.repeat(h[at.interval], n)
+        by_length = self._lengths(motion)[np.repeat(at.interval, n)]
+        parts = [
+            of.pull_back(motion, at, _power(partials, rows, torques, speeds))
+            for rows, partials in self._torque_partials(states)
+        ]
+        power = (torques * speeds).ravel()
+        jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
+        jacobian = jacobian + sp.diags(share * power) @ by_length
+        return Sums(size * power, sp.csr_matrix(jacobian))
+
+
+def _power(partials: Partials, rows: slice, torques: Array, speeds: Array) -> Partials:
+    """Derivatives of powers from those of torques."""
+    n = speeds.shape[1]
+    by = partials.times(speeds.ravel()[rows][:, None])
+    direct = np.zeros((rows.stop - rows.start, n))
+    joint = np.arange(rows.start, rows.stop) % n
+    direct[np.arange(joint.size), joint] = torques.ravel()[rows]
+    return by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
+
+
+def energy_measure(nlp: NonlinearProgram, measure: Measure) -> Energy:
+    """The energy of an option, for a program."""
+    kinds = {"torque_squared": SquaredTorques, "work": PositiveWork}
+    return kinds[measure](nlp)

@@ -1,0 +1,164 @@
+"""Time against energy over several segments: sums of closed forms, loads, stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, rod, slide
+from tominpmp.initial_guess.segments import solved_guess
+from tominpmp.planner.direct_solve import segmented_program
+from tominpmp.solvers.energy_measures import PositiveWork, SquaredTorques
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.verification import verify
+
+RAIL = make_arm(slide(1.0), effort=np.array([100.0]))
+LIFT = make_arm(
+    slide(1.0, axis=(0.0, 0.0, 1.0)),
+    effort=np.array([200.0]),
+    gravity=(0.0, 0.0, -9.81),
+)
+
+
+def closed_form(distance: float, weight: float = 1.0, mass: float = 1.0) -> float:
+    """J of a mass on a rail from rest to rest without limits."""
+    return 4.0 / 3.0 * (36.0 * weight * mass**2 * distance**2) ** 0.25
+
+
+def to(q: float, **fields) -> tm.Segment:
+    return tm.Segment(tm.JointGoal([q]), **fields)
+
+
+def planned(segments, weight=1.0, robot=RAIL, **options):
+    problem = tm.Problem(robot, [0.0], segments=segments)
+    solution = tm.plan(problem, energy_weight=weight, **options)
+    assert solution.success, solution.message
+    assert solution.verification.ok
+    return solution
+
+
+@pytest.mark.parametrize(
+    ("segments", "expected"),
+    [
+        # With a stop, each is what it is alone: accelerations jump where it is.
+        ([to(1.0, stop=True), to(3.0)], closed_form(1.0) + closed_form(2.0)),
+        ([to(1.0, dwell=0.2), to(3.0)], closed_form(1.0) + closed_form(2.0) + 0.2),
+        # Back again: it stops by itself.
+        ([to(1.0), to(0.0)], 2.0 * closed_form(1.0)),
+        # Passed on the way that is best anyway.
+        ([to(1.0), to(3.0)], closed_form(3.0)),
+    ],
+    ids=["stop", "stay", "back", "passed"],
+)
+def test_rails_with_goals_on_the_way(segments, expected):
+    solution = planned(segments)
+    assert solution.cost == pytest.approx(expected, rel=1e-6)
+    assert "locally optimal trade" in solution.message
+
+
+def test_the_load_of_each_segment_counts():
+    load = tm.Payload(3.0, "tip")
+    segments = [to(1.0, payload=load, stop=True), to(0.0)]
+    solution = planned(segments, weight=0.5)
+    expected = closed_form(1.0, 0.5, mass=4.0) + closed_form(1.0, 0.5)
+    assert solution.cost == pytest.approx(expected, rel=1e-6)
+    loaded, empty = solution.segments
+    assert loaded.duration == pytest.approx(2.0 * empty.duration, rel=1e-4)
+
+
+def test_standing_still_under_gravity_takes_energy():
+    at_once, stays = (
+        planned([to(0.3, **how), to(0.0)], 1e-3, LIFT, intervals=16)
+        for how in ({"stop": True}, {"dwell": 0.4})
+    )
+    held = 0.4 * 9.81**2
+    assert stays.energy - at_once.energy == pytest.approx(held, rel=1e-4)
+    assert stays.T - at_once.T == pytest.approx(0.4, rel=1e-4)
+
+
+def test_limits_of_a_segment_hold():
+    slow = (tm.ToolSpeed("tip", 0.4),)
+    solution = planned([to(1.0, constraints=slow, stop=True), to(0.0)], intervals=20)
+    slow_part, free = solution.segments
+    assert np.abs(slow_part.trajectory.v).max() < 0.4 * 1.005
+    assert slow_part.duration > 2.5
+    assert free.duration == pytest.approx(2.449490, rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def two_links():
+    """A passed goal, a load, a stay: the problem, and its fastest motion."""
+    arm = make_arm(
+        rod(1.0, 1.0),
+        rod(1.0, 0.7),
+        effort=np.array([22.0, 12.0]),
+        gravity=(0.0, -2.0, 0.0),
+    )
+    place = tm.PositionGoal("tip", (0.9, 1.2, 0.0), tolerance=0.05)
+    segments = [
+        tm.Segment(tm.JointGoal([0.8, 0.1])),
+        tm.Segment(place, payload=tm.Payload(0.4, "tip"), dwell=0.1),
+        tm.Segment(tm.JointGoal([0.3, 0.4])),
+    ]
+    problem = tm.Problem(arm, [0.3, 0.4], segments=segments)
+    quick = tm.Options(intervals=12, starts=1, refine=None)
+    return problem, quick, tm.plan(problem, quick)
+
+
+@pytest.mark.parametrize("measure", ["torque_squared", "work"])
+def test_less_is_spent_and_the_motion_is_verified(two_links, measure):
+    problem, quick, fastest = two_links
+    options = quick.changed({"energy": measure, "energy_weight": 1e-2})
+    solution = tm.plan(problem, options)
+    assert solution.success, solution.message
+    assert verify(problem, solution.trajectory).ok
+    spent = tm.plan(problem, options.changed({"energy_weight": 0.0})).energy
+    assert solution.energy < spent
+    assert solution.cost < fastest.T + 1e-2 * spent
+    assert solution.certificate.message.startswith("This is about the duration alone")
+
+
+@pytest.mark.parametrize("measure", [SquaredTorques, PositiveWork])
+@pytest.mark.parametrize("control", ["constant", "linear"])
+@pytest.mark.parametrize("breaks", [False, True])
+def test_gradients_against_differences(two_links, control, breaks, measure):
+    problem, quick, fastest = two_links
+    guess = solved_guess("former motion", fastest.trajectory, problem.segments)
+    options = quick.changed({"control": control})
+    system = ProblemFunctions.of(problem)
+    program, z = segmented_program(system, options, guess, breaks=breaks)
+    rng = np.random.default_rng(1)
+    z = z + 1e-3 * rng.standard_normal(z.size)
+    energy = measure(program)
+    model = energy.model(z)
+    assert model.value == pytest.approx(energy(z), rel=1e-12)
+    for _ in range(2):
+        d = rng.standard_normal(z.size)
+        slope = (energy(z + 1e-7 * d) - energy(z - 1e-7 * d)) / 2e-7
+        promised = (model.change(1e-7 * d) - model.change(-1e-7 * d)) / 2e-7
+        assert promised == pytest.approx(slope, rel=1e-4)
+
+
+def test_accelerations_jump_at_breaks_only(two_links):
+    problem, quick, fastest = two_links
+    guess = solved_guess("former motion", fastest.trajectory, problem.segments)
+    system = ProblemFunctions.of(problem)
+    options = quick.changed({"control": "linear"})
+    program, z = segmented_program(system, options, guess, breaks=True)
+    rng = np.random.default_rng(2)
+    of = program.transcription
+    z = z + 1e-2 * rng.standard_normal(z.size)
+    motion = of.trajectory(z)
+    ends = {segment[1] for segment in of.segments[:-1]}
+    plain = of.motion(z)
+    t = np.cumsum(plain.h)[:-1]
+    nodes = np.arange(1, of.intervals)
+    before = of.states(plain, Instants(nodes - 1, np.ones(t.size)), 2)
+    after = of.states(plain, Instants(nodes, np.zeros(t.size)), 2)
+    np.testing.assert_allclose(before.q, after.q, atol=1e-12)
+    np.testing.assert_allclose(before.v, after.v, atol=1e-9)
+    jumps = np.abs(before.a - after.a).max(axis=1) > 1e-6
+    assert set(nodes[jumps].tolist()) == ends
+    assert motion.degree == 3

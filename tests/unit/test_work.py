@@ -1,0 +1,116 @@
+"""Time against mechanical work: closed forms, its replay, what files know of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.optimize import brentq
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, rod, slide
+from tominpmp.exceptions import OptionsError
+
+
+def rail(force: float) -> tm.Robot:
+    return make_arm(slide(1.0), effort=np.array([force]))
+
+
+def closed_form(distance: float, weight: float, force: float) -> tuple[float, float]:
+    """T and work of a unit mass that is pushed, coasts and brakes.
+
+    With the speed v of the coasting T = d/v + v/a, and the work is v^2/2: J is least
+    where k v^3 + v^2/a = d, or at the speed at which nothing is left to coast.
+    """
+    fastest = np.sqrt(distance * force)
+
+    def slope(v: float) -> float:
+        return weight * v**3 + v**2 / force - distance
+
+    v = fastest if slope(fastest) < 0.0 else brentq(slope, 1e-9, fastest)
+    return distance / v + v / force, 0.5 * v**2
+
+
+@pytest.mark.parametrize(
+    ("distance", "weight", "force"), [(1.0, 1.0, 4.0), (2.0, 0.1, 4.0), (2.0, 5.0, 1.0)]
+)
+def test_a_mass_on_a_rail_coasts_as_in_the_closed_form(distance, weight, force):
+    problem = tm.Problem(rail(force), [0.0], tm.JointGoal([distance]))
+    solution = tm.plan(problem, energy="work", energy_weight=weight)
+    assert solution.success, solution.message
+    T, work = closed_form(distance, weight, force)
+    assert solution.cost == pytest.approx(T + weight * work, rel=1e-3)
+    assert pytest.approx(T, rel=1e-2) == solution.T
+    assert solution.energy == pytest.approx(work, rel=3e-2)
+    # It coasts: for most of what is left between the ends no motor works.
+    t = np.linspace(0.0, solution.T, 1001)
+    idle = np.abs(solution.trajectory(t).u[:, 0]) < 0.05 * force
+    v = np.sqrt(2.0 * work)
+    assert np.mean(idle) == pytest.approx((T - 2.0 * v / force) / T, abs=0.1)
+
+
+def test_work_that_costs_next_to_nothing_changes_nothing():
+    problem = tm.Problem(rail(1.0), [0.0], tm.JointGoal([1.0]))
+    solution = tm.plan(problem, energy="work", energy_weight=1e-9)
+    assert pytest.approx(2.0, rel=1e-4) == solution.T
+
+
+def test_segments_with_a_stop_add_up():
+    segments = [
+        tm.Segment(tm.JointGoal([1.0]), stop=True),
+        tm.Segment(tm.JointGoal([3.0])),
+    ]
+    problem = tm.Problem(rail(4.0), [0.0], segments=segments)
+    solution = tm.plan(problem, energy="work", energy_weight=1.0)
+    parts = [closed_form(d, 1.0, 4.0) for d in (1.0, 2.0)]
+    expected = sum(T + work for T, work in parts)
+    assert solution.cost == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """Two links in a plane under gravity: the fastest plan, and one of little work."""
+    arm = make_arm(
+        rod(1.0, 1.0),
+        rod(1.0, 0.7),
+        effort=np.array([12.0, 6.0]),
+        gravity=(0.0, -2.0, 0.0),
+    )
+    problem = tm.Problem(arm, [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
+    quick = tm.Options(intervals=12, starts=1, refine=None, energy="work")
+    fastest = tm.plan(problem, quick)
+    return fastest, tm.plan(problem, quick.changed({"energy_weight": 0.1}))
+
+
+def test_work_is_that_of_the_torques(swing):
+    for solution in swing:
+        t = np.linspace(0.0, solution.T, 40001)
+        _, v, _, u = solution.trajectory(t)
+        power = np.sum(np.maximum(u * v, 0.0), axis=1)
+        assert solution.energy == pytest.approx(trapezoid(power, t), rel=1e-3)
+
+
+def test_work_is_traded_for_time(swing):
+    fastest, thrifty = swing
+    assert thrifty.success, thrifty.message
+    assert thrifty.verification.ok
+    assert thrifty.energy < 0.6 * fastest.energy
+    assert thrifty.cost < fastest.T + 0.1 * fastest.energy
+    assert "trade of time against work" in thrifty.message
+    assert " J, " in thrifty.message
+
+
+def test_wrong_kinds_are_refused():
+    with pytest.raises(OptionsError, match="energy is 'heat', expected one of: torque"):
+        tm.Options(energy="heat")
+    with pytest.raises(OptionsError, match="energy is 3"):
+        tm.Options(energy=3)
+
+
+def test_scenario_files_know_it(tmp_path):
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
+    problem = tm.Problem(robot, [0.5, 0.5, 0.5], tm.JointGoal([0.6, 0.5, 0.4]))
+    options = tm.Options(energy="work", energy_weight=0.01)
+    path = tmp_path / "arm.toml"
+    tm.save_scenario(path, problem, options)
+    assert tm.load_scenario(path).options.energy == "work"
