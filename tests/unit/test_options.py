@@ -12,6 +12,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.options import (
     CONTROLS,
     EFFORTS,
+    ENERGIES,
     GRIDS,
     LP_SOLVERS,
     METHODS,
@@ -32,6 +33,7 @@ BAD = {
     "control": NO_CHOICES,
     "objective": NO_CHOICES,
     "effort": NO_CHOICES,
+    "energy": NO_CHOICES,
     "energy_weight": [*NO_NUMBERS, -1e-9, np.nan, np.inf],
     "slack": [*(v for v in NO_NUMBERS if v is not None), -1e-9, np.nan, np.inf],
     "smoothing": [*(v for v in NO_NUMBERS if v is not None), -1e-9, np.nan, np.inf],
@@ -76,6 +78,7 @@ GOOD = {
     "control": [(value, value) for value in CONTROLS],
     "objective": [("time", "time"), ("feasible", "feasible")],
     "effort": [(value, value) for value in EFFORTS],
+    "energy": [(value, value) for value in ENERGIES],
     "energy_weight": [(0, 0.0), (1e-3, 1e-3)],
     "slack": [(None, None), (0, 0.0), (0.01, 0.01)],
     "smoothing": [(None, None), (0, 0.0), (np.float32(0.5), 0.5)],

@@ -84,14 +84,16 @@ def _best(solution: Solution, former: Trajectory) -> Solution | str:
 def _message(found: Solution, former: Trajectory) -> str:
     """What was found, in a sentence."""
     assert found.trajectory is not None and found.energy is not None  # noqa: S101
-    more = 100.0 * (found.T / former.duration - 1.0)
+    share = 100.0 * (found.T / former.duration - 1.0)
+    # On a finer grid it may take less.
+    more = f"{abs(share):.3g} % {'more' if share >= 0.0 else 'less'}"
     settled = "A locally optimal" if found.status is Status.CONVERGED else "A"
     begin = "" if found.status is Status.CONVERGED else f"{found.status.value} "
     weight, unit = found.options.energy_weight, UNITS[found.options.energy]
     name = "work" if found.options.energy == "work" else "energy"
     return (
         f"{begin}{settled} trade of time against {name} was found. "
-        f"T = {found.T:.4f} s, {more:.3g} % more than the fastest motion found, "
+        f"T = {found.T:.4f} s, {more} than the fastest motion of the search, "
         f"{name} = {found.energy:.4g} {unit}, "
         f"T + {weight:g} {name} = {found.cost:.6g} s."
     )
