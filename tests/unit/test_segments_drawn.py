@@ -7,6 +7,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
+from tominpmp.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Appearance, draw
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.segments import frame_places, loads, obstacles, there
@@ -42,6 +43,32 @@ def test_a_load_stands_is_carried_and_stays(solution):
     middle = float(solution.trajectory(times[2]).q[0]) - 0.5
     np.testing.assert_allclose(way, [0.0, 0.0, middle, 0.5, 0.5], atol=1e-9)
     np.testing.assert_array_equal(load.carried, [False, True, True, True, False])
+
+
+def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
+    shape = tm.Box("crate", size=(0.1, 0.1, 0.1))
+    crate = tm.Payload(1.0, "tip", geometry=[shape], name="crate")
+    ends = [0.5, 1.0, 0.7, 0.2, 0.6]
+    carried = [False, True, True, False, True]
+    segments = [
+        tm.Segment(tm.JointGoal([q]), payload=crate if has else None)
+        for q, has in zip(ends, carried, strict=True)
+    ]
+    robot = make_arm(slide(2.0), effort=10.0)
+    problem = tm.Problem(robot, [0.0], segments=segments)
+    t = np.arange(6.0)
+    q = np.array([[0.0], *([end] for end in ends)])
+    zero = np.zeros_like(q)
+    motion = Trajectory(robot.joint_names, t, q, zero, zero, segment_ends=t[1:])
+    times = np.array([0.5, 1.0, 1.5, 2.5, 3.0, 3.5, 4.0, 4.5])
+    (load,) = loads(problem, motion, times)
+    places = load.placements[:, 0, 3] - frame_places(robot, q[:1], "tip")[0, 0, 3]
+    hand = motion(times).q[:, 0]
+    # It stands at 0.5, is carried to 0.7, stays there, and goes on from where it is
+    # taken up again.
+    expected = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.2, hand[7]]
+    np.testing.assert_allclose(places, expected, atol=1e-9)
+    assert load.carried.tolist() == [False, *[True] * 4, False, True, True]
 
 
 def test_obstacles_are_there_on_their_segments(solution):

@@ -115,6 +115,10 @@ def resolve_control(problem: Problem, options: Options, method: str) -> Control:
     """
     limits, control = problem.motion_limits, options.control
     smooth = limits is not None and limits.need_smooth
+    smooth = smooth or any(
+        phase.motion_limits is not None and phase.motion_limits.continuous
+        for phase in problem.phases
+    )
     if method != "inverse" and (smooth or control not in ("auto", "constant")):
         raise OptionsError(
             f"method {method!r} knows piecewise constant torques only: motion limits "

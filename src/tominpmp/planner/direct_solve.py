@@ -262,7 +262,7 @@ def segmented_program(
     ends = tuple(np.cumsum(counts).tolist())
     transcription: Transcription[Any]
     if smooth:
-        where = ends[:-1] if breaks else ()
+        where = ends[:-1] if breaks and system.sudden else ()
         transcription = spline = SegmentedBSpline(
             system, shares, DEGREES[options.control], ends, breaks=where
         )

@@ -275,7 +275,7 @@ def blocks_of(of: Transcription[Any]) -> list[Block]:
     """
     parts = of.system.segments
     if len(parts) == 1:
-        found = [block_of(of, constraint) for constraint in of.system.constraints]
+        found = [block_of(of, constraint) for constraint in parts[0].constraints]
         return [block for block in found if block is not None]
     found = []
     for constraint in parts[0].constraints:

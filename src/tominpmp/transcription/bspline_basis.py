@@ -99,10 +99,10 @@ class Elimination:
     def of(cls, system: ProblemFunctions, basis: Basis) -> Elimination:
         """Elimination for the end states of a problem."""
         n, M, t, p = system.n, basis.count, basis.knots, basis.degree
-        limits, goal = system.problem.motion_limits, system.final_configuration
-        known = 3 if limits is not None and limits.continuous else 2
-        v_end = system.final_velocity
-        last = known if v_end is not None else int(goal is not None)
+        goal, v_end = system.final_configuration, system.final_velocity
+        known, last = (2 if one.sudden else 3 for one in _ends(system))
+        if v_end is None:
+            last = int(goal is not None)
         inner = M - known - last
         # A free final configuration moves the points that hang on it together.
         free = inner + int(last > 0 and goal is None)
@@ -136,6 +136,11 @@ class Elimination:
             shape=(M * n, size),
         )
         return cls(matrix, base.ravel(), free, v_end is not None)
+
+
+def _ends(system: ProblemFunctions) -> tuple[ProblemFunctions, ProblemFunctions]:
+    """The functions of the first and of the last segment."""
+    return system.segments[0], system.segments[-1]
 
 
 def slopes(degree: int, spans: Array) -> Array:

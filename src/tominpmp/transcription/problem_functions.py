@@ -160,9 +160,10 @@ class ProblemFunctions:
 
     @property
     def sudden(self) -> bool:
-        """Whether accelerations may begin and end suddenly."""
+        """Whether accelerations may begin and end suddenly, on all segments."""
         limits = self.problem.motion_limits
-        return limits is None or not limits.continuous
+        own = limits is None or not limits.continuous
+        return own and all(part.sudden for part in self.parts)
 
     @property
     def first_tried(self) -> ProblemFunctions:

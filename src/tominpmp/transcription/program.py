@@ -290,15 +290,17 @@ class NonlinearProgram:
 def _goals_on_the_way(of: Transcription[Any]) -> list[Block]:
     """Rows of the goals of all segments but the last."""
     found: list[Block] = []
+    parts = of.system.segments
     for number, (part, (first, end)) in enumerate(
-        zip(of.system.segments[:-1], of.segments[:-1], strict=True)
+        zip(parts[:-1], of.segments[:-1], strict=True)
     ):
         scale = np.ones(part.goal_bounds[0].size)
         goal = GoalReached(part.problem.goal, part.kinematics, scale)
         suffix = f" of segment {number + 1}"
         found.append(Sampled(goal, Instants.end(end), (first, end), suffix))
         stays = of.system.problem.segments[number].dwell > 0.0
-        if stays and not part.sudden and of.highest > 2:
+        sudden = part.sudden and parts[number + 1].sudden
+        if stays and not sudden and of.highest > 2:
             rest = Standstill(BRAKING * part.problem.robot.limits.velocity)
             found.append(Sampled(rest, Instants.end(end), (first, end), suffix))
     return found

@@ -85,7 +85,7 @@ def _load(
         begin, end = begins[number], ends[number]
         carried |= (times >= begin) & (times <= end)
         # It is where it was put down last, or where it will be picked up first.
-        mine = ~known & ((times >= begin) | (payload is first))
+        mine = ~known & ((times >= begin) | (number == runs[0][0]))
         held = trajectory(np.clip(times[mine], begin, end)).q
         frames = frame_places(problem.robot, held, payload.frame)
         grip = _placement(payload) @ np.linalg.inv(_placement(first))
