@@ -5,6 +5,7 @@ The fastest motion that was found, as slow as is best for its path, is where it 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -16,8 +17,8 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Control, Options
-from tominpmp.planner.direct_solve import first_program, segmented_program
-from tominpmp.planner.later_stage import Over, bettered, made
+from tominpmp.planner.direct_solve import NEARLY, first_program, segmented_program
+from tominpmp.planner.later_stage import Former, Over, bettered, made
 from tominpmp.solution import Solution
 from tominpmp.solvers.energy import EnergySolver
 from tominpmp.solvers.iterate import SlpResult
@@ -25,6 +26,8 @@ from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bspline import DEGREES
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.layout import QUADRATIC, Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -33,8 +36,12 @@ SLOWEST = 100.0
 # How much finer the grid is than that of the search: motions that spend less have no
 # torques that jump, as those of the fastest motion do, or jump elsewhere.
 FINER = 2
+# How often a slower pace is halved that breaks limits, as of times of arrival.
+SLOWER_TRIALS = 6
 UNITS = {"torque_squared": "N^2 m^2 s", "work": "J"}
 NO_CHEAPER = "none of less cost was found."
+# A program, and where it begins.
+Begun = tuple[NonlinearProgram, Array]
 
 
 def economical(solution: Solution, options: Options) -> Solution:
@@ -63,11 +70,31 @@ def economical(solution: Solution, options: Options) -> Solution:
 
 def _best(solution: Solution, former: Trajectory) -> Solution | str:
     """The solution with the motion of least cost, or why there is none."""
+    options, found = solution.options, None
+    fits = options.control in DEGREES
+    if options.energy == "work":
+        fits = fits or former.degree == QUADRATIC
+    if options.method == "collocation" or not fits:
+        found = _cheaper(solution, former, _as_guess, _converted)
+    if found is None and options.method != "collocation":
+        # Where another spline is too far from what the problem allows, the motion is
+        # bettered as it is.
+        found = _cheaper(solution, former, _as_it_is, _taken_up)
+    return NO_CHEAPER if found is None else found
+
+
+def _cheaper(
+    solution: Solution,
+    former: Trajectory,
+    taken: Callable[[ProblemFunctions, Trajectory], Former],
+    program: Callable[[ProblemFunctions, Options, Former], Begun],
+) -> Solution | None:
+    """The solution with a motion of less cost, begun with one kind of program."""
     options = solution.options
-    intervals = FINER * options.intervals
-    motion = made(solution, former, intervals, _taken, partial(_solved, options))
+    make = partial(_solved, options, program)
+    motion = made(solution, former, FINER * options.intervals, taken, make)
     if motion is None or not motion.verification.ok:
-        return NO_CHEAPER
+        return None
     found = replace(
         solution,
         status=motion.status,
@@ -77,7 +104,7 @@ def _best(solution: Solution, former: Trajectory) -> Solution | str:
         violations={},
     )
     if found.cost > solution.cost:
-        return NO_CHEAPER
+        return None
     return replace(found, message=_message(found, former))
 
 
@@ -99,23 +126,17 @@ def _message(found: Solution, former: Trajectory) -> str:
     )
 
 
-def _taken(system: ProblemFunctions, former: Trajectory) -> Guess:
-    """The fastest motion as a guess."""
-    if system.parts:
-        return solved_guess("former motion", former, system.problem.segments)
-    return warm_start(system, former)
-
-
 def _solved(
     options: Options,
+    begun: Callable[[ProblemFunctions, Options, Former], Begun],
     system: ProblemFunctions,
-    guess: Guess,
+    former: Former,
     intervals: int,
     over: Over,
 ) -> tuple[Trajectory | None, Status]:
     """The motion of least cost on a grid, and how the iteration ended."""
     weight = options.energy_weight
-    program, z = _program(system, replace(options, intervals=intervals), guess)
+    program, z = begun(system, replace(options, intervals=intervals), former)
     z = _as_slow_as_is_best(EnergySolver(program, options, weight), z)
 
     def solve(
@@ -129,26 +150,70 @@ def _solved(
     return program.trajectory(result.best.z), result.status
 
 
-def _program(
-    system: ProblemFunctions, options: Options, guess: Guess
-) -> tuple[NonlinearProgram, Array]:
-    """Program for the fastest motion, and that motion as its iterate."""
-    smooth = options.control in DEGREES
-    if options.method != "collocation" and not smooth:
-        # Where work counts, motors push, coast and brake, and torques jump between.
+def _as_guess(system: ProblemFunctions, former: Trajectory) -> Guess:
+    """The fastest motion as a guess."""
+    if system.parts:
+        return solved_guess("former motion", former, system.problem.segments)
+    return warm_start(system, former)
+
+
+def _converted(system: ProblemFunctions, options: Options, guess: Guess) -> Begun:
+    """Program near to the fastest motion, of splines that fit the energy.
+
+    Torques that spend little do not jump; where work counts, motors push, coast and
+    brake, and torques jump between.
+    """
+    if options.method != "collocation":
         control: Control = "constant" if options.energy == "work" else "linear"
         options = replace(options, control=control)
     if isinstance(guess, SegmentedGuess):
         # What is carried changes at the ends of segments, and so do torques.
-        return segmented_program(system, options, guess, breaks=not smooth)
+        return segmented_program(system, options, guess, breaks=True)
     return first_program(system, options, guess)
 
 
+def _as_it_is(system: ProblemFunctions, former: Trajectory) -> Trajectory:
+    return former
+
+
+def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
+    """Program of the fastest motion itself, on a finer grid."""
+    if system.parts:
+        stays = [segment.dwell for segment in system.problem.segments]
+        layout = Layout.of_segments(former, stays)
+    else:
+        layout = Layout.of_motion(former)
+    if layout is None:
+        return _converted(system, options, _as_guess(system, former))
+    of, z = layout.taken_up(system, former)
+    while of.intervals < options.intervals:
+        longest = np.argsort(-of.motion(z).h, kind="stable")
+        split = np.zeros(of.intervals, dtype=bool)
+        split[longest[: options.intervals - of.intervals]] = True
+        of, z = split_intervals(of, z, split)
+    program = NonlinearProgram.of(of).at(z)
+    return exchanged(program, z, -NEARLY) or program, z
+
+
 def _as_slow_as_is_best(solver: EnergySolver, z: Array) -> Array:
-    """The same path, as slow as is best for it."""
+    """The same path, as slow as is best for it; as it is if limits do not allow it."""
+    nlp = solver.nlp
+
+    def slower(power: float) -> Array:
+        return nlp.stretch(z, float(np.exp(power)))
+
     found = minimize_scalar(
-        lambda power: solver.objective(solver.nlp.stretch(z, float(np.exp(power)))),
+        lambda power: solver.objective(slower(power)),
         bounds=(0.0, np.log(SLOWEST)),
         method="bounded",
     )
-    return solver.nlp.stretch(z, float(np.exp(found.x)))
+    best, power = z, float(found.x)
+    allowed = max(
+        nlp.rows.largest_violation(nlp.evaluate(z)), solver.options.feasibility
+    )
+    for _ in range(SLOWER_TRIALS):
+        best = slower(power)
+        if nlp.rows.largest_violation(nlp.evaluate(best)) <= allowed:
+            return best
+        power *= 0.5
+    return z

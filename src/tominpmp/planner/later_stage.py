@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
-from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution
@@ -28,8 +27,8 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 
 Over = Callable[[], bool]
-# What a stage begins with: the motion as a guess.
-Former = TypeVar("Former", bound=Guess)
+# What a stage begins with, as the motion or a guess that is made of it.
+Former = TypeVar("Former")
 # Makes a motion on a grid of so many intervals, and says how its iteration ended.
 Make = Callable[[ProblemFunctions, Former, int, Over], tuple[Trajectory | None, Status]]
 

@@ -38,6 +38,8 @@ from tominpmp.transcription.program import NonlinearProgram
 FIRST_WEIGHT = 10.0
 # Share of the objective that further steps are not worth their time for.
 SETTLED = 1e-6
+# Share of the work that a step as long as the trust region costs in each unknown.
+TRACE = 1e-7
 # Keys of the rows and columns of kinks begin here.
 KINK_KEYS = 1_000_000_000
 
@@ -98,7 +100,11 @@ class EnergySolver:
         nlp, z, values = self.nlp, state.z, state.values
         bounds = nlp.step_bounds(z, self.options.trust_region * state.region.radius)
         linearization = nlp.linearize(z, values, bounds)
-        frame = build_subproblem(state.merit, values, linearization, bounds, None, z)
+        # What the linearised rows lack holds motions on curved limits to short steps.
+        root = nlp.curvature(z, state.multipliers)
+        frame = build_subproblem(
+            state.merit, values, linearization, bounds, None, z, root
+        )
         energy = energy_measure(nlp, self.options.energy).model(z)
         here = float(nlp.cost @ z) + self.weight * energy.value
         return take_step(
@@ -108,7 +114,10 @@ class EnergySolver:
             here,
             lambda z, _: self.objective(z),
             lambda step: (
-                here + float(nlp.cost @ step) + self.weight * energy.change(step)
+                here
+                + float(nlp.cost @ step)
+                + self.weight * energy.change(step)
+                + frame.bend(step)
             ),
             self.options.feasibility,
         )
@@ -126,6 +135,12 @@ class EnergySolver:
         cost = program.cost.copy()
         cost[: free.size] += self.weight * gradient[free]
         of_step = self.weight * energy.curvature[free][:, free]
+        if frame.root is not None:
+            of_step = of_step + frame.root[:, free].T @ frame.root[:, free]
+        if energy.kinks is not None:
+            # A trace of curvature for what is free to be anything.
+            box = np.maximum(bounds.upper, -bounds.lower)[free]
+            of_step = of_step + sp.diags(TRACE * self.weight * energy.value / box**2)
         rest = program.cost.size - free.size
         curvature = sp.block_diag([of_step, sp.csc_matrix((rest, rest))], format="csc")
         return QuadraticProgram(frame, replace(program, cost=cost), curvature)

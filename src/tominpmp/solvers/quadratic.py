@@ -177,9 +177,10 @@ def take_step(
         lambda _, violation: violation <= feasibility,
     )
     trial = outcome.trial
-    raised = state.merit.raised(frame.multipliers(solution), values, expected)
+    multipliers = frame.multipliers(solution)
+    raised = state.merit.raised(multipliers, values, expected)
     region = state.region.after(outcome.ratio, trial.damping)
-    state = replace(state, merit=raised, region=region)
+    state = replace(state, merit=raised, region=region, multipliers=multipliers)
     if outcome.accepted:
         state = replace(state, z=trial.z, values=trial.values)
     return state, promised

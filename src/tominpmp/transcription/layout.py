@@ -8,7 +8,7 @@ motion, or sent from one process to another, where a program could not.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,6 +76,28 @@ class Layout:
             return None
         shares = np.diff(motion.t)[:, None] / motion.duration
         return cls(motion.degree, shares, np.array([motion.duration]))
+
+    @classmethod
+    def of_segments(cls, motion: Trajectory, dwells: Sequence[float]) -> Layout | None:
+        """Layout of a motion of several segments whose torques follow from it.
+
+        Args:
+            motion: The motion.
+            dwells: How long it stays at the end of each [s].
+        """
+        if motion.inverse_dynamics is None or motion.segment_ends is None:
+            return None
+        lengths, first = [], 0
+        for end, dwell in zip(motion.segment_ends.tolist(), dwells, strict=True):
+            last = int(np.argmin(np.abs(motion.t - (end - dwell))))
+            lengths.append(np.diff(motion.t[first : last + 1]))
+            first = int(np.argmin(np.abs(motion.t - end)))
+        counts = [part.size for part in lengths]
+        shares = np.zeros((sum(counts), len(counts)))
+        segment = np.repeat(np.arange(len(counts)), counts)
+        shares[np.arange(segment.size), segment] = np.concatenate(lengths)
+        ends = tuple(np.cumsum(counts).tolist())
+        return cls(motion.degree, shares, np.ones(len(counts)), ends)
 
     def transcription(self, system: ProblemFunctions) -> Gridded:
         """The parameterisation, for the functions of a problem."""
