@@ -409,3 +409,25 @@ def test_all_shapes_ghosts_and_a_pose(
     assert np.sum(np.diff(columns.astype(int)) == 1) >= 4
     assert page.complaints() == []
     assert page.text("problem") == ""
+
+
+@pytest.mark.parametrize(("height", "below"), [(636, True), (380, False)])
+def test_telephones_have_the_curves_below_the_motion(
+    browser: Browser, address: str, height: int, below: bool
+) -> None:
+    page = browser.open(address)
+    size = {"width": 358, "height": height, "deviceScaleFactor": 1, "mobile": True}
+    page._call("Emulation.setDeviceMetricsOverride", **size)
+    page.frames()
+    places = page.evaluate(
+        "['meshcat-pane', 'player', 'shares'].map((id) => {"
+        " const r = document.getElementById(id).getBoundingClientRect();"
+        " return [r.top, r.bottom, r.width]; })"
+    )
+    pane, player, shares = places
+    assert pane[2] == 358 and player[1] <= pane[1]
+    # What is drawn is as high as the pane, so that nothing of the arm is cut off.
+    drawn = page.evaluate("document.querySelector('#meshcat-pane canvas').offsetHeight")
+    assert drawn == pytest.approx(pane[1] - pane[0], abs=1.0)
+    assert (shares[2] > 0) is below
+    assert pane[1] == pytest.approx(shares[0] if below else height, abs=1.0)

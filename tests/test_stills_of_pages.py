@@ -32,6 +32,13 @@ def test_a_still_that_was_not_taken_is_missed(tmp_path: Path) -> None:
         playback_pages.copy_stills(["no_such"], tmp_path)
 
 
+# Waits until the frame that is on its way is there.
+LOADED = """new Promise((done) => {
+  const look = () => document.querySelector('.waiting') ? setTimeout(look, 5) : done();
+  look();
+})"""
+
+
 def html(name: str, *, when_seen: bool = False) -> str:
     """The still of a motion as it stands in a page."""
     text = playback_pages.frame(name, name, "", when_seen=when_seen)
@@ -71,10 +78,18 @@ def test_one_plays_at_a_time(browser: Browser, tmp_path: Path) -> None:
     opened.evaluate(click.format("second"))
     assert playing() == ["second"]
     # The other is a still again, in its place, and may be clicked again.
-    order = "Array.from(document.querySelectorAll('.playback'), (e) => e.title)"
-    assert opened.evaluate(order) == ["first", "second"]
-    opened.evaluate(click.format("first"))
+    shown = "document.querySelectorAll('.playback:not(.waiting)')"
+    opened.evaluate(LOADED)
+    assert opened.evaluate(f"Array.from({shown}, (e) => e.title)") == [
+        "first",
+        "second",
+    ]
+    # The still is seen until there is something else to see.
+    kinds = f"Array.from({shown}, (e) => e.tagName)"
+    assert opened.evaluate(f"{click.format('first')}; {kinds}") == ["A", "A"]
     assert playing() == ["first"]
+    opened.evaluate(LOADED)
+    assert opened.evaluate(kinds) == ["IFRAME", "A"]
     assert opened.evaluate("document.querySelector('iframe').offsetHeight") > 100
 
     page.write_text(page.read_text().replace('"clicked"', '"seen"', 1))

@@ -5,17 +5,23 @@
   let playing = null; // the frame, and the still that it stands for
 
   function stop() {
-    if (playing) playing.frame.replaceWith(playing.still);
+    if (playing && playing.still.isConnected) playing.frame.remove();
+    else if (playing) playing.frame.replaceWith(playing.still);
     playing = null;
   }
 
   function play(still) {
     stop();
     const frame = document.createElement("iframe");
-    frame.className = "playback";
+    // The still stays to be seen until there is something else to see.
+    frame.className = "playback waiting";
     frame.title = still.title;
     frame.src = still.href;
-    still.replaceWith(frame);
+    frame.addEventListener("load", () => {
+      still.remove();
+      frame.className = "playback";
+    });
+    still.after(frame);
     playing = { frame, still };
   }
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tominpmp.arguments import Told
 from tominpmp.exceptions import brief, shortened
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def in_brief(value: object) -> str:
     return brief(value)
 
 
-class Record:
+class Record(Told):
     """Base of frozen dataclasses that hold arrays; to be declared with ``eq=False``.
 
     Records are equal if they are of one class and all fields are, arrays element by

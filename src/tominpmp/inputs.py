@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, array_or_nan, real_number
+from tominpmp.arrays import Array, array_or_nan, real_array, real_number
 from tominpmp.exceptions import ProblemError, brief, closest
 
 #: A point or another vector in space: three numbers, or what has x, y and z.
@@ -160,6 +160,39 @@ def named_row(value: object, name: str) -> tuple[tuple[str, ...] | None, object]
             name,
         )
     return tuple(found), [_number(x, joint, name) for joint, x in found.items()]
+
+
+def numbers_of_joints(value: ArrayLike, name: str, count: int) -> Array:
+    """Rows of numbers, one for each joint, shape (..., count).
+
+    What is such an array is returned as it is: nothing is looked at number by number.
+
+    Args:
+        value: The numbers.
+        name: What they are, for messages.
+        count: How many joints there are.
+
+    Raises:
+        ProblemError: If they are no numbers, or not one for each joint.
+    """
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        array = value
+    else:
+        try:
+            array = real_array(value)
+        except ValueError as error:
+            raise ProblemError(
+                f"{name} is {brief(value)}, expected {count} numbers, one for each "
+                "joint, or rows of them",
+                name,
+            ) from error
+    if array.ndim == 0 or array.shape[-1] != count:
+        raise ProblemError(
+            f"{name} has shape {array.shape}, expected (..., {count}): a number for "
+            "each joint",
+            name,
+        )
+    return array
 
 
 def in_order(

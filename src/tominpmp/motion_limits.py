@@ -193,6 +193,9 @@ class MotionLimits(Record):
             ProblemError: If there are too many or too few values.
             JointNotFound: If a joint is unknown.
         """
+        if not isinstance(name, str) or name not in UNITS:
+            known = " or ".join(map(repr, UNITS))
+            raise ProblemError(f"name is {brief(name)}, expected {known}", "name")
         value, n = getattr(self, name), len(joint_names)
         if value is None:
             return np.full(n, np.inf)

@@ -331,8 +331,8 @@ class Options(Record):
         return tuple(item.name for item in fields(cls))
 
 
-def _unknown(name: str, known: tuple[str, ...]) -> str:
+def _unknown(name: object, known: tuple[str, ...]) -> str:
     """Say that there is no option of a name, and which may be meant."""
-    near = difflib.get_close_matches(name, known, n=1)
+    near = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(known)}"
-    return f"there is no option {name[:60]!r}; {hint}"
+    return f"there is no option {brief(name)}; {hint}"

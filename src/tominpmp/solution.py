@@ -15,6 +15,7 @@ from tominpmp.accelerations import (
     acceleration_remark,
     peak_acceleration,
 )
+from tominpmp.arguments import Told
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
 from tominpmp.notebook import outcome_card
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Told):
     """The outcome of planning; true if it is a success.
 
     Attributes:

@@ -272,8 +272,8 @@ class Trajectory(Record):
         if isinstance(nu, bool) or not isinstance(nu, int | np.integer) or nu < 0:
             raise ProblemError(f"nu is {brief(nu)}, expected a whole number >= 0", "nu")
         whole = polynomials(self.t, self.q, self.v, self.a)
-        # More than zero is asked for at once.
-        return whole.derivative(int(nu)) if nu else whole
+        # Beyond the degree all are zero, and SciPy counts up to the order.
+        return whole.derivative(min(int(nu), 9)) if nu else whole
 
     def _repr_html_(self) -> str:
         """Curves and a table, for notebooks."""

@@ -24,14 +24,14 @@ from tominpmp.batch.outcome import Outcome
 from tominpmp.bounds.result import LowerBound
 from tominpmp.description.paths import checked_path
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ScenarioError, optional
+from tominpmp.exceptions import ProblemError, ScenarioError, brief, optional
 from tominpmp.io.files import write_file
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.scenario.scenario import Scenario, load_scenario
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
+from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 
 # Files of a folder at most: so many stand in one below that of the results.
 FILES = 1000
@@ -309,14 +309,19 @@ class Dataset(Record):
             count: Number of instants, from the start to the end, equally spaced in
                 time.
 
-        Yields:
-            Results that have a motion, and q, v and u beside each other, shape (count,
-            3 n); torques between nodes are those of the nodes, joined by lines.
+        Returns:
+            One after the other, results that have a motion, and q, v and u beside each
+            other, shape (count, 3 n); torques between nodes are those of the nodes,
+            joined by lines.
         """
-        for entry in self:
-            if not entry.success:
-                continue
-            yield entry, entry.sampled(count)
+        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+        if not whole or not 1 <= count <= MAX_SAMPLES:
+            raise ProblemError(
+                f"count is {brief(count)}, expected a whole number from 1 to "
+                f"{MAX_SAMPLES}",
+                "count",
+            )
+        return ((item, item.sampled(count)) for item in self if item.success)
 
     def to_parquet(self, path: str | Path) -> Path:
         """Write all results as one Parquet file, a row each; nested lists for motions.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tominpmp.arguments import Told
+
 # A motion is told to be near a bound if it takes no more than this times as long. Most
 # bounds are not the minimum itself: of a motion that is farther away from one they tell
 # nothing.
@@ -11,7 +13,7 @@ TELLING = 1.1
 
 
 @dataclass(frozen=True)
-class LowerBound:
+class LowerBound(Told):
     """Time that no motion can beat.
 
     Attributes:

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.arrays import Array, BoolArray, frozen_array, number_or_nan
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.costates import disagreement, integrate_costates
@@ -39,7 +39,7 @@ from tominpmp.certificate.optimality_report import (
 )
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
-from tominpmp.exceptions import expect
+from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
@@ -88,7 +88,12 @@ def certify(
     expect(problem, Problem, "problem", "a Problem")
     if verification is not None:
         expect(verification, Verification, "verification", "a Verification or None")
-    expect(tolerance, (int, float, np.number), "tolerance", "a share of the duration")
+    share = number_or_nan(tolerance)
+    if not 0.0 <= share < np.inf:
+        raise ProblemError(
+            f"tolerance is {brief(tolerance)}, expected a share of the duration, >= 0",
+            "tolerance",
+        )
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     trajectory = with_segments(problem, trajectory, Tolerances())

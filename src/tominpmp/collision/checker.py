@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tominpmp.arguments import Told
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.assembly import Assembly
 from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
@@ -22,7 +23,7 @@ from tominpmp.scene import Scene
 CHUNK = 1024
 
 
-class CollisionChecker:
+class CollisionChecker(Told):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
     Pairs are put together when they are first asked for, as cutting meshes may take

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tominpmp.arguments import Told
 from tominpmp.arrays import Array, IntArray
 
 NO_TIMES = np.zeros(0)
@@ -71,7 +72,7 @@ class Partials(NamedTuple):
         return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
 
 
-class Constraint(ABC):
+class Constraint(Told, ABC):
     """Something that holds at all times of a motion, or at some.
 
     Values are scaled so that a violation of 1 is about one by 100 %.

@@ -8,6 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint, positive
+from tominpmp.constraints.quantity import Quantity
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.frame_motions import FrameMotions
 from tominpmp.robot import Robot
@@ -65,6 +66,8 @@ class FrameRows(FrameConstraint):
 
     def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """The vector at one state."""
+        if type(self).vector_rows is Quantity.vector_rows:
+            return super().vector(q, v, a)
         vector, *by = self.vector_rows(q[None], v[None], a[None])
         by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
         return vector[0], by_q, by_v, by_a

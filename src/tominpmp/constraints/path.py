@@ -98,7 +98,12 @@ class PathConstraint(Record, Quantity):
     def kinematics(self) -> RobotKinematics:
         """Placement of the robot's frames."""
         found = self.__dict__.get("_kinematics")
-        assert isinstance(found, RobotKinematics), "not on a robot"  # noqa: S101
+        if not isinstance(found, RobotKinematics):
+            raise ProblemError(
+                f"{self.name}: the constraint is on no robot, expected one that "
+                "constraint.on(robot) has made, as a problem does",
+                "constraints",
+            )
         return found
 
     @property
@@ -108,7 +113,8 @@ class PathConstraint(Record, Quantity):
 
     def with_times(self: Own, times: Array) -> Own:
         """The same with rows at more times [s]."""
-        assert self.window is not None  # noqa: S101
+        if self.window is None:
+            return self
         other = copy.copy(self)
         object.__setattr__(other, "_window", self.window.with_times(times))
         return other

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
+from tominpmp.arguments import Told
 from tominpmp.arrays import Array, number_or_nan, real_array
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
@@ -15,7 +16,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
 
-class Goal(ABC):
+class Goal(Told, ABC):
     """What must hold at the end of a motion: a place to end at, and how to end there.
 
     The arm ends at rest unless a subclass says otherwise.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 import pinocchio as pin
 
+from tominpmp.arguments import Told
 from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import MotionLimits
@@ -30,7 +31,7 @@ MOST_SAMPLES = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Disturbances:
+class Disturbances(Told):
     """What is drawn at random for each trial.
 
     Attributes:

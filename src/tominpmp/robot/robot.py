@@ -35,6 +35,7 @@ from tominpmp.exceptions import (
     brief,
     expect,
 )
+from tominpmp.inputs import numbers_of_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table
 from tominpmp.payload import Payload, attach
@@ -203,8 +204,11 @@ class Robot(Record):
 
         Returns:
             Shape (..., model.nq).
+
+        Raises:
+            ProblemError: If they are no numbers, or not one for each joint.
         """
-        q = np.asarray(q, dtype=np.float64)
+        q = numbers_of_joints(q, "q", self.n)
         if self.expansion_matrix is None or self.expansion_offset is None:
             return q
         return np.asarray(q @ self.expansion_matrix.T + self.expansion_offset)
@@ -217,8 +221,11 @@ class Robot(Record):
 
         Returns:
             Shape (..., model.nv).
+
+        Raises:
+            ProblemError: If they are no numbers, or not one for each joint.
         """
-        v = np.asarray(v, dtype=np.float64)
+        v = numbers_of_joints(v, "v", self.n)
         if self.expansion_matrix is None:
             return v
         return np.asarray(v @ self.expansion_matrix.T)
@@ -231,8 +238,11 @@ class Robot(Record):
 
         Returns:
             Shape (..., n).
+
+        Raises:
+            ProblemError: If they are no numbers, or not one for each joint.
         """
-        rows = np.asarray(rows, dtype=np.float64)
+        rows = numbers_of_joints(rows, "rows", self.model.nv)
         if self.expansion_matrix is None:
             return rows
         return np.asarray(rows @ self.expansion_matrix)

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from tominpmp.arguments import Told
 from tominpmp.arrays import record_line
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
@@ -37,7 +38,7 @@ _TURNS = "angle_wraparound"
 
 
 @dataclass(frozen=True)
-class MoveItLimits:
+class MoveItLimits(Told):
     """Limits by joint name, as far as the file has them.
 
     Attributes:

@@ -67,7 +67,7 @@ class Scene(Record):
             SceneError: If there is none of that name.
         """
         for item in self.obstacles:
-            if item.name == name:
+            if isinstance(name, str) and item.name == name:
                 return item
         known = ", ".join(item.name for item in self.obstacles) or "none"
         raise SceneError(

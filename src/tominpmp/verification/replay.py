@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy.integrate import DOP853, ODEintWarning, Radau, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.problem import Problem
 from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
@@ -193,6 +194,13 @@ class Integration:
         plant: Plant | None = None,
         tightness: float = 1.0,
     ) -> None:
+        known = isinstance(integrator, str) and integrator in get_args(Integrator)
+        if integrator is not None and not known:
+            raise ProblemError(
+                f"integrator is {brief(integrator)}, expected None or one of "
+                f"{', '.join(get_args(Integrator))}",
+                "integrator",
+            )
         self._tolerance = RTOL / tightness, ATOL / tightness
         self._trajectory = trajectory
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
