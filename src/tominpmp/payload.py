@@ -109,6 +109,12 @@ class Payload(Record):
                     f"{expected}",
                     "payload.geometry",
                 )
+            if item.motion is not None:
+                raise ProblemError(
+                    f"payload.geometry: {brief(item.name)} has a motion of its own, "
+                    "expected none: it goes with the frame",
+                    "payload.geometry",
+                )
         return tuple(self.geometry)
 
 

@@ -136,8 +136,9 @@ class Problem(Record):
         if not self.segments:
             self.goal.validate(self.robot)
         object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
-        every = [item for part in self.segments for item in part.constraints]
-        check_window((*self.constraints, *every), bool(self.segments))
+        check_window(self.constraints, bool(self.segments))
+        for number, part in enumerate(self.segments):
+            check_window(part.constraints, True, f"segments[{number}].constraints")
         snapped = self._snap_start()
         self._checks.clear(self.q_start, "start")
         self._checks.kept(self.q_start, self.v_start, "start", "q_start")
@@ -255,10 +256,13 @@ class Problem(Record):
         last = number == len(self.segments) - 1
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
-        if number and not same:
-            phase._checks.clear(q_start, "start")
         if number == 0:
             phase._checks.kept(phase.q_start, phase.v_start, "start", "q_start")
+        elif self.segments[number - 1].goal.configuration is not None:
+            if not same:
+                phase._checks.clear(q_start, "start", later=True)
+            passing = not self.segments[number - 1].stop
+            phase._checks.kept(q_start, None, "start", "q_start", passing=passing)
         rests = goal is segment.goal
         checked_goal, messages = phase._checks.goal(segment.goal, rests)
         if not rests:

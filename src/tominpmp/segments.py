@@ -211,6 +211,10 @@ def checked_pairs(
         good = isinstance(pair, list | tuple) and len(pair) == 2
         if not (good and all(isinstance(one, str) and one for one in pair)):
             raise ProblemError(f"{name} holds {brief(pair)}, {expected}", name)
+        if pair[0] == pair[1]:
+            raise ProblemError(
+                f"{name} holds {brief(pair)}, the same name twice, {expected}", name
+            )
     return tuple((str(one), str(other)) for one, other in given)
 
 

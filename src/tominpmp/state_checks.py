@@ -151,14 +151,19 @@ class StateChecks:
             )
         return np.asarray(clipped), snapped
 
-    def clear(self, q: Array, which: str) -> None:
+    def clear(self, q: Array, which: str, *, later: bool = False) -> None:
         """Check that a configuration keeps clear, at the "start" or the "goal".
+
+        Args:
+            q: The configuration, shape (n,).
+            which: Which of the two it is.
+            later: Whether it is a start at a time that is not known yet.
 
         Raises:
             ProblemError: If it does not: the pair that overlaps most.
         """
         # When it arrives is not known yet: what moves may be elsewhere by then.
-        time = 0.0 if which == "start" else None
+        time = 0.0 if which == "start" and not later else None
         moves = time is None and self.checker.moving
         if self.checker.hulls_clear(q):
             return
@@ -200,9 +205,28 @@ class StateChecks:
             "SRDF, and self_collision=False lets all of them touch"
         )
 
-    def kept(self, q: Array, v: Array | None, which: str, name: str) -> None:
-        """Check that the constraints hold at a state."""
+    def kept(
+        self,
+        q: Array,
+        v: Array | None,
+        which: str,
+        name: str,
+        *,
+        passing: bool = False,
+    ) -> None:
+        """Check that the constraints hold at a state.
+
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,); None for rest.
+            which: What it is, in messages.
+            name: Field that errors name.
+            passing: Whether the arm may be moving there, at what speed is not known:
+                only what depends on the configuration alone is looked at.
+        """
         for item in self.constraints:
+            if passing and item.order > 0:
+                continue
             window = item.window
             if window is not None and window.begin > 0.0 and which == "start":
                 continue

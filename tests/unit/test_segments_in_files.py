@@ -83,4 +83,6 @@ def test_violations_name_the_segment(solution):
     problem = tm.Problem(solution.problem.robot, [0.0], segments=slow)
     verdict = tm.verify(problem, solution.trajectory)
     assert {item.segment for item in verdict.violations} == {2}
-    assert "on segment 2, joint" in verdict.message
+    begin, end = solution.trajectory.segment_ends[:2]
+    assert all(item.span == (begin, end) for item in verdict.violations)
+    assert f"on segment 2 ({begin:.3f} to {end:.3f} s), joint" in verdict.message

@@ -170,7 +170,10 @@ def report_text(data: Mapping[str, Any]) -> str:
         share = f"{100 * torque:.0f} % of the time a torque, "
         rows.append(("at limits", f"{share}{100 * either:.0f} % a torque or a speed"))
     if "verified" in data:
-        replay = f"ends {data['goal_error']:.1e} from the goal"
+        missed = data["goal_error"]
+        replay = "did not come to an end"
+        if missed is not None:
+            replay = f"ends {missed:.1e} from the goal"
         if data["min_clearance"] is not None:
             replay += f", clearance {data['min_clearance']:.4f} m"
         rows.append(("replay", replay))

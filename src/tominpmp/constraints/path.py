@@ -237,19 +237,26 @@ def positive(value: object, name: str, unit: str, most: float = np.inf) -> float
     return number
 
 
-def check_window(items: Sequence[PathConstraint], several: bool) -> None:
+def check_window(
+    items: Sequence[PathConstraint], several: bool, field: str = "constraints"
+) -> None:
     """Check when constraints hold.
+
+    Args:
+        items: The constraints.
+        several: Whether the motion has several segments.
+        field: What they are a field of.
 
     Raises:
         ProblemError: If that is no time, or told where a motion has several segments.
     """
-    for item in items:
+    for number, item in enumerate(items):
         if checked_during(item.during) is not None and several:
             raise ProblemError(
                 f"{item.name}: during is {brief(item.during)}, and the problem has "
                 "several segments: expected None, and the constraint on those segments "
                 "on which it holds",
-                "constraints",
+                f"{field}[{number}].during",
             )
 
 

@@ -84,6 +84,7 @@ from tominpmp.scenario.scene_table import (
 )
 from tominpmp.scenario.segments_table import (
     blamed_segment,
+    followed,
     pair_lists,
     read_segments,
     segment_table,
@@ -208,8 +209,11 @@ def _blame(
     field = getattr(error, "field", None)
     found = blamed_segment(document.get("segments"), segments, robot, field)
     if found is None:
-        name = re.sub(r"^segments\[0\]\.", "", field or "constraints").split(".")[0]
+        path = re.sub(r"^segments\[0\]\.", "", field or "constraints")
+        name = re.split(r"[.\[]", path)[0]
         found = document.get(PLACES.get(name, "goal"))
+        if name == "constraints":
+            found = followed(found, path[len(name) :])
         if field is None and goal is not None:
             # That a frame or a joint is unknown does not say who named it.
             try:

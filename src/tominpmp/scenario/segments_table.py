@@ -144,7 +144,25 @@ def read_pairs(
 def _key(table: Field, field: str | None) -> Field:
     """What of a segment an error is about, by the field that it names."""
     names = re.split(r"[.\[]", field or "")
-    return next((table.get(name) for name in names if name in KEYS), table)
+    name = next((name for name in names if name in KEYS), None)
+    if name is None or field is None:
+        return table
+    found = table.get(name)
+    if name != "constraints":
+        return found
+    return followed(found, field[field.index(name) + len(name) :])
+
+
+def followed(table: Field, path: str) -> Field:
+    """What a path leads to, as "[0].during"; as far as the file has it."""
+    for number, name in re.findall(r"\[(\d+)\]|\.(\w+)", path):
+        if number and isinstance(table.value, list) and int(number) < len(table.value):
+            table = list(table.items())[int(number)]
+        elif name and isinstance(table.value, dict) and name in table.value:
+            table = table.get(name)
+        else:
+            break
+    return table
 
 
 def blamed_segment(

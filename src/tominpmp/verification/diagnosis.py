@@ -18,7 +18,11 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.limit_violations import UNITS, LimitViolation
+from tominpmp.verification.limit_violations import (
+    UNITS,
+    LimitViolation,
+    on_segment,
+)
 from tominpmp.verification.replay import (
     TIME_STEP,
     Replay,
@@ -121,7 +125,8 @@ def _violations_of(
 
 
 def _on(stage: Stage) -> str:
-    return f"on segment {stage.number + 1}, " if stage.count > 1 else ""
+    number = stage.number + 1 if stage.count > 1 else None
+    return on_segment(number, (stage.begin, stage.end))
 
 
 def _look(trajectory: Trajectory) -> Replay:

@@ -47,6 +47,7 @@ class LimitViolation:
             For goals and clearances the amount itself.
         violated: Whether that is more than the tolerance.
         segment: Number of the segment it is on, from 1; None where there is one only.
+        span: When that segment begins and ends [s]; None where there is one only.
     """
 
     kind: str
@@ -57,11 +58,11 @@ class LimitViolation:
     share: float
     violated: bool
     segment: int | None = None
+    span: tuple[float, float] | None = None
 
     def __str__(self) -> str:
         """Say it in a clause, and on which segment."""
-        on = "" if self.segment is None else f"on segment {self.segment}, "
-        return on + self.clause
+        return on_segment(self.segment, self.span) + self.clause
 
     @property
     def clause(self) -> str:
@@ -90,6 +91,19 @@ class LimitViolation:
             f"joint {self.name} is {amount} {side} its {self.kind} limit at "
             f"{self.time:.3f} s"
         )
+
+
+def on_segment(number: int | None, span: tuple[float, float] | None) -> str:
+    """Begin a sentence with the segment that it is about, and when that is.
+
+    Args:
+        number: Its number, from 1; None where there is one only.
+        span: When it begins and ends [s], if that is known.
+    """
+    if number is None:
+        return ""
+    when = "" if span is None else f" ({span[0]:.3f} to {span[1]:.3f} s)"
+    return f"on segment {number}{when}, "
 
 
 class _Rows(NamedTuple):

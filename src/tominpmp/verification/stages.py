@@ -72,8 +72,10 @@ class Stage:
         return [LimitViolation("arrival", side, reached, late, "s", late, wrong)]
 
     def named(self, item: LimitViolation) -> LimitViolation:
-        """What was found on it, with its number where there are others."""
-        return replace(item, segment=self.number + 1) if self.count > 1 else item
+        """What was found on it, with its number and times where there are others."""
+        if self.count == 1:
+            return item
+        return replace(item, segment=self.number + 1, span=(self.begin, self.end))
 
     def of_replay(self, replay: Replay, torque: Pieces) -> Replay:
         """Its rows of a replay; none if the replay was lost before."""

@@ -1,0 +1,152 @@
+"""What cannot be is said of a segment before anything is planned: where, and what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tominpmp.cli.app import app
+from tominpmp.cli.report import report_data, report_text
+
+UR5 = """
+[robot]
+name = "ur5"
+[start]
+q = [0.0, -1.2, 1.4, -1.8, -1.57, 0.0]
+"""
+LEVEL = """
+[[segments]]
+goal = {type = "joint", q = [0.4, -1.2, 1.4, -1.8, -1.57, 0.0]}
+"""
+TILTED = """
+[[segments]]
+goal = {type = "joint", q = [0.4, -1.2, 1.4, -1.8, 0.0, 0.0]}
+"""
+PLACE = """
+[[segments]]
+goal = {type = "position", frame = "tool0", position = [0.4, 0.3, 0.5]}
+"""
+UPRIGHT = 'type = "keep_upright"\nframe = "tool0"\naxis = [0, 0, -1]\ntolerance = 0.3'
+UPSIDE_DOWN = UPRIGHT.replace("[0, 0, -1]", "[0, 0, 1]")
+FIXED = 'type = "axis_fixed"\nframe = "tool0"\naxis = [0, 0, -1]\ndirection = '
+LOW = (
+    'type = "within_region"\nframe = "tool0"\nlower = [-1, -1, 0]\nupper = [1, 1, 0.4]'
+)
+LOAD = (
+    'type = "stable_contact"\nframe = "tool0"\ncenter = [0, 0, 0.05]\nfriction = 0.3\n'
+    "support = [[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]\nmass = 1.0"
+)
+GRASP = 'type = "firm_grasp"\nframe = "tool0"\nforce = 1.0\nfriction = 0.3\nmass = 5.0'
+SLOW = 'type = "tool_speed"\nframe = "tool0"\nlimit = 0.5\nduring = [0.0, 1.0]'
+
+
+def held(*constraints: str) -> str:
+    return "".join(f"[[segments.constraints]]\n{item}\n" for item in constraints)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            LEVEL + held(UPSIDE_DOWN),
+            ("start: segment 1 of 1: start: the tilt of frame tool0 is 3.1", "0.3 rad"),
+        ),
+        (
+            LEVEL + TILTED + held(UPRIGHT),
+            ("segments[1].goal: segment 2 of 2: goal: the tilt", "1.571 rad"),
+        ),
+        # Where a segment ends and the next begins is known before.
+        (
+            TILTED + LEVEL + held(UPRIGHT),
+            ("segments[1]: segment 2 of 2: start: the tilt", "1.571 rad"),
+        ),
+        (
+            PLACE + held(LOW),
+            ("segment 1 of 1: goal: no configuration was found", "region", "0.1 m"),
+        ),
+        (
+            LEVEL + held(FIXED + "[0, 0, 1]", FIXED + "[1, 0, 0]"),
+            ("segment 1 of 1: start", "number 2 of the constraints", "contradict"),
+        ),
+        (LEVEL + held(LOAD), ("the load slips or tips, even at rest", "friction 0.3")),
+        (LEVEL + held(GRASP), ("49 N at rest", "no more than 0.6 N")),
+        (
+            LEVEL + LEVEL + held(SLOW),
+            ("segments[1].constraints[0].during: ", "(0.0, 1.0)", "several segments"),
+        ),
+        (
+            LEVEL + "[[constraints]]\n" + SLOW,
+            ("constraints[0].during: ", "expected None"),
+        ),
+        (
+            LEVEL + 'may_touch = [["tool0", "tool0"]]',
+            ("segments[0].may_touch: ", "the same name twice"),
+        ),
+        (
+            LEVEL + 'payload = {mass = 1.0, frame = "tool0", geometry = [{type = '
+            '"sphere", name = "ball", radius = 0.1, motion = {type = '
+            '"constant_velocity", velocity = [1, 0, 0]}}]}',
+            ("segments[0].payload: ", "'ball' has a motion of its own"),
+        ),
+    ],
+)
+def test_the_command_line_says_where_and_what(tmp_path: Path, text, words):
+    path = tmp_path / "cell.toml"
+    path.write_text(UR5 + text)
+    outcome = CliRunner().invoke(app, ["plan", str(path)])
+    assert outcome.exit_code == 2, outcome.output
+    said = " ".join(outcome.output.split())
+    assert "Traceback" not in said
+    for word in words:
+        assert word in said
+
+
+def rail_problem(*segments: tm.Segment, **fields) -> tm.Problem:
+    arm = make_arm(slide(1.0), effort=np.array([10.0]))
+    return tm.Problem(arm, [0.0], segments=segments, **fields)
+
+
+def test_where_a_segment_begins_is_not_known_after_a_goal_of_a_frame():
+    coupled = tm.JointCoupling(["joint1"], [1.0], upper=2.0, lower=0.5)
+    # The configuration of the first segment, 0.2, breaks what holds on the third.
+    problem = rail_problem(
+        tm.Segment(tm.JointGoal([0.2])),
+        tm.Segment(tm.JointRegionGoal([0.9], [1.1])),
+        tm.Segment(tm.JointGoal([1.5]), constraints=(coupled,)),
+    )
+    assert len(problem.phases) == 3
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_what_stands_where_another_segment_begins_is_no_obstacle(moves):
+    robot = tm.load_robot("planar3r")
+    first, last = [0.6, 1.6, -1.6], [2.0, -1.0, 0.5]
+    elbow = np.array([np.cos(0.6), np.sin(0.6), 0.0]) * 2.0
+    path = tm.ConstantVelocity((0.0, 0.0, 5.0)) if moves else None
+    ball = tm.Sphere("ball", radius=0.2, position=elbow, motion=path)
+    with_ball = tm.Segment(tm.JointGoal(last), scene=[ball])
+    if moves:
+        # It is there at the start of the motion only.
+        segments = [tm.Segment(tm.JointGoal(first)), with_ball]
+    else:
+        between = tm.Segment(tm.JointRegionGoal([1.5, 0.0, 0.0], 0.1))
+        segments = [tm.Segment(tm.JointGoal(first)), between, with_ball]
+    problem = tm.Problem(robot, [0.5, 1.7, -1.7], segments=segments)
+    assert len(problem.phases) == len(segments)
+
+
+def test_a_replay_that_was_lost_is_reported():
+    slow = tm.MotionLimits(acceleration=1e-12)
+    solution = tm.plan(
+        rail_problem(tm.Segment(tm.JointGoal([1.0]), motion_limits=slow)),
+        intervals=8,
+        starts=1,
+    )
+    assert not solution.success
+    text = report_text(report_data(solution, {}))
+    assert "did not come to an end" in text
