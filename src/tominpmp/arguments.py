@@ -19,11 +19,10 @@ from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from tominpmp.exceptions import ProblemError, TominpmpError, brief
+from tominpmp.exceptions import LIBRARY, ProblemError, TominpmpError, brief
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-LIBRARY = __name__.partition(".")[0]
 # Methods beside those with a name of their own that callers reach by what they write.
 OPERATORS = ("__call__", "__contains__")
 # What the numbers of an array are, by the name that it has all over the library; n is

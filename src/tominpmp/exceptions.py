@@ -12,12 +12,14 @@ import copy
 import copyreg
 import difflib
 import reprlib
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+LIBRARY = __name__.partition(".")[0]
 # Characters of a value that a message shows.
 BRIEF = 80
 # Characters of a whole message: it may list the joints of a large robot.
@@ -304,3 +306,19 @@ class PlanningFailed(TominpmpError):
 
 class TominpmpWarning(UserWarning):
     """Something was mended on the caller's behalf: a start was clamped, say."""
+
+
+def warn_caller(message: str) -> None:
+    """Warn whoever calls the library, by the line on which that is done.
+
+    Args:
+        message: What was mended, in a sentence.
+    """
+    level, frame = 2, sys._getframe(1)
+    # Code that dataclasses generate is in no file.
+    while frame.f_back is not None and (
+        str(frame.f_globals.get("__name__")).startswith(f"{LIBRARY}.")
+        or frame.f_code.co_filename == "<string>"
+    ):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, TominpmpWarning, stacklevel=level)

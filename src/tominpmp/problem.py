@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +16,7 @@ from tominpmp.arrays import Array, Record, frozen_array, number_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
-from tominpmp.exceptions import ProblemError, TominpmpWarning, brief, expect
+from tominpmp.exceptions import ProblemError, brief, expect, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.inputs import JointsLike
 from tominpmp.kinematics import RobotKinematics
@@ -26,8 +25,14 @@ from tominpmp.notebook import card, skeletons, table
 from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
-from tominpmp.segments import Segment, check_names, checked_pairs, checked_segments
-from tominpmp.state_checks import StateChecks
+from tominpmp.segments import (
+    Segment,
+    check_names,
+    checked_pairs,
+    checked_segments,
+    resolved_segments,
+)
+from tominpmp.state_checks import StateChecks, joint_vector
 from tominpmp.trajectory import Trajectory
 
 # More choices of goals than this are not tried one by one.
@@ -101,14 +106,15 @@ class Problem(Record):
                 "(see load_robot)",
                 "robot",
             )
-        self._take_segments()
+        q_start = joint_vector(self.robot, self.q_start, "q_start")
+        self._take_segments(q_start)
         if not isinstance(self.goal, Goal):
             raise ProblemError(
                 f"goal is a {type(self.goal).__name__}, expected a JointGoal, "
                 "PositionGoal, PoseGoal or another goal, or segments",
                 "goal",
             )
-        object.__setattr__(self, "goal", self.goal.resolved(self.robot))
+        object.__setattr__(self, "goal", self.goal.resolved(self.robot, q_start))
         scene = as_scene(self.scene, "scene")
         object.__setattr__(self, "scene", scene)
         object.__setattr__(self, "margin", self._checked_margin())
@@ -118,20 +124,12 @@ class Problem(Record):
                 "or None",
                 "self_collision",
             )
+        names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:
-            if not isinstance(self.motion_limits, MotionLimits):
-                raise ProblemError(
-                    f"motion_limits is a {type(self.motion_limits).__name__}, expected "
-                    "MotionLimits",
-                    "motion_limits",
-                )
-            self.motion_limits.check(self.robot.joint_names)
-            limits = self.motion_limits.over(
-                self.robot.motion_limits, self.robot.joint_names
-            )
-            object.__setattr__(self, "motion_limits", limits)
-        else:
-            object.__setattr__(self, "motion_limits", self.robot.motion_limits)
+            expect(self.motion_limits, MotionLimits, "motion_limits", "MotionLimits")
+            self.motion_limits.check(names)
+            limits = self.motion_limits.over(limits, names)
+        object.__setattr__(self, "motion_limits", limits)
         check_names(self.may_touch, self.robot, scene)
         if not self.segments:
             self.goal.validate(self.robot)
@@ -148,8 +146,7 @@ class Problem(Record):
             goal, of_goal = self._checks.goal(self.goal)
             object.__setattr__(self, "goal", goal)
         for message in (*snapped, *of_goal):
-            # Past this method and the generated __init__, to whoever makes the problem.
-            warnings.warn(message, TominpmpWarning, stacklevel=3)
+            warn_caller(message)
 
     def __repr__(self) -> str:
         """Robot, goal and what else there is, on one line."""
@@ -270,7 +267,7 @@ class Problem(Record):
         object.__setattr__(phase, "goal", checked_goal)
         return phase, messages
 
-    def _take_segments(self) -> None:
+    def _take_segments(self, q_start: Array) -> None:
         """Check the segments, whose last goal is that of the problem."""
         pairs = checked_pairs(self.may_touch, "may_touch")
         object.__setattr__(self, "may_touch", pairs)
@@ -284,7 +281,7 @@ class Problem(Record):
                 "segment's goal is that of the problem",
                 "goal",
             )
-        segments = tuple(segment.resolved(self.robot) for segment in segments)
+        segments = resolved_segments(segments, self.robot, q_start)
         object.__setattr__(self, "segments", segments)
         object.__setattr__(self, "goal", segments[-1].goal)
 
@@ -304,10 +301,10 @@ class Problem(Record):
         return margin
 
     def _snap_start(self) -> list[str]:
-        q = self._checks.vector(self.q_start, "q_start")
+        q = joint_vector(self.robot, self.q_start, "q_start")
         v = np.zeros_like(q)
         if self.v_start is not None:
-            v = self._checks.vector(self.v_start, "v_start")
+            v = joint_vector(self.robot, self.v_start, "v_start")
         q, of_q = self._checks.snap("position", q, "q_start")
         v, of_v = self._checks.snap("velocity", v, "v_start")
         object.__setattr__(self, "q_start", frozen_array(q))
@@ -371,7 +368,7 @@ class Problem(Record):
             ProblemError: If one of them is wrong.
         """
         expect(goal, Goal, "goal", "a goal")
-        goal = goal.resolved(self.robot)
+        goal = goal.resolved(self.robot, joint_vector(self.robot, q_start, "q_start"))
         goal.validate(self.robot)
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
         other = copy.copy(self)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Record, number_or_nan, pair_or_nan
+from tominpmp.arrays import Array, Record, number_or_nan, pair_or_nan
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -122,9 +122,15 @@ class Segment(Record):
             )
         return dwell
 
-    def resolved(self, robot: Robot) -> Segment:
-        """The same with values by joint name put into the order of the robot."""
-        goal = self.goal.resolved(robot)
+    def resolved(self, robot: Robot, before: Array | None = None) -> Segment:
+        """The same with values by joint name put into the order of the robot.
+
+        Args:
+            robot: The robot.
+            before: Where the joints are that its goal does not name, shape (n,); None
+                if that is not known.
+        """
+        goal = self.goal.resolved(robot, before)
         return self if goal is self.goal else replace(self, goal=goal)
 
     def goal_on_the_way(self) -> Goal:
@@ -134,6 +140,25 @@ class Segment(Record):
     def robot(self, robot: Robot) -> Robot:
         """A robot with the payload."""
         return robot if self.payload is None else robot.with_payload(self.payload)
+
+
+def resolved_segments(
+    segments: Sequence[Segment], robot: Robot, q_start: Array
+) -> tuple[Segment, ...]:
+    """Segments with values by joint name put into the order of a robot.
+
+    Joints that a goal does not name stay where the goal before it leaves them.
+
+    Raises:
+        ProblemError: If a joint is unknown, or not named although it is not known where
+            it is.
+    """
+    found: list[Segment] = []
+    before: Array | None = q_start
+    for segment in segments:
+        found.append(segment.resolved(robot, before))
+        before = found[-1].goal.configuration
+    return tuple(found)
 
 
 def checked_arrival(given: object) -> tuple[float, float] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +16,7 @@ from tominpmp.accelerations import (
 )
 from tominpmp.arguments import Told
 from tominpmp.arrays import MaybeNone
-from tominpmp.exceptions import PlanningFailed, ProblemError, TominpmpWarning, brief
+from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.notebook import outcome_card
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -373,5 +372,5 @@ class Solution(Told):
         if verify and self.success:
             found = check_export(self, path, dt=dt)
             if not found.ok:
-                warnings.warn(found.message, TominpmpWarning, stacklevel=2)
+                warn_caller(found.message)
         return path

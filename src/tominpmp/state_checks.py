@@ -87,43 +87,6 @@ class StateChecks:
     def _unit(self, quantity: str, joint: int) -> str:
         return UNITS[quantity][int(prismatic_joints(self.robot)[joint])]
 
-    def vector(self, value: object, name: str) -> Array:
-        """Check a caller's numbers, one for each joint.
-
-        Raises:
-            ProblemError: If they are none, or not finite.
-        """
-        joints = self.robot.joint_names
-        named = by_joint(value)
-        if named is not None:
-            speed = name.startswith("v")
-            at = self.robot.locked_joints
-            others = dict.fromkeys(at, 0.0) if speed else dict(at)
-            missing = 0.0 if speed else None
-            value = in_order(named, joints, name, others=others, missing=missing)
-        expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
-        if isinstance(value, str) and self.robot.srdf is not None:
-            expected += (
-                f"; robot.group_state({brief(value)}) has those of a group state"
-            )
-        try:
-            array = real_array(value)
-        except ValueError as error:
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected {expected}", name
-            ) from error
-        if array.shape != (len(joints),):
-            raise ProblemError(
-                f"{name} has shape {array.shape}, expected {expected}", name
-            )
-        for joint, number in zip(joints, array, strict=True):
-            if not np.isfinite(number):
-                raise ProblemError(
-                    f"{name}: joint {joint!r} is {number}, expected a finite number",
-                    name,
-                )
-        return array
-
     def snap(self, quantity: str, values: Array, name: str) -> tuple[Array, list[str]]:
         """Check values against limits, and put those on them that miss by a hair.
 
@@ -283,3 +246,37 @@ class StateChecks:
                 f"outside reach by {distance - reach:.4g} m",
                 "goal",
             )
+
+
+def joint_vector(robot: Robot, value: object, name: str) -> Array:
+    """Check a caller's numbers, one for each joint.
+
+    Raises:
+        ProblemError: If they are none, or not finite.
+    """
+    joints = robot.joint_names
+    named = by_joint(value)
+    if named is not None:
+        speed = name.startswith("v")
+        at = robot.locked_joints
+        others = dict.fromkeys(at, 0.0) if speed else dict(at)
+        missing = 0.0 if speed else None
+        value = in_order(named, joints, name, others=others, missing=missing)
+    expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
+    if isinstance(value, str) and robot.srdf is not None:
+        expected += f"; robot.group_state({brief(value)}) has those of a group state"
+    try:
+        array = real_array(value)
+    except ValueError as error:
+        raise ProblemError(
+            f"{name} is {brief(value)}, expected {expected}", name
+        ) from error
+    if array.shape != (len(joints),):
+        raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
+    for joint, number in zip(joints, array, strict=True):
+        if not np.isfinite(number):
+            raise ProblemError(
+                f"{name}: joint {joint!r} is {number}, expected a finite number",
+                name,
+            )
+    return array

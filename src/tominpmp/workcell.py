@@ -30,6 +30,7 @@ from tominpmp.goals import (
 from tominpmp.inputs import VectorLike
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.state_checks import joint_vector
 from tominpmp.trajectory import Trajectory
 
 
@@ -171,8 +172,18 @@ class Workcell(Record):
             rest = {name: np.zeros(r.n) for name, (r, _) in self.robots.items()}
             expect(v_start, Mapping, "v_start", "velocities by the name of the robot")
             moving = self.stack({**rest, **v_start})
+        q_start = self.stack(start)
+        if isinstance(goal, Mapping):
+            goal = {name: self._begun(name, one, start) for name, one in goal.items()}
         wanted = goal if isinstance(goal, Goal) else self.goal(goal)
-        return Problem(self.robot, self.stack(start), wanted, v_start=moving, **others)
+        return Problem(self.robot, q_start, wanted, v_start=moving, **others)
+
+    def _begun(self, name: str, goal: Any, start: Mapping[str, ArrayLike]) -> Any:
+        """A goal of a robot; joints that it does not name stay at their start."""
+        if name not in self.robots or not isinstance(goal, Goal):
+            return goal  # which is told of elsewhere
+        robot = self.robots[name][0]
+        return goal.resolved(robot, joint_vector(robot, start[name], "start"))
 
     def goal(self, goals: Mapping[str, Goal | None]) -> Goal:
         """Make one goal of those of the robots.

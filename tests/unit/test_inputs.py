@@ -172,6 +172,8 @@ def test_velocities_by_joint_name(robot: tm.Robot) -> None:
 def test_wrong_values_by_joint_name(q: object, match: str, robot: tm.Robot) -> None:
     with pytest.raises(tm.ProblemError, match=match):
         tm.Problem(robot, q, tm.JointGoal([0, 0]))
+    if "says nothing" in match:
+        return  # of a goal they are where they start
     with pytest.raises(tm.ProblemError, match=match):
         tm.Problem(robot, [0, 0], tm.JointGoal(q))
 

@@ -242,3 +242,13 @@ def test_faults_of_the_library_stay_what_they_are() -> None:
 def test_integrators_that_there_are_not(integrator: Any) -> None:
     with pytest.raises(tm.TominpmpError, match="integrator"):
         tm.verify(world().problem, world().trajectory, integrator=integrator)
+
+
+def test_warnings_name_the_line_that_calls_the_library() -> None:
+    robot = world().robot
+    with pytest.warns(tm.TominpmpWarning) as caught:
+        robot.with_locked({"joint1": 3.1})
+        high = robot.limits.position_upper[0] + 1e-8
+        tm.Problem(robot, [high, 1.0, -1.0], tm.JointGoal([0.5, 1.0, -1.0]))
+    assert len(caught) == 2
+    assert {item.filename for item in caught} == {__file__}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from xml.etree.ElementTree import Element, fromstring
 
 from tominpmp.description.urdf import JointDescription
 from tominpmp.description.xml_reader import XmlContext
-from tominpmp.exceptions import OptionsError, TominpmpWarning, brief
+from tominpmp.exceptions import OptionsError, brief, warn_caller
 
 # Group states, by their usual names, that say where joints rest.
 RESTING = ("default", "neutral", "home", "half_sitting")
@@ -301,9 +300,7 @@ def warn_of_group(name: str, found: JointGroup) -> None:
     if found.moves_base:
         told.append("moves the base, which is planned for as standing still")
     if told:
-        warnings.warn(
-            f"the group {name!r} {' and '.join(told)}", TominpmpWarning, stacklevel=6
-        )
+        warn_caller(f"the group {name!r} {' and '.join(told)}")
 
 
 def rest_position(
@@ -323,9 +320,7 @@ def warn_of_passive(passive: Collection[str], motors: Collection[str]) -> None:
     driven = [joint for joint in passive if joint in motors]
     if driven:
         example = "{" + repr(driven[0]) + ": 0}"
-        warnings.warn(
+        warn_caller(
             f"the SRDF file calls {', '.join(driven)} passive, but motors drive them "
-            f"here: lock them, or give effort={example}",
-            TominpmpWarning,
-            stacklevel=3,
+            f"here: lock them, or give effort={example}"
         )

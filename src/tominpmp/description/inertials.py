@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.exceptions import TominpmpWarning
+from tominpmp.exceptions import warn_caller
 
 # Moments below this share of mass times a square metre are none, and are negative or
 # break the triangle inequality if they do so by this share of the largest.
@@ -42,12 +41,10 @@ def warn_of_inertia(model: pin.Model, xml: str, path: Path) -> None:
     if not found:
         return
     rest = f"; and {len(found) - MOST} more" if len(found) > MOST else ""
-    warnings.warn(
+    warn_caller(
         f"{path}: {'; '.join(found[:MOST])}{rest}. The torques that their joints need "
         "come out wrong, mostly too small, and motions too fast for the arm: mend the "
-        "<inertial> elements",
-        TominpmpWarning,
-        stacklevel=4,
+        "<inertial> elements"
     )
 
 

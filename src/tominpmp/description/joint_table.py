@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from tominpmp.description.joint_values import (
 )
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.urdf import JointDescription, Mimic
-from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning, brief
+from tominpmp.exceptions import ProblemError, RobotLoadError, brief, warn_caller
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,12 +256,10 @@ def _led(
         ends = [(x - mimic.offset) / m for x in (follower.lower, follower.upper)]
         lower, upper = max(joint.lower, min(ends)), min(joint.upper, max(ends))
         if joint.lower < joint.upper and not lower < upper:
-            warnings.warn(
+            warn_caller(
                 f"the position limits [{follower.lower:g}, {follower.upper:g}] of "
                 f"joint {follower.name} leave joint {joint.name}, which it follows, "
-                "no room; they are ignored",
-                TominpmpWarning,
-                stacklevel=4,
+                "no room; they are ignored"
             )
             return joint
         joint = replace(joint, lower=lower, upper=upper)

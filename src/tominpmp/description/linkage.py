@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,8 +12,8 @@ from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,
     RobotLoadError,
-    TominpmpWarning,
     brief,
+    warn_caller,
 )
 
 
@@ -91,11 +90,9 @@ class Linkage:
             if position is None or not joint.lower < joint.upper:
                 continue
             if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
-                warnings.warn(
+                warn_caller(
                     f"joint {joint.name} is locked at {position:g}, outside its "
-                    f"limits [{joint.lower:g}, {joint.upper:g}]",
-                    TominpmpWarning,
-                    stacklevel=3,
+                    f"limits [{joint.lower:g}, {joint.upper:g}]"
                 )
 
 

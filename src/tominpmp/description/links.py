@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.xml_reader import XmlContext
-from tominpmp.exceptions import TominpmpWarning, shortened
+from tominpmp.exceptions import shortened, warn_caller
 
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
@@ -42,11 +41,9 @@ def simplified_links(
     found = [_simplified_link(link, context, find, unseen) for link in links]
     if unseen:
         more = f" and {len(unseen) - 1} more" if len(unseen) > 1 else ""
-        warnings.warn(
+        warn_caller(
             f"{context.path}: not shown, as their meshes are not there: {unseen[0]}"
-            f"{more}; folders that hold packages are given in package_dirs",
-            TominpmpWarning,
-            stacklevel=7,
+            f"{more}; folders that hold packages are given in package_dirs"
         )
     return found
 

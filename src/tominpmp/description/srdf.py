@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -16,7 +15,7 @@ from tominpmp.description.groups import JointGroups, read_groups
 from tominpmp.description.paths import checked_path
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.description.xml_reader import XmlContext, parse_xml, read_xml
-from tominpmp.exceptions import RobotLoadError, TominpmpWarning
+from tominpmp.exceptions import RobotLoadError, warn_caller
 
 # Elements that are read, and those that do not touch a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
@@ -101,7 +100,7 @@ def read_srdf(
     unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
-        warnings.warn(f"{path}: not read: {names}", TominpmpWarning, stacklevel=6)
+        warn_caller(f"{path}: not read: {names}")
     return SemanticDescription(
         tuple(_disabled_pairs(root, context, links)),
         _group_states(root, context, joints),

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import difflib
 import math
-import warnings
 from collections.abc import Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
 
 from tominpmp.description.urdf_syntax import FORMS, Form
 from tominpmp.description.xml_reader import XmlContext
-from tominpmp.exceptions import TominpmpWarning
+from tominpmp.exceptions import warn_caller
 
 # What is compared with what a file has: other names mean something to other programs,
 # unless they are nearly these.
@@ -45,28 +44,20 @@ def warn_of_unread(root: Element, joints: Sequence[Any], context: XmlContext) ->
             told += _mistakes(inertial, where)
     soft = [joint.name for joint in joints if _is_softer(joint)]
     if told:
-        warnings.warn(
-            f"{context.path}: not read: {'; '.join(told[:MOST])}",
-            TominpmpWarning,
-            stacklevel=7,
-        )
+        warn_caller(f"{context.path}: not read: {'; '.join(told[:MOST])}")
     if soft:
         more = ", ..." if len(soft) > MOST else ""
-        warnings.warn(
+        warn_caller(
             f"{context.path}: <safety_controller>: soft limits within the position "
             f"limits are not kept: {', '.join(soft[:MOST])}{more}; give position_lower "
-            "and position_upper where a controller keeps them",
-            TominpmpWarning,
-            stacklevel=7,
+            "and position_upper where a controller keeps them"
         )
     turned = [joint.name for joint in joints if _is_in_degrees(joint)]
     if turned:
         more = ", ..." if len(turned) > MOST else ""
-        warnings.warn(
+        warn_caller(
             f"{context.path}: position limits of many turns, which look like degrees: "
-            f"{', '.join(turned[:MOST])}{more}; a URDF file has radians",
-            TominpmpWarning,
-            stacklevel=7,
+            f"{', '.join(turned[:MOST])}{more}; a URDF file has radians"
         )
 
 

@@ -214,8 +214,14 @@ class Goal(Told, ABC):
         velocity = getattr(self, "v", None)
         return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
 
-    def resolved(self, robot: Robot) -> Goal:
-        """The goal with values by joint name put into the order of the robot."""
+    def resolved(self, robot: Robot, before: Array | None = None) -> Goal:
+        """The goal with values by joint name put into the order of the robot.
+
+        Args:
+            robot: The robot.
+            before: Where the joints are that are not named, shape (n,) [rad or m]; None
+                if that is not known, and all have to be.
+        """
         return self
 
     # -- goals of goals ----------------------------------------------------------------

@@ -23,7 +23,9 @@ class JointGoal(Record, Goal):
     """Reach a configuration.
 
     Attributes:
-        q: Joint positions, shape (n,) [rad or m]; or by joint name.
+        q: Joint positions, shape (n,) [rad or m]; or by joint name: joints that are not
+            named stay where they are at the start, or where the goal of the segment
+            before leaves them.
         v: Final joint velocities, shape (n,) [rad/s or m/s]; by joint name where the
             positions are, those not named at rest; None for rest.
         joints: Names of the joints that the numbers belong to; None for those of the
@@ -67,19 +69,22 @@ class JointGoal(Record, Goal):
         v = in_order(speeds, self.joints, "goal.v", missing=0.0)
         return goal_vector(v, "goal.v", expected)
 
-    def resolved(self, robot: Robot) -> JointGoal:
+    def resolved(self, robot: Robot, before: Array | None = None) -> JointGoal:
         """The same in the order of the robot."""
         if self.joints is None:
             return self
-        others = robot.locked_joints
+        others, known = robot.locked_joints, robot.joint_names
+        rest = {} if before is None else dict(zip(known, before.tolist(), strict=True))
         rows: list[Array | None] = []
-        for name, at_rest in (("q", dict(others)), ("v", dict.fromkeys(others, 0.0))):
-            values = getattr(self, name)
+        for name, locked, unnamed in (
+            ("q", dict(others), rest),
+            ("v", dict.fromkeys(others, 0.0), dict.fromkeys(rest, 0.0)),
+        ):
+            values, what = getattr(self, name), f"goal.{name}"
             if values is not None:
-                _check_length(f"goal.{name}", values, self.joints)
+                _check_length(what, values, self.joints)
                 given = dict(zip(self.joints, values.tolist(), strict=True))
-                known, what = robot.joint_names, f"goal.{name}"
-                values = in_order(given, known, what, others=at_rest)
+                values = in_order({**unnamed, **given}, known, what, others=locked)
             rows.append(values)
         return JointGoal(rows[0], rows[1])  # type: ignore[arg-type]
 

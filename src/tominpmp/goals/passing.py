@@ -28,9 +28,9 @@ class PassedGoal(Record, Goal):
         """Check the goal."""
         self.goal.validate(robot)
 
-    def resolved(self, robot: Robot) -> Goal:
+    def resolved(self, robot: Robot, before: Array | None = None) -> Goal:
         """The same of the goal in the order of the robot."""
-        return PassedGoal(self.goal.resolved(robot))
+        return PassedGoal(self.goal.resolved(robot, before))
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """What the goal asks of a configuration."""

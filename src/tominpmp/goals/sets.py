@@ -56,9 +56,9 @@ class AnyGoal(Record, Goal):
             )
         object.__setattr__(self, "goals", found)
 
-    def resolved(self, robot: Robot) -> AnyGoal:
+    def resolved(self, robot: Robot, before: Array | None = None) -> AnyGoal:
         """Each goal in the order of the robot."""
-        found = tuple(goal.resolved(robot) for goal in self.goals)
+        found = tuple(goal.resolved(robot, before) for goal in self.goals)
         same = all(a is b for a, b in zip(found, self.goals, strict=True))
         return self if same else AnyGoal(found)
 
@@ -157,9 +157,9 @@ class AllGoals(Record, Goal):
         """The goals."""
         return tuple(self.goals)
 
-    def resolved(self, robot: Robot) -> AllGoals:
+    def resolved(self, robot: Robot, before: Array | None = None) -> AllGoals:
         """Each goal in the order of the robot."""
-        found = tuple(goal.resolved(robot) for goal in self.goals)
+        found = tuple(goal.resolved(robot, before) for goal in self.goals)
         same = all(a is b for a, b in zip(found, self.goals, strict=True))
         return self if same else AllGoals(found)
 

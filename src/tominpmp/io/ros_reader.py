@@ -7,7 +7,6 @@ message has is an error, tolerances of a goal and the like a warning.
 from __future__ import annotations
 
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
-from tominpmp.exceptions import ScenarioError, TominpmpWarning
+from tominpmp.exceptions import ScenarioError, warn_caller
 from tominpmp.io.ros import POINT_FIELDS
 from tominpmp.samples import Samples
 from tominpmp.sampling import BILLION
@@ -87,11 +86,9 @@ def _look_beside(message: Field, wrapper: str, mention: bool) -> None:
         elif name == wrapper or name in ASIDES or _says_nothing(item.value):
             continue
         elif mention:
-            warnings.warn(
+            warn_caller(
                 f"{message.path}: {item.key} is not looked at: it is no part of the "
-                "motion",
-                TominpmpWarning,
-                stacklevel=2,
+                "motion"
             )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from tominpmp.arrays import record_line
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import ScenarioError, TominpmpWarning, brief
+from tominpmp.exceptions import ScenarioError, brief, warn_caller
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot, load_robot, read_source
 
@@ -181,7 +180,7 @@ def _warn_of_joints(
         told.append(f"the limits are taken whole, without {' and '.join(factors)}")
     if told:
         message = f"{limits.path}: {'; '.join(told)}"
-        warnings.warn(message, TominpmpWarning, stacklevel=4)
+        warn_caller(message)
 
 
 def load_joint_limits(path: str | Path) -> MoveItLimits:
@@ -222,7 +221,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         notes += _unread(limits)
     if notes:
         told = ", ".join(brief(note).strip("'") for note in notes[:20])
-        warnings.warn(f"{path}: not used: {told}", TominpmpWarning, stacklevel=2)
+        warn_caller(f"{path}: not used: {told}")
     scaling = []
     for key in _SCALINGS:
         factor = table.get(key)

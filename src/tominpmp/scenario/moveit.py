@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ProblemError, TominpmpWarning, brief
+from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, RobotSource, load_robot, read_source
 from tominpmp.scenario.moveit_goals import APART, read_goal
@@ -158,11 +157,9 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
     for name, position in robot.locked_joints.items():
         asked = start.get(name, position)
         if abs(asked - position) > APART:
-            warnings.warn(
+            warn_caller(
                 f"{state.path}: joint {name} is at {asked:g} at the start, but the "
-                f"robot has it locked at {position:g}",
-                TominpmpWarning,
-                stacklevel=3,
+                f"robot has it locked at {position:g}"
             )
 
 
@@ -172,10 +169,8 @@ def _start_velocity(robot: Robot, state: Field) -> Array | None:
     velocity = joint_values(state, "name", "velocity")
     held = [name for name in robot.locked_joints if velocity.get(name, 0.0) != 0.0]
     if held:
-        warnings.warn(
-            f"{state.path}: {', '.join(held)} move at the start, but are locked",
-            TominpmpWarning,
-            stacklevel=3,
+        warn_caller(
+            f"{state.path}: {', '.join(held)} move at the start, but are locked"
         )
     return np.array([velocity[name] for name in robot.joint_names])
 
@@ -212,11 +207,9 @@ def _scaled(robot: Robot, request: Field) -> Robot:
     if share == 1.0:
         return robot
     if limits is None or limits.acceleration is None:
-        warnings.warn(
+        warn_caller(
             f"{factor.path}: {factor.key} is {share:g}, but the robot has no limits of "
-            "accelerations; give some, as by limits='datasheet'",
-            TominpmpWarning,
-            stacklevel=3,
+            "accelerations; give some, as by limits='datasheet'"
         )
         return robot
     accelerations = share * limits.by_joint("acceleration", robot.joint_names)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 
 from tominpmp.description.fields import Field
@@ -14,7 +13,7 @@ from tominpmp.description.groups import (
 )
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import JointDescription, UrdfDescription
-from tominpmp.exceptions import TominpmpWarning, brief
+from tominpmp.exceptions import brief, warn_caller
 
 # A joint that follows may be this far from where its leader puts it [rad or m].
 TOGETHER = 1e-9
@@ -179,4 +178,4 @@ def _warn_of_unknown_group(
 
 
 def _warn(message: str) -> None:
-    warnings.warn(message, TominpmpWarning, stacklevel=4)
+    warn_caller(message)

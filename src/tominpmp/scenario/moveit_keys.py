@@ -6,12 +6,11 @@ that is not known at all.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import TominpmpWarning, brief
+from tominpmp.exceptions import brief, warn_caller
 
 # What is below a key: nothing to look at (read, or without effect on the motion),
 # something that is not read where it is given, a table, or a list of tables.
@@ -140,9 +139,7 @@ def warn_of_unread(message: Field, known: Mapping[str, Any]) -> None:
     unread = list(dict.fromkeys(_unread(message, known)))
     if unread:
         shown = ", ".join(brief(key).strip("'\"") for key in unread[:MOST])
-        warnings.warn(
-            f"{message.path}: not read: {shown}", TominpmpWarning, stacklevel=4
-        )
+        warn_caller(f"{message.path}: not read: {shown}")
 
 
 def _unread(table: Field, known: Mapping[str, Any]) -> list[str]:

@@ -6,7 +6,6 @@ z]``) and as ROS prints them (``type: 1``, ``position: {x: .., y: .., z: ..}``).
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,9 +24,9 @@ from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
     SceneError,
-    TominpmpWarning,
     brief,
     shortened,
+    warn_caller,
 )
 from tominpmp.robot import Robot
 from tominpmp.scenario.moveit_keys import SCENE, warn_of_unread
@@ -248,11 +247,7 @@ def _warn_of_unread(message: Field) -> None:
     if any(isinstance(name, str) and name in objects for name in names):
         unread.append("allowed_collision_matrix (its entries about objects)")
     if unread:
-        warnings.warn(
-            f"{message.path}: not read: {', '.join(unread)}",
-            TominpmpWarning,
-            stacklevel=4,
-        )
+        warn_caller(f"{message.path}: not read: {', '.join(unread)}")
 
 
 def _read_object(item: Field, frames: Frames) -> list[Obstacle]:

@@ -12,7 +12,7 @@ import pinocchio as pin
 import trimesh
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import RobotLoadError, TominpmpWarning
+from tominpmp.exceptions import RobotLoadError, warn_caller
 from tominpmp.robot import Robot
 from tominpmp.viz.surfaces import (
     Surface,
@@ -58,11 +58,7 @@ def robot_bodies(robot: Robot) -> list[Body]:
     try:
         bodies = _geometry_bodies(robot.visual_model, color=None)
     except RobotLoadError as error:
-        warnings.warn(
-            f"the collision geometry is shown instead: {error}",
-            TominpmpWarning,
-            stacklevel=2,
-        )
+        warn_caller(f"the collision geometry is shown instead: {error}")
         bodies = []
     if not any(body.joint for body in bodies):
         bodies += _geometry_bodies(robot.collision_model, color=STEEL)

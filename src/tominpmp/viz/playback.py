@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import NoneType
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import number_or_nan
-from tominpmp.exceptions import OptionsError, TominpmpWarning, brief, expect
+from tominpmp.exceptions import OptionsError, brief, expect, warn_caller
 from tominpmp.io.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
@@ -106,11 +105,7 @@ def play(
     with os.fdopen(handle, "wb") as file:
         file.write(page)
     if open_browser and not show_page(page):
-        warnings.warn(
-            f"no browser could be opened; the page is {temporary}",
-            TominpmpWarning,
-            stacklevel=2,
-        )
+        warn_caller(f"no browser could be opened; the page is {temporary}")
     return Path(temporary)
 
 
