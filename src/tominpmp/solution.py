@@ -217,10 +217,17 @@ class Solution(Told):
         they are first asked for; see ``docs/sensitivities.md``.
 
         Raises:
-            ProblemError: If there is no motion, or its segments have times of arrival.
+            ProblemError: If there is no motion, its segments have times of arrival, or
+                energy has a weight.
         """
         from tominpmp.sensitivities.analysis import analyse
 
+        if self.options.energy_weight:
+            raise ProblemError(
+                f"energy_weight is {self.options.energy_weight:g}, expected 0: what "
+                "limits are worth is known of motions of least T alone",
+                "energy_weight",
+            )
         return analyse(self.problem, self._motion())
 
     def prove_clearance(self) -> ClearanceProof:

@@ -108,6 +108,11 @@ def test_the_certificate_says_what_it_is_about(trades):
     assert trades[1e-2].certificate.message.startswith("This is about the duration")
 
 
+def test_what_limits_are_worth_is_told_of_the_fastest_motion_only(trades):
+    with pytest.raises(tm.ProblemError, match=r"energy_weight is 0\.01, expected 0"):
+        _ = trades[1e-2].sensitivities
+
+
 def _programs():
     system = ProblemFunctions.of(two_links())
     shares = interval_shares("cosine", 8)
