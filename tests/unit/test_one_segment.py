@@ -46,3 +46,24 @@ def test_limits_of_jerk_on_one_of_two_segments_make_accelerations_continuous():
     expected = (t + s) * (1.0 / way) ** (1 / 3)
     assert slow.duration == pytest.approx(expected, rel=1e-2)
     assert fast.duration < 0.8 * slow.duration
+
+
+@pytest.mark.parametrize("kind", ["problem", "segment", "first of two"])
+def test_limits_of_jerk_are_in_certificates_and_sensitivities(kind):
+    arm, quiet = make_arm(slide(1.0), effort=10.0), tm.MotionLimits(jerk=16.0)
+    there = tm.JointGoal([1.0])
+    if kind == "problem":
+        problem = tm.Problem(arm, [0.0], there, motion_limits=quiet)
+    else:
+        segments = [tm.Segment(there, motion_limits=quiet, stop=True)]
+        if kind != "segment":
+            segments.append(tm.Segment(tm.JointGoal([0.0])))
+        problem = tm.Problem(arm, [0.0], segments=segments)
+    solution = tm.plan(problem, intervals=16)
+    assert solution.certificate.ok, solution.certificate.message
+    jerk = next(item for item in solution.sensitivities if item.kind == "jerk")
+    # Alone it is worth a third of T for each share of it.
+    if kind != "first of two":
+        assert jerk.value == pytest.approx(-1.0 / 3.0, rel=1e-2)
+    else:
+        assert jerk.value < -0.1

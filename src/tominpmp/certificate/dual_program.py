@@ -143,16 +143,16 @@ class _Program:
             names = part.task.problem.robot.joint_names
             rows = slice(first, end + (controls > self.N))
             most[rows] = np.minimum(most[rows], limits.by_joint("acceleration", names))
-        limits = motion.task.problem.motion_limits
-        continuous = limits is not None and limits.continuous
         least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
         if motion.changes.shape == "ramps":
             least = largest = np.concatenate([motion.a[:, 0], motion.a[-1:, 1]])
         below = np.minimum((-most - least) / self.acceleration_scale, 0.0)
         above = np.maximum((most - largest) / self.acceleration_scale, 0.0)
-        if continuous:
-            # Accelerations that must not jump begin and end with none.
-            below[[0, -1]] = above[[0, -1]] = 0.0
+        for part, place in ((motion.segments[0], 0), (motion.segments[-1], -1)):
+            limits = part.task.problem.motion_limits
+            if limits is not None and limits.continuous:
+                # Accelerations that must not jump begin and end with none.
+                below[place] = above[place] = 0.0
         return below, above, most
 
     # -- rows --------------------------------------------------------------------------

@@ -60,7 +60,8 @@ class LimitValues:
         given = self.found.multipliers
         own = np.flatnonzero(given.of(kind))
         limits, n = self.motion.task.problem.motion_limits, self.motion.changes.n
-        if kind == "acceleration" and limits is not None and limits.continuous:
+        continuous = limits is not None and limits.continuous
+        if kind == "acceleration" and continuous and own.size:
             # The first and the last one are zero whatever the limit is.
             order = np.argsort(given.subject[own], kind="stable")
             joints = np.unique(given.subject[own]).size
