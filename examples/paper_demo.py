@@ -7,7 +7,7 @@ penalty method. Writes to out/: counterparts of the paper's figures 2 to 7, the
 convergence of the methods and one page with the motion around the obstacle, which plays
 offline.
 
-    python examples/paper_demo.py [--out FOLDER] [--intervals 75]
+    python examples/paper_demo.py [--out FOLDER] [--intervals 75] [--seconds 20]
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def problem(case: str, gravity: str) -> tm.Problem:
 FIRST_DURATIONS = {"adjoint": 1.5, "penalty": 1.5, "collocation": 1.0, "inverse": 1.0}
 
 
-def options(method: str, intervals: int) -> tm.Options:
+def options(method: str, intervals: int, seconds: float) -> tm.Options:
     """Options of a method: no smoothing, a uniform grid, one start, as in the paper."""
     return tm.Options(
         method=cast(Method, method),
@@ -65,13 +65,15 @@ def options(method: str, intervals: int) -> tm.Options:
         starts=1,
         initial_duration=FIRST_DURATIONS[method],
         max_iterations=1000,
-        max_planning_time=20.0,
+        max_planning_time=seconds,
         # The penalty method ends outside the admissible set; this is near enough.
         feasibility=1e-3 if method == "penalty" else 1e-6,
     )
 
 
-def plan_all(console: Console, intervals: int) -> dict[Key, tm.Solution]:
+def plan_all(
+    console: Console, intervals: int, seconds: float
+) -> dict[Key, tm.Solution]:
     """Plan every case by every method, with progress on the console."""
     keys = [(c, g, m) for g in GRAVITIES for c in CASES for m in METHODS]
     solutions = {}
@@ -89,18 +91,32 @@ def plan_all(console: Console, intervals: int) -> dict[Key, tm.Solution]:
             progress.update(task, description=label)
             if not console.is_terminal:
                 console.print(f"planning: {label}")
-            solutions[key] = tm.plan(problem(case, gravity), options(method, intervals))
+            chosen = options(method, intervals, seconds)
+            solutions[key] = tm.plan(problem(case, gravity), chosen)
             progress.advance(task)
     return solutions
 
 
-def row(key: Key, solution: tm.Solution) -> list[str]:
+# How planning ends that more time would have let go on.
+CUT_OFF = (tm.Status.TIME_LIMIT, tm.Status.ITERATION_LIMIT)
+
+
+def marks(solution: tm.Solution) -> str:
+    """What has to be said of a motion: * violates something, + was cut off."""
+    return "*" * (not solution.success) + "+" * (solution.status in CUT_OFF)
+
+
+def row(solution: tm.Solution) -> list[str]:
     """Cells of one method: T, iterations, seconds."""
-    duration = f"{solution.T:.4f}" + ("" if solution.success else "*")
-    return [duration, str(solution.iterations), f"{solution.planning_time:.2f}"]
+    motion = solution.trajectory  # the best there is, also of what is no success
+    duration = "none" if motion is None else f"{motion.duration:.4f}"
+    cells = str(solution.iterations), f"{solution.planning_time:.2f}"
+    return [duration + marks(solution), *cells]
 
 
-def print_table(console: Console, solutions: Mapping[Key, tm.Solution]) -> None:
+def print_table(
+    console: Console, solutions: Mapping[Key, tm.Solution], limit: float
+) -> None:
     """Print T, iterations and seconds of every method beside the paper's numbers."""
     table = Table(title="Planar three-joint arm: T in s (iterations, seconds)")
     for heading in ("case", "gravity", *METHODS, "paper", "paper, penalty"):
@@ -110,16 +126,16 @@ def print_table(console: Console, solutions: Mapping[Key, tm.Solution]) -> None:
         for case in CASES:
             cells = []
             for method in METHODS:
-                t, iterations, seconds = row(
-                    (case, gravity, method), solutions[case, gravity, method]
-                )
+                t, iterations, seconds = row(solutions[case, gravity, method])
                 cells.append(f"{t} ({iterations}, {seconds})")
             table.add_row(case, gravity, *cells, *(f"{t:.3f}" for t in PAPER[case]))
     console.print(table)
-    left = [max(s.violations.values()) for s in solutions.values() if not s.success]
-    if left:
-        worst = max(left)
+    failed = [s for s in solutions.values() if not s.success]
+    if failed:
+        worst = max(max(s.violations.values(), default=0.0) for s in failed)
         console.print(f"* ended with goal or limits violated, by {worst:.2g} at most")
+    if any(s.status in CUT_OFF for s in solutions.values()):
+        console.print(f"+ was not done after {limit:g} s: more time leads to another T")
 
 
 def write_table(path: Path, solutions: Mapping[Key, tm.Solution]) -> None:
@@ -128,7 +144,7 @@ def write_table(path: Path, solutions: Mapping[Key, tm.Solution]) -> None:
         writer = csv.writer(file)
         writer.writerow(["case", "gravity", "method", "T", "iterations", "seconds"])
         for key, solution in solutions.items():
-            writer.writerow([*key, *row(key, solution)])
+            writer.writerow([*key, *row(solution)])
 
 
 def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
@@ -174,11 +190,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--intervals", type=int, default=75)
+    parser.add_argument("--seconds", type=float, default=20.0, help="for each method")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     console = Console(width=None if Console().is_terminal else 160)
-    solutions = plan_all(console, arguments.intervals)
-    print_table(console, solutions)
+    solutions = plan_all(console, arguments.intervals, arguments.seconds)
+    print_table(console, solutions, arguments.seconds)
     write_table(arguments.out / "paper_demo.csv", solutions)
     console.print("Drawing the figures ...")
     for path in draw(arguments.out, solutions):
