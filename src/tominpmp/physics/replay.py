@@ -116,12 +116,7 @@ def replay(
     if engine != "mujoco":
         raise ProblemError(f"engine is {brief(engine)}, expected 'mujoco'", "engine")
     check_positive(step=step, bandwidth=bandwidth, tolerance=tolerance)
-    if any(segment.payload is not None for segment in problem.segments):
-        raise ProblemError(
-            "segments: a load changes on the way, expected one robot for the whole "
-            "motion; replay the segments by themselves",
-            "segments",
-        )
+    check_one_load(problem)
     if not np.all(np.isfinite(trajectory.u)):
         raise ProblemError("trajectory has no torques to replay", "trajectory")
     if trajectory.duration / step > MOST_STEPS:
@@ -136,6 +131,20 @@ def replay(
         torque_difference(arm, trajectory),
         float(tolerance),
     )
+
+
+def check_one_load(problem: Problem) -> None:
+    """Check that the arm carries the same all the way.
+
+    Raises:
+        ProblemError: If it does not.
+    """
+    if any(segment.payload is not None for segment in problem.segments):
+        raise ProblemError(
+            "segments: a load changes on the way, expected one robot for the whole "
+            "motion; replay the segments by themselves",
+            "segments",
+        )
 
 
 def check_positive(**values: object) -> None:

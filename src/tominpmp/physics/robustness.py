@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arguments import Told
 from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
-from tominpmp.physics.replay import check_positive
+from tominpmp.physics.replay import check_one_load, check_positive
 from tominpmp.problem import Problem
 from tominpmp.trajectory import State, Trajectory
 
@@ -83,6 +84,8 @@ class Robustness(Record):
         tolerance: Largest distance of a joint from the motion that is tolerated.
         samples: Number of trials for each reserve.
         disturbances: What was drawn at random for each trial.
+        effort_scale: Share of the torque limits that the problem itself lets motions
+            use; the reserves are shares of that.
     """
 
     reserves: Array
@@ -92,6 +95,7 @@ class Robustness(Record):
     tolerance: float
     samples: int
     disturbances: Disturbances = field(default_factory=Disturbances)
+    effort_scale: float = 1.0
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -106,11 +110,11 @@ class Robustness(Record):
 
     @property
     def cost(self) -> float | None:
-        """What that reserve costs, as a share of the duration without one."""
+        """What it costs: a share of the duration with the least one of a motion."""
         if self.reserve is None:
             return None
         T = self.T[self.reserves == self.reserve][0]
-        return float(T / self.T[0] - 1.0)
+        return float(T / self.T[np.isfinite(self.T)][0] - 1.0)
 
     @property
     def message(self) -> str:
@@ -122,9 +126,11 @@ class Robustness(Record):
                 f"{self.tolerance:g} rad or m; {self.reserves[best]:.0%} keeps "
                 f"{self.kept[best]:.0%}"
             )
+        own, scale = self.effort_scale, self.effort_scale * (1.0 - self.reserve)
+        of = f" of the {own:.0%} that motions may use" if own < 1.0 else ""
         return (
-            f"a torque reserve of {self.reserve:.0%} (effort_scale="
-            f"{1.0 - self.reserve:g}) keeps {WANTED:.0%} of {self.samples} trials "
+            f"a torque reserve of {self.reserve:.0%}{of} (effort_scale={scale:g}) "
+            f"keeps {WANTED:.0%} of {self.samples} trials "
             f"within {self.tolerance:g} rad or m, for {self.cost:.1%} more time"
         )
 
@@ -152,7 +158,9 @@ def robustness(
         options: How to plan.
         disturbances: What is drawn at random; the defaults are those of an arm that is
             known well.
-        reserves: Shares of the torque limits to leave unused, from 0 to below 1.
+        reserves: Shares to leave unused, from 0 to below 1, of the torques that the
+            problem lets motions use: of its torque limits times its ``effort_scale``,
+            segment by segment.
         samples: Number of trials for each.
         tolerance: Largest distance of a joint from the motion [rad or m].
         bandwidth: How fast the feedback brings errors to zero [1/s].
@@ -169,13 +177,8 @@ def robustness(
 
     shares = _checked_reserves(reserves)
     check_positive(tolerance=tolerance, bandwidth=bandwidth, period=period)
-    whole = isinstance(samples, int) and not isinstance(samples, bool)
-    if not whole or not 1 <= samples <= MOST_SAMPLES:
-        raise ProblemError(
-            f"samples is {brief(samples)}, expected a number from 1 to {MOST_SAMPLES}",
-            "samples",
-        )
     world = Disturbances() if disturbances is None else disturbances
+    _check(problem, world, samples, seed)
     MujocoArm(problem.robot)  # what is missing is told of before anything is planned
     carrier = _carrier(problem, frame)
     T, kept, errors = [], [], []
@@ -197,7 +200,25 @@ def robustness(
         tolerance=float(tolerance),
         samples=samples,
         disturbances=world,
+        effort_scale=_scale(problem.motion_limits),
     )
+
+
+def _check(problem: Problem, world: object, samples: Any, seed: Any) -> None:
+    expect(problem, Problem, "problem", "a Problem")
+    check_one_load(problem)
+    expect(world, Disturbances, "disturbances", "Disturbances or None")
+    for name, value, least, most in (
+        ("samples", samples, 1, MOST_SAMPLES),
+        ("seed", seed, 0, 2**63 - 1),
+    ):
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if not whole or not least <= value <= most:
+            raise ProblemError(
+                f"{name} is {brief(value)}, expected a whole number from {least} to "
+                f"{most}",
+                name,
+            )
 
 
 def _checked_reserves(reserves: object) -> Array:
@@ -214,12 +235,30 @@ def _checked_reserves(reserves: object) -> Array:
     return np.unique(shares)
 
 
+def _scale(limits: MotionLimits | None) -> float:
+    return 1.0 if limits is None else limits.effort_scale
+
+
 def _with_reserve(problem: Problem, reserve: float) -> Problem:
+    """The problem with a share of the torques that it leaves to motions.
+
+    Those of segments are shares, too, of which the smaller one counts: each is taken.
+    """
     if reserve == 0.0:
         return problem
-    limits = MotionLimits(effort_scale=1.0 - reserve)
-    joints = problem.robot.joint_names
-    return replace(problem, motion_limits=limits.over(problem.motion_limits, joints))
+
+    def reduced(limits: MotionLimits | None) -> MotionLimits:
+        known = MotionLimits() if limits is None else limits
+        return replace(known, effort_scale=(1.0 - reserve) * known.effort_scale)
+
+    changes: dict[str, Any] = {"motion_limits": reduced(problem.motion_limits)}
+    if problem.segments:
+        changes["goal"] = None  # that of the last segment
+        changes["segments"] = tuple(
+            replace(item, motion_limits=reduced(item.motion_limits))
+            for item in problem.segments
+        )
+    return replace(problem, **changes)
 
 
 def _carrier(problem: Problem, frame: str | None) -> tuple[int, Array]:
