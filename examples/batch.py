@@ -21,13 +21,23 @@ OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.3, position=(4.2, 2.4, 0.0))])
 
 
 def problems(count: int, seed: int) -> Iterator[tuple[str, tm.Problem]]:
-    """Random goals within reach, made one by one as they are needed."""
+    """Random goals within reach, made one by one as they are needed.
+
+    What is wrong in itself, as a goal inside the obstacle, is drawn again: no problem
+    is made of it.
+    """
     robot, rng = tm.load_robot("planar3r"), np.random.default_rng(seed)
-    for number in range(count):
+    number = 0
+    while number < count:
         angle, reach = rng.uniform(0.2, 1.2), rng.uniform(3.4, 4.6)
         point = (reach * np.cos(angle), reach * np.sin(angle), 0.0)
         goal = tm.PositionGoal("tip", point)
-        yield f"goal{number:04d}", tm.Problem(robot, START, goal, OBSTACLE, 0.02)
+        try:
+            problem = tm.Problem(robot, START, goal, OBSTACLE, 0.02)
+        except tm.ProblemError:
+            continue
+        yield f"goal{number:04d}", problem
+        number += 1
 
 
 def main() -> int:
