@@ -5,12 +5,12 @@ on which plan happens to be ready first. Problems are put into an order in which
 as far as can be from all before it; so the first ones are spread over all of them, and
 the nearest of those before a problem comes nearer and nearer. They are planned in
 rounds, each as large as all before it: a problem begins with the nearest motion of
-former rounds.
+former rounds, unless neighbours lead different ways.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.problem import Problem
+from tominpmp.trajectory import Trajectory
 
 # This share of the problems begins with nothing.
 FIRST = 0.125
@@ -26,6 +27,9 @@ FIRST = 0.125
 FAR = 3.0
 # How distances of obstacles count against those of joints [rad/m].
 LENGTH = 2.0
+# Motions of problems that are so far from each other lead one way if they differ by no
+# more than this [rad or m], and this times that distance, at some instants.
+TURN, STRETCH, LOOKS = 0.3, 1.0, 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +38,37 @@ class Rounds:
 
     Attributes:
         rounds: Numbers of the problems of each round.
-        near: Numbers of the problems whose motions a problem may begin with, the
-            nearest first; by the number of the problem.
+        near: Numbers of the problems whose motions a problem may begin with, and how
+            far they are from it, the nearest first; by the number of the problem.
     """
 
     rounds: tuple[IntArray, ...]
-    near: dict[int, list[int]]
+    near: dict[int, list[tuple[int, float]]]
+
+    def start(self, number: int, motions: Mapping[int, Trajectory]) -> int | None:
+        """The problem whose motion another one begins with; None for none.
+
+        That is the nearest one which has a motion, unless the next one's leads another
+        way: only a search can tell which of the ways is the faster one here.
+
+        Args:
+            number: The problem that is to begin.
+            motions: What was found of others, by their numbers.
+        """
+        found = [item for item in self.near[number] if item[0] in motions]
+        if not found:
+            return None
+        (first, apart), *others = found
+        for second, away in others[:1]:
+            ways = [_way(motions[one]) for one in (first, second)]
+            if np.max(np.abs(ways[0] - ways[1])) > TURN + STRETCH * (apart + away):
+                return None
+        return first
+
+
+def _way(motion: Trajectory) -> Array:
+    """Configurations on the way, at equal shares of the time, shape (k, n)."""
+    return motion(np.linspace(0.0, motion.duration, LOOKS)).q
 
 
 def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
@@ -54,7 +83,7 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
         key, places[index] = _place(problem)
         groups.setdefault(key, []).append(index)
     rounds: list[list[int]] = []
-    near: dict[int, list[int]] = {}
+    near: dict[int, list[tuple[int, float]]] = {}
     for members in groups.values():
         table = np.array([places[index] for index in members])
         order = _spread(table)
@@ -71,13 +100,16 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
     return Rounds(tuple(np.array(sorted(item)) for item in rounds), near)
 
 
-def _nearest(table: Array, own: int, before: IntArray, members: list[int]) -> list[int]:
-    """The problems before one that are nearest to it, three at most."""
+def _nearest(
+    table: Array, own: int, before: IntArray, members: list[int]
+) -> list[tuple[int, float]]:
+    """The problems before one that are nearest to it, three at most; how far."""
     if not before.size:
         return []
     away = np.linalg.norm(table[before] - table[own], axis=1)
     order = np.argsort(away, kind="stable")[:3]
-    return [members[before[k]] for k in order.tolist() if away[k] <= FAR]
+    found = [(members[before[k]], float(away[k])) for k in order.tolist()]
+    return [item for item in found if item[1] <= FAR]
 
 
 def _spread(table: Array) -> IntArray:

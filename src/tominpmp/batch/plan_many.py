@@ -20,6 +20,7 @@ from tominpmp.batch.task import LOST, Item, Settings, Start, item_of, ready, run
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, brief, expect
 from tominpmp.options import Options
+from tominpmp.trajectory import Trajectory
 
 MOST_WORKERS = 100_000
 
@@ -229,20 +230,19 @@ class _Batch:
         every = list(items)
         problems = [ready(item, Settings(None, {}, None)).problem for item in every]
         rounds = rounds_of(problems)
-        motions: dict[int, Start] = {}
+        motions: dict[int, Trajectory] = {}
         for numbers in rounds.rounds:
             starts: dict[int, Start] = {}
             for k in numbers.tolist():
-                near = (motions[j] for j in rounds.near[k] if j in motions)
-                first = next(near, None)
+                first = rounds.start(k, motions)
                 if first is not None:
-                    starts[every[k].index] = first
+                    starts[every[k].index] = Start(first, motions[first])
             chosen = (every[k] for k in numbers.tolist())
-            fresh: dict[int, Start] = {}
+            fresh: dict[int, Trajectory] = {}
             for outcome in self.outcomes(chosen, starts):
                 solution = outcome.solution
                 if outcome.success and solution is not None and solution.trajectory:
-                    fresh[outcome.index] = Start(outcome.index, solution.trajectory)
+                    fresh[outcome.index] = solution.trajectory
                 yield outcome
             motions |= fresh
 

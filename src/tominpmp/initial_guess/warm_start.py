@@ -21,11 +21,13 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.samples import Samples
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
+from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.ticks import Ticks
@@ -61,6 +63,8 @@ class WarmStart(Guess):
         bend: What is added to the positions: coefficients of the powers 0 to 3 of the
             share of the duration, shape (4, n).
         box: Lower and upper position limits, shape (n,) each.
+        halved: Whether intervals are halved at once where its controls bend, unless its
+            grid is finer than the one asked for.
     """
 
     trajectory: Trajectory
@@ -69,6 +73,7 @@ class WarmStart(Guess):
     entry: float
     bend: Array
     box: tuple[Array, Array]
+    halved: bool = False
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n)."""
@@ -150,7 +155,13 @@ class WarmStart(Guess):
                 system, interval_shares(kind, intervals), T
             )
             return _program(transcription, transcription.start(self.position, T))
-        return self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
+        program, z = self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
+        of = program.transcription
+        if not self.halved or nodes.size - 1 > intervals:
+            return program, z
+        assert isinstance(of, InverseTranscription)  # noqa: S101
+        finer, z = split_intervals(of, z, to_be_split(of, z))
+        return NonlinearProgram.of(finer).at(z), z
 
     def _inverse_on(
         self, system: ProblemFunctions, shares: Array, duration: float

@@ -39,6 +39,7 @@ class Attempt:
         remark: A sentence for the user, if there is something to say.
         unconfirmed: Whether there was no time left for the replay.
         layout: How the motion was parameterised; None where only torques are.
+        taken_over: Whether it is on the finer grid of a former motion.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Attempt:
     remark: str = ""
     unconfirmed: bool = False
     layout: Layout | None = None
+    taken_over: bool = False
 
     @classmethod
     def of(

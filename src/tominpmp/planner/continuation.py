@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.initial_guess.constrained import speed_used
+from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
@@ -18,11 +19,11 @@ from tominpmp.planner.direct_solve import (
     solve_from_guess,
     with_rows_where_needed,
 )
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.progress import Judge, Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import solve_by_shooting
 from tominpmp.problem import Problem
-from tominpmp.status import STOPPED, Status
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -33,6 +34,11 @@ WARM_START_RADIUS = 0.3
 # next to nothing where speeds do (benchmarks/random_goals.py). It is done where no
 # joint is at its speed limit for more than this share of the nodes.
 SPEED_SHARE = 0.4
+# A start from a former motion is given up after so many iterations if it breaks limits
+# by more than this share, and that has not fallen to this share of it in the last ones.
+PATIENCE, FAR, LATELY, FALLING = 10, 0.05, 5, 0.9
+# Nor is one enough that takes longer than this share of what a first guess takes.
+OUTDONE = 0.95
 # A limit is active from this share of it on.
 ACTIVE = 0.99
 # Most of the gain comes in so many iterations.
@@ -59,15 +65,72 @@ def solve_from_warm_start(
         first = former.torque_program(system, shares)
         attempt = solve_by_shooting(system, near, progress, first)
     else:
-        attempt = solve_and_verify(system, near, former, progress)
+        former = replace(former, halved=_halved(system, options, former))
+        with progress.judged(_astray(progress)):
+            attempt = solve_and_verify(system, near, former, progress)
+        own = attempt.trajectory.t.size - 1 > options.intervals
+        attempt = replace(attempt, taken_over=own)
     if attempt.duration < former.duration:
         return attempt
     kept = former.remainder(system)
-    if kept is None:
+    if kept is None or not _arrives(system, kept, options):
         return attempt
     same = replace(attempt, feasible=True, trajectory=kept, violations={}, layout=None)
     same = same.verified(system.problem, options)
     return same if same.duration < attempt.duration else attempt
+
+
+def _halved(system: ProblemFunctions, options: Options, former: WarmStart) -> bool:
+    """Whether the grid of a motion is halved at once where its controls bend.
+
+    Where speeds rule that is all that finer grids would bring in the end.
+    """
+    return (
+        options.refine == "auto"
+        and options.objective == "time"
+        and not system.parts
+        and speed_share(former.trajectory, system.problem) > SPEED_SHARE
+    )
+
+
+def _arrives(system: ProblemFunctions, motion: Trajectory, options: Options) -> bool:
+    """Whether a former motion ends where the problem wants it to."""
+    q, v = motion.q[-1], motion.v[-1]
+    goal = system.problem.goal.nearest(system.kinematics, q, v)
+    lack, _ = goal.place_residual(system.kinematics, q)
+    return bool(np.max(np.abs(lack), initial=0.0) <= options.goal_tolerance)
+
+
+def _astray(progress: Progress) -> Judge:
+    """Ends a start from a former motion that comes to no motion.
+
+    What was near goes on in a few iterations, or a search is the shorter way.
+    """
+
+    def judge(record: IterationRecord) -> Status | None:
+        seen = [item.violation for item in progress.records]
+        late = len(seen) >= PATIENCE and record.violation > FAR
+        stuck = late and min(seen[-LATELY:]) > FALLING * min(seen[:-LATELY])
+        return Status.STALLED if stuck else None
+
+    return judge
+
+
+def outdone(system: ProblemFunctions, options: Options, progress: Progress) -> bool:
+    """Whether a former motion has led to one that a search may well beat.
+
+    Past an obstacle, or to another configuration, it may lead the long way round.
+    First guesses take their paths as fast as can be, and better motions cut corners.
+    """
+    fixed = system.alone and system.final_configuration is not None
+    if fixed or system.parts or system.problem.scene.moving:
+        return False
+    rng = np.random.default_rng(options.seed)
+    guesses = initial_guesses(system, 1, rng, options.initial_duration, progress.ends)
+    guess = next(guesses, None)
+    if guess is None or not guess.timed:
+        return False
+    return bool(progress.best > OUTDONE * guess.duration)
 
 
 def continued(

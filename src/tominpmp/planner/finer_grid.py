@@ -17,10 +17,11 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.continuation import SPEED_SHARE, speed_share
 from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.ramps import time_at_speed_limits
@@ -33,6 +34,7 @@ from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import Gridded, Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -40,8 +42,6 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# The largest number of intervals.
-MOST_INTERVALS = 300
 # Another round promises half of what this one did, at most.
 FALLS = 2.0
 # Slowing down cures a violation of this much, and costs no more than half of it.
@@ -51,12 +51,6 @@ LEAST_PROGRAMS = 16
 ITERATIONS = 8
 # Trust region, as a share of the usual one: the motion is near to what it comes from.
 RADIUS = 0.3
-# Shorter intervals, as shares of T, are left as they are.
-SHORTEST = 1e-3
-# Where a joint is at its speed limit from end to end of an interval, there is nothing
-# to gain for it; if it is one that T hangs on, which is there for this share of T. The
-# others may swing at their limits to help it elsewhere.
-AT_LIMIT, RULING = 0.999, 0.4
 
 
 @dataclass(frozen=True)
@@ -84,7 +78,7 @@ class Thrift:
     bends: float
 
 
-USUAL = Thrift(3e-3, 1.5e-3, 1e-3, 3, 1.5, 0.95)
+USUAL = Thrift(3e-3, 1.5e-3, 1e-3, 3, 1.5, BENDS)
 # Where time matters less than T.
 LAVISH = Thrift(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
@@ -115,6 +109,8 @@ def on_finer_grid(
         return
     best = min(found, key=lambda attempt: attempt.duration)
     if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
+        return
+    if best.taken_over and speed_share(best.trajectory, problem) > SPEED_SHARE:
         return
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     if nothing_to_gain(system, best.trajectory, thrift.worth):
@@ -266,38 +262,6 @@ class Promise:
         enough = near and (left < thrift.enough or self.work.spent)
         enough = enough or self.first < thrift.worth
         return status or (Status.CONVERGED if enough else None)
-
-
-def to_be_split(of: Gridded, z: Array, share: float = USUAL.bends) -> BoolArray:
-    """Which intervals are to be halved: those with a share of all bends, (N,)."""
-    h, speeds = of.motion(z).h, np.abs(of.trajectory(z).v)
-    limits = of.system.problem.robot.limits
-    bends = h * bends_of_controls(of, z)
-    at_limit = speeds > AT_LIMIT * limits.velocity
-    if at_limit.shape[0] == h.size + 1:  # no stays on the way
-        at_limit = at_limit[1:] & at_limit[:-1]
-        ruling = h @ at_limit > RULING * h.sum()
-        bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
-    bends[h < SHORTEST * h.sum()] = 0.0
-    order = np.argsort(-bends, kind="stable")
-    before = np.cumsum(bends[order]) - bends[order]
-    split = np.zeros(h.size, dtype=bool)
-    split[order] = (bends[order] > 0.0) & (before < share * bends.sum())
-    split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
-    return split
-
-
-def bends_of_controls(of: Gridded, z: Array) -> Array:
-    """How much the controls jump, or their slopes, around each interval, shape (N,)."""
-    variation = of.scaled_at(z).variation(z)
-    jumps = np.abs(variation.matrix @ z + variation.offset)
-    N, degree = of.intervals, getattr(of, "degree", 3)
-    # Jumps are between N intervals, or between N + degree - 3 control points.
-    jumps = np.max(jumps.reshape(N - 1 + degree - 3, -1), axis=1, initial=0.0)
-    jumps = np.concatenate([[0.0], jumps, [0.0]])
-    width = jumps.size - N + 1
-    around = [jumps[k : k + N] for k in range(width)]
-    return np.asarray(np.max(around, axis=0))
 
 
 def _solve(

@@ -30,7 +30,7 @@ from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import suits
-from tominpmp.planner.continuation import solve_from_warm_start
+from tominpmp.planner.continuation import outdone, solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.progress import Judge, Progress
 from tominpmp.planner.rescue import guarded
@@ -136,7 +136,8 @@ def make_attempts(
         attempt = guarded(system.problem, options, progress, former.name, solve)
         yield _noted(progress, attempt)
         found = attempt is not None and attempt.found
-        if found and (options.starts or 1) == 1:
+        enough = (options.starts or 1) == 1
+        if found and enough and not outdone(system, options, progress):
             return
     if options.method in ("adjoint", "penalty"):
         yield from shots(system, options, progress)

@@ -1,0 +1,51 @@
+"""Where the controls of a motion bend, and which intervals are to be halved for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.transcription.layout import Gridded
+
+# The largest number of intervals.
+MOST_INTERVALS = 300
+# Intervals are halved that have this share of all bends, with their lengths, together.
+BENDS = 0.95
+# Shorter intervals, as shares of T, are left as they are.
+SHORTEST = 1e-3
+# Where a joint is at its speed limit from end to end of an interval, there is nothing
+# to gain for it; if it is one that T hangs on, which is there for this share of T. The
+# others may swing at their limits to help it elsewhere.
+AT_LIMIT, RULING = 0.999, 0.4
+
+
+def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
+    """Which intervals are to be halved: those with a share of all bends, (N,)."""
+    h, speeds = of.motion(z).h, np.abs(of.trajectory(z).v)
+    limits = of.system.problem.robot.limits
+    bends = h * bends_of_controls(of, z)
+    at_limit = speeds > AT_LIMIT * limits.velocity
+    if at_limit.shape[0] == h.size + 1:  # no stays on the way
+        at_limit = at_limit[1:] & at_limit[:-1]
+        ruling = h @ at_limit > RULING * h.sum()
+        bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
+    bends[h < SHORTEST * h.sum()] = 0.0
+    order = np.argsort(-bends, kind="stable")
+    before = np.cumsum(bends[order]) - bends[order]
+    split = np.zeros(h.size, dtype=bool)
+    split[order] = (bends[order] > 0.0) & (before < share * bends.sum())
+    split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
+    return split
+
+
+def bends_of_controls(of: Gridded, z: Array) -> Array:
+    """How much the controls jump, or their slopes, around each interval, shape (N,)."""
+    variation = of.scaled_at(z).variation(z)
+    jumps = np.abs(variation.matrix @ z + variation.offset)
+    N, degree = of.intervals, getattr(of, "degree", 3)
+    # Jumps are between N intervals, or between N + degree - 3 control points.
+    jumps = np.max(jumps.reshape(N - 1 + degree - 3, -1), axis=1, initial=0.0)
+    jumps = np.concatenate([[0.0], jumps, [0.0]])
+    width = jumps.size - N + 1
+    around = [jumps[k : k + N] for k in range(width)]
+    return np.asarray(np.max(around, axis=0))

@@ -1,0 +1,132 @@
+"""What a plan makes of a neighbour's motion: which one, on which grid, how long."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tests.sample_arms as arms
+import tominpmp as tm
+from tominpmp.arrays import Array
+from tominpmp.batch.neighbours import Rounds
+from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.planner import attempt, finer_grid
+from tominpmp.planner.continuation import PATIENCE, _astray
+from tominpmp.status import Status
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+HOME, TURN = np.array([0.3, 0.9]), np.array([1.0, -0.4])
+LIMITS = tm.MotionLimits(acceleration=12.0)
+QUICK = {"intervals": 12, "effort": "quick", "method": "inverse"}
+
+
+def motion(middle: float) -> tm.Trajectory:
+    """One joint from 0 to 1, by way of the middle."""
+    t, rest = np.array([0.0, 0.5, 1.0]), np.zeros((3, 1))
+    return tm.Trajectory(("j",), t, np.array([[0.0], [middle], [1.0]]), rest, rest)
+
+
+@pytest.mark.parametrize(
+    ("middles", "expected"),
+    [
+        ({1: 0.5, 2: 0.6}, 1),
+        ({2: 0.5}, 2),
+        ({1: 0.5, 2: 2.5}, None),
+        ({1: 2.5, 3: 0.5}, 1),  # the other is so far that it may differ
+        ({}, None),
+    ],
+)
+def test_where_neighbours_lead_different_ways_a_search_decides(
+    middles: dict[int, float], expected: int | None
+) -> None:
+    rounds = Rounds((), {0: [(1, 0.2), (2, 0.4), (3, 2.9)]})
+    found = {number: motion(middle) for number, middle in middles.items()}
+    assert rounds.start(0, found) == expected
+
+
+@pytest.fixture(scope="module")
+def arm() -> tm.Robot:
+    return arms.two_link_arm(1.0)
+
+
+def problem(robot: tm.Robot, goal: tm.Goal) -> tm.Problem:
+    return tm.Problem(robot, HOME, goal, motion_limits=LIMITS)
+
+
+def test_a_motion_that_ends_elsewhere_is_not_replayed(
+    arm: tm.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = np.array([0.2, 1.4, 0.0])
+    former = tm.plan(problem(arm, tm.PositionGoal("tip", place)), **QUICK)
+    ends: list[Array] = []
+    replay = attempt.verify
+
+    def seen(task: tm.Problem, motion: tm.Trajectory, *rest: Any, **more: Any) -> Any:
+        q = motion.q[-1]
+        ends.append(RobotKinematics(task.robot).placement(q, "tip").translation)
+        return replay(task, motion, *rest, **more)
+
+    monkeypatch.setattr(attempt, "verify", seen)
+    # Farther on: slower than the former motion, which would be kept if it arrived.
+    farther = place - np.array([0.3, 0.1, 0.0])
+    found = tm.plan(
+        problem(arm, tm.PositionGoal("tip", farther)), start=former, **QUICK
+    )
+    assert found.success and found.T > former.T and ends
+    assert all(np.linalg.norm(end - farther) < 1e-3 for end in ends)
+    # Asked for again, it is kept if nothing faster comes of it.
+    again = tm.plan(former.problem, start=former, **QUICK)
+    assert again.success and again.T <= former.T * (1.0 + 1e-9)
+
+
+def test_where_speeds_rule_grids_are_halved_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0), velocity=0.5)
+    near, far = (
+        tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal(end), self_collision=False)
+        for end in ((0.9, 1.3, -1.2), (0.92, 1.28, -1.18))
+    )
+    former = tm.plan(near, refine=None, **QUICK).trajectory
+    assert former is not None
+    system = ProblemFunctions.of(far)
+    guess = warm_start(system, former)
+    plain, z = guess.inverse_program(system, 12, "cosine")
+    assert plain.transcription.intervals == 12
+    fine, finer = _halved(guess).inverse_program(system, 12, "cosine")
+    assert fine.transcription.intervals > 12
+    apart = fine.trajectory(finer)(plain.trajectory(z).t).q - plain.trajectory(z).q
+    assert np.max(np.abs(apart)) < 1e-9
+    cold = tm.plan(far, **QUICK)
+    monkeypatch.setattr(finer_grid, "refined", None)
+    warm = tm.plan(far, start=former, **QUICK)
+    assert warm.success and warm.T <= 1.0005 * cold.T
+    assert warm.trajectory is not None and warm.trajectory.t.size > 13
+
+
+def _halved(guess: Any) -> Any:
+    from dataclasses import replace
+
+    return replace(guess, halved=True)
+
+
+@pytest.mark.parametrize(
+    ("violations", "over"),
+    [
+        ([0.3] * PATIENCE, True),
+        ([0.3] * (PATIENCE - 1), False),
+        ([0.3 * 0.7**k for k in range(PATIENCE)], False),
+        ([0.3, *[1e-3] * PATIENCE], False),
+    ],
+)
+def test_starts_that_come_to_no_motion_are_given_up(
+    violations: list[float], over: bool
+) -> None:
+    records = [SimpleNamespace(violation=value) for value in violations]
+    judge = _astray(SimpleNamespace(records=records))  # type: ignore[arg-type]
+    status = judge(records[-1])  # type: ignore[arg-type]
+    assert status is (Status.STALLED if over else None)
