@@ -49,6 +49,14 @@ def test_a_mass_on_a_rail_coasts_as_in_the_closed_form(distance, weight, force):
     assert np.mean(idle) == pytest.approx((T - 2.0 * v / force) / T, abs=0.1)
 
 
+def test_states_and_torques_as_unknowns_lead_there_too():
+    problem = tm.Problem(rail(4.0), [0.0], tm.JointGoal([1.0]))
+    options = tm.Options(energy="work", energy_weight=1.0, method="collocation")
+    solution = tm.plan(problem, options)
+    T, work = closed_form(1.0, 1.0, 4.0)
+    assert solution.cost == pytest.approx(T + work, rel=1e-3)
+
+
 def test_work_that_costs_next_to_nothing_changes_nothing():
     problem = tm.Problem(rail(1.0), [0.0], tm.JointGoal([1.0]))
     solution = tm.plan(problem, energy="work", energy_weight=1e-9)
