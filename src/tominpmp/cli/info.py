@@ -81,7 +81,7 @@ def _text(data: dict[str, Any]) -> str:
         "passive": data["passive_joints"],
         "groups": list(data["groups"]),
         "group states": list(data["group_states"]) or ["none"],
-        "collision": [f"{data['collision_geometries']} geometries"],
+        "collision": [_counted(data["collision_geometries"])],
         "frames": data["frames"],
         "URDF": [data["urdf"]],
         "SRDF": [data["srdf"] or "none"],
@@ -135,3 +135,7 @@ def _cell(key: str, value: Any) -> str:
     if value is None:
         return "-inf" if key.endswith("lower") else "inf"
     return value if isinstance(value, str) else f"{value:.5g}"
+
+
+def _counted(count: int) -> str:
+    return "1 geometry" if count == 1 else f"{count} geometries"

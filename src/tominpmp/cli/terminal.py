@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import typer
 
+from tominpmp.cli.own_words import in_own_words
 from tominpmp.exceptions import TominpmpError, TominpmpWarning
 
 if TYPE_CHECKING:
@@ -43,7 +44,8 @@ def complain(prefix: str, message: str, style: str = "bold red") -> None:
     """Write a line like ``error: ...`` to standard error."""
     from rich.text import Text
 
-    line = Text.assemble((f"{prefix}:", style), " ", " ".join(message.split()))
+    said = " ".join(in_own_words(message).split())
+    line = Text.assemble((f"{prefix}:", style), " ", said)
     error_console().print(line, soft_wrap=True)
 
 
