@@ -23,7 +23,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.samples import Samples
 from tominpmp.sampling import Interpolation, check_interpolation
-from tominpmp.stepwise import stepwise_motion
+from tominpmp.stepwise import cubics_that_jump, stepwise_motion
 from tominpmp.trajectory import Trajectory
 from tominpmp.turns import STANDSTILL
 
@@ -268,7 +268,9 @@ def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
     elif _holds_torques(rows, robot):
         motion = Trajectory(robot.joint_names, t, q, v, u)
         return Joined(motion, "held")
-    elif _is_smooth(t, v, a) or not _overshoots(rows, robot):
+    elif not cubics_that_jump(t, q, v, a) and (
+        _is_smooth(t, v, a) or not _overshoots(rows, robot)
+    ):
         manner, steps = "quintic", a
     if np.isnan(u).any():
         draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)

@@ -14,6 +14,9 @@ NANOSECOND = 1e-9
 # Jumps this close to the middle of their intervals, in shares of these, one after
 # another, are what a ramp looks like.
 MIDDLE = 0.01
+# Accelerations that differ from those of cubics by this share of the largest one are
+# others; those that jump by this share do.
+CUBIC, JUMP = 1e-6, 0.02
 
 
 def stepwise_motion(
@@ -78,3 +81,25 @@ def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
     after = np.append(halfway[:-1] & halfway[1:], False)
     row = after | np.insert(after[:-1], 0, False)
     return bool(2 * np.sum(row) > np.sum(jumps))
+
+
+def cubics_that_jump(t: Array, q: Array, v: Array, a: Array) -> bool:
+    """Whether samples are nodes of cubics whose accelerations jump at some.
+
+    A row has the acceleration just after its jump; those of polynomials of degree 5
+    would have to end with it.
+
+    Args:
+        t: Times [s], shape (m,).
+        q: Positions, shape (m, n).
+        v: Velocities, shape (m, n).
+        a: Accelerations, shape (m, n); NaN where they are not known.
+    """
+    if not all(np.all(np.isfinite(part)) for part in (q, v, a)):
+        return False
+    h, largest, rise = np.diff(t)[:, None], np.abs(a).max(), np.diff(q, axis=0)
+    begins = 6.0 * rise / h**2 - (4.0 * v[:-1] + 2.0 * v[1:]) / h
+    ends = -6.0 * rise / h**2 + (2.0 * v[:-1] + 4.0 * v[1:]) / h
+    if np.any(np.abs(begins - a[:-1]) > CUBIC * largest):
+        return False
+    return bool(np.any(np.abs(ends - a[1:]) > JUMP * largest))
