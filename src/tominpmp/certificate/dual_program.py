@@ -24,7 +24,7 @@ from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.certificate.perturbations import Linearised
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs import HighsSolver, Nearly, PiqpSolver
 from tominpmp.program_records import LinearProgram, LpSolution
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
@@ -33,8 +33,9 @@ RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
 # Each interval may be longer or shorter by this share as well. Of several sets of
 # multipliers that say the same this picks one whose Hamiltonian is constant.
 SHIFT = 1e-3
-# Interior points find the middle of the multipliers, a simplex a corner of them.
-SOLVERS = ("piqp", "highs")
+# A promise is good to this share of it, and worth so many iterations: where limits
+# overlap, interior points end slowly, and simplex methods take tens of seconds.
+ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100)
 FAR_TORQUES = 0.5  # torques with more room to their nearer limit, as a share, are far
 SMALL = 400  # unknowns: programs of so many are quick in any case
 FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
@@ -371,8 +372,9 @@ def _solve(program: LinearProgram) -> LpSolution | None:
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
     if any(np.any(np.isnan(part)) for part in numbers):
         return None
-    for name in SOLVERS:
-        found = make_solver(name).solve(program)
+    # Interior points find the middle of the multipliers, a simplex a corner of them.
+    for solver in (PiqpSolver(ROUGHLY), HighsSolver()):
+        found = solver.solve(program)
         if found.optimal and np.all(np.isfinite(found.row_duals)):
             return found
     return None
