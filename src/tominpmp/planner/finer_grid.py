@@ -22,7 +22,7 @@ from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.continuation import SPEED_SHARE, speed_share
-from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
+from tominpmp.planner.direct_solve import SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.refinement import SHORTEST_MOTION
@@ -35,7 +35,6 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bends import BENDS, to_be_split
-from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import Gridded, Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -278,7 +277,6 @@ def _solve(
         max_iterations=min(options.max_iterations, ITERATIONS),
     )
     program = NonlinearProgram.of(of).at(z)
-    program = exchanged(program, z, -NEARLY) or program
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
