@@ -22,7 +22,6 @@ from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.continuation import SPEED_SHARE, speed_share
-from tominpmp.planner.direct_solve import SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.refinement import SHORTEST_MOTION
@@ -267,10 +266,7 @@ def _solve(
     of: Gridded, z: Array, options: Options, lp: LpSolver, promise: Promise
 ) -> tuple[NonlinearProgram, SlpResult]:
     """A few programs on a new grid."""
-    T = float(of.cost @ z)
-    smoothing = options.smoothing
-    if smoothing is None:
-        smoothing = SMOOTHING_SHARE * T
+    smoothing = options.smoothing or 0.0
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,

@@ -5,6 +5,10 @@ rows, as on a way that a tool speed rules and that is shortest where it is strai
 steps run to the ends of the trust region and back. Constraints that are convex
 functions of what is linear tell their curvature; weighted with the multipliers of the
 last program it is added to the objective, and the steps are those of Newton's method.
+
+Nor does it know of unknowns that the duration does not hang on: they may be anywhere in
+the trust region, and what that breaks has to be mended. A small weight on the square of
+the step keeps them where they are (proximal points, Rockafellar, 1976).
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver, make_solver
@@ -20,11 +25,15 @@ from tominpmp.program_records import LpSolution
 from tominpmp.solvers.iterate import Effort, Iterate
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
-from tominpmp.transcription.base import Program, Variation
+from tominpmp.transcription.base import Program, StepBounds, Variation
 
 # Rounds of putting rows into a program that its step breaks by more than this.
 ADDITIONS = 3
 MISSED = 1e-4
+# What a step of all unknowns to the ends of the trust region costs, as a share of T,
+# where no weight on the variation of the controls keeps them quiet. With a third of it
+# iterations are as many, with three times as much motions end slower by 0.05 %.
+PROXIMAL = 3e-3
 
 
 class Proposal(NamedTuple):
@@ -68,7 +77,9 @@ def propose(
     z = iterate.z
     steps = nlp.step_bounds(z, radius)
     selecting, multipliers = iterate.values, iterate.multipliers
-    root = nlp.curvature(z, multipliers) if lp.curved else None
+    near = _proximal(nlp, steps, iterate.duration) if variation is None else None
+    root = _root(nlp, z, multipliers, near) if lp.curved else None
+    bends = lp.curved and root is near
     for _ in range(1 + ADDITIONS):
         check()
         linearization = nlp.linearize(z, selecting, steps)
@@ -83,10 +94,11 @@ def propose(
         )
         program = build(root)
         solution = solved(lp, program, effort)
-        if root is None and lp.curved and solution.optimal:
+        if bends and solution.optimal:
             # The first one: now the multipliers are known.
-            root = nlp.curvature(z, program.multipliers(solution))
-            if root is not None:
+            root = _root(nlp, z, program.multipliers(solution), near)
+            bends = False
+            if root is not near:
                 program = build(root)
                 solution = solved(lp, program, effort)
         if not solution.optimal:
@@ -98,6 +110,32 @@ def propose(
             break
         selecting = np.where(broken, reached, selecting)
     return Proposal(program, solution, reached)
+
+
+def _proximal(nlp: Program, steps: StepBounds, duration: float) -> sp.csr_matrix:
+    """Root of the weights on the squares of a step, shape (size, size).
+
+    Args:
+        nlp: The nonlinear program.
+        steps: Box for the step.
+        duration: T [s].
+    """
+    reach = np.maximum(-steps.lower, steps.upper)
+    moving = (reach > 0.0) & (nlp.cost == 0.0)
+    weights = np.zeros(nlp.size)
+    share = 2.0 * PROXIMAL * duration / max(int(moving.sum()), 1)
+    weights[moving] = np.sqrt(share) / reach[moving]
+    return sp.diags(weights, format="csr")
+
+
+def _root(
+    nlp: Program, z: Array, multipliers: Array, near: sp.csr_matrix | None
+) -> sp.csr_matrix | None:
+    """Root of the curvature of the objective; the last argument if nothing bends."""
+    bend = nlp.curvature(z, multipliers)
+    if bend is None:
+        return near
+    return bend if near is None else sp.vstack([bend, near], format="csr")
 
 
 def solved(lp: LpSolver, program: Subproblem, effort: Effort) -> LpSolution:
