@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
+from tominpmp import linear_programs
 from tominpmp.exceptions import SolverNotFound
-from tominpmp.linear_programs import available_solvers, make_solver
+from tominpmp.linear_programs import (
+    Nearly,
+    PiqpSolver,
+    available_solvers,
+    make_solver,
+)
 from tominpmp.program_records import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]
@@ -152,3 +160,39 @@ def test_unknown_solver_lists_the_known_ones():
         make_solver("simplicissimus")
     assert caught.value.name == "simplicissimus"
     assert "highs" in caught.value.available
+
+
+def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
+    """Interior points and a crossover first; from their basis on the simplex method."""
+    monkeypatch.setattr(linear_programs, "MANY_COLUMNS", 30)
+    p = random_program(np.random.default_rng(5), rows=60, columns=40)
+    solver = make_solver("highs")
+    first = solver.solve(p)
+    assert first.optimal
+    assert first.iterations == 0
+    assert p.cost @ first.x == pytest.approx(reference(p).fun, abs=1e-7)
+    slope = p.cost + p.matrix.T @ first.row_duals
+    inside = (first.x > p.lower + 1e-7) & (first.x < p.upper - 1e-7)
+    np.testing.assert_allclose(slope[inside], 0.0, atol=1e-7)
+    shift = np.random.default_rng(8).normal(scale=0.05, size=60)
+    again = solver.resolve(p.row_lower + shift, p.row_upper + shift)
+    cold = make_solver("piqp").solve(
+        replace(p, row_lower=p.row_lower + shift, row_upper=p.row_upper + shift)
+    )
+    assert again.optimal
+    assert 0 < again.iterations < 40
+    assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
+
+
+def test_a_share_of_the_objective_may_be_near_enough():
+    p = random_program(np.random.default_rng(6), rows=60, columns=40)
+    best = reference(p).fun
+    needed = PiqpSolver().solve(p).iterations
+    few = Nearly(gap=1e-9, iterations=needed - 1)
+    exact = PiqpSolver(few).solve(p)
+    assert exact.iterations > few.iterations  # left to the simplex method
+    assert p.cost @ exact.x == pytest.approx(best, abs=1e-7)
+    rough = PiqpSolver(replace(few, share=0.9)).solve(p)
+    assert rough.optimal
+    assert rough.iterations == few.iterations
+    assert abs(p.cost @ rough.x - best) < 0.9 * abs(best)

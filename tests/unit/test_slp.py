@@ -189,3 +189,20 @@ def test_trust_region_follows_the_error():
     assert region.after(-3.0, 0.4).radius == pytest.approx(0.4)
     assert region.after(-3.0, 0.1).radius == pytest.approx(0.3)  # no faster than that
     assert TrustRegion(1e-7).exhausted and not region.exhausted
+
+
+def test_what_the_duration_does_not_hang_on_stays_where_it_is():
+    """A linear program may leave it anywhere in the trust region."""
+    program = Program(
+        [("torque", [1.0], [np.inf], [0])],
+        lambda z: [z[2] - 0.5 * z[1]],
+        lambda z: [[0.0, -0.5, 1.0]],
+        [-5, -5, 0.1],
+        [5, 5, 20],
+    )
+    solver = SlpSolver(program, Options(tolerance=1e-7), 0.0, make_solver("piqp"))
+    result = solver.run(np.array([0.3, 2.0, 3.0]))
+    assert result.status is Status.CONVERGED
+    assert result.best.z[0] == pytest.approx(0.3, abs=1e-6)
+    # What it hangs on moves all the way.
+    assert result.best.duration == pytest.approx(0.1, abs=1e-6)

@@ -22,6 +22,7 @@ from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.continuation import SPEED_SHARE, speed_share
+from tominpmp.planner.direct_solve import SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.refinement import SHORTEST_MOTION
@@ -266,7 +267,9 @@ def _solve(
     of: Gridded, z: Array, options: Options, lp: LpSolver, promise: Promise
 ) -> tuple[NonlinearProgram, SlpResult]:
     """A few programs on a new grid."""
-    smoothing = options.smoothing or 0.0
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = 0.0 if of.system.alone else SMOOTHING_SHARE * float(of.cost @ z)
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,
