@@ -315,9 +315,9 @@ def warn_caller(message: str) -> None:
         message: What was mended, in a sentence.
     """
     level, frame = 2, sys._getframe(1)
-    # Code that dataclasses generate is in no file.
+    # Code that dataclasses generate is in no file; functools keeps cached properties.
     while frame.f_back is not None and (
-        str(frame.f_globals.get("__name__")).startswith(f"{LIBRARY}.")
+        str(frame.f_globals.get("__name__")).startswith((f"{LIBRARY}.", "functools"))
         or frame.f_code.co_filename == "<string>"
     ):
         level, frame = level + 1, frame.f_back

@@ -17,7 +17,10 @@ from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointTable, example_values
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.urdf import Mimic, UrdfDescription
-from tominpmp.exceptions import RobotLoadError
+from tominpmp.exceptions import RobotLoadError, warn_caller
+
+# No link is so large [m]; a mesh in millimetres is.
+LARGE = 100.0
 
 # Below these a mass matrix counts as singular: the least diagonal entry [kg m^2 or kg],
 # and the least eigenvalue once the diagonal is scaled to one. The least of the robots
@@ -55,9 +58,27 @@ def build_geometry(
             folder = stack.enter_context(TemporaryDirectory(prefix="tominpmp-"))
             xml = _with_files(description, Path(folder))
         geometry = _read_geometry(full, description, xml, kind)
+    if kind == pin.GeometryType.COLLISION:
+        _warn_of_units(geometry, description.path)
     if locked:
         _, geometry = pin.buildReducedModel(full, geometry, *_locks(full, locked))
     return geometry
+
+
+def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
+    """Warn of links so large that their meshes must be in other units."""
+    for item in geometry.geometryObjects:
+        if not item.meshPath:
+            continue
+        item.geometry.computeLocalAABB()
+        size = 2.0 * float(item.geometry.aabb_radius)
+        if size > LARGE:
+            link = item.name.rpartition("_")[0]
+            warn_caller(
+                f"{path}: the mesh of link {link} is {size:.3g} m across, as if it "
+                'were in millimetres: scale="0.001 0.001 0.001" of <mesh> mends that'
+            )
+            return
 
 
 def _with_files(description: UrdfDescription, folder: Path) -> str:
