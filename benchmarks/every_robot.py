@@ -3,6 +3,8 @@
 Each description that is known by name is loaded as it is, with all joints that have
 limits, and moved by a tenth of a radian (or a tenth of its range) of every joint from a
 configuration near the middle of the ranges, links of the robot itself in the way.
+Joints whose motors are no stronger than their own dry friction, as those of TALOS'
+grippers (1 N m each), cannot be moved by them: they are locked.
 
     python -m benchmarks.every_robot
     python -m benchmarks.every_robot --robots icub_reduced,g1 --limit 60
@@ -65,6 +67,22 @@ def ends(robot: Any, place: float | None) -> tuple[np.ndarray, np.ndarray]:
     return start, start + np.where(start > middle, -step, step)
 
 
+def load(name: str) -> Any:
+    """A robot, joints locked that its motors cannot move."""
+    robot = tm.load_robot(name)
+    most = np.minimum(robot.limits.effort_upper, -robot.limits.effort_lower)
+    stuck = [
+        joint
+        for joint, friction, effort in zip(
+            robot.joint_names, robot.friction, most, strict=True
+        )
+        if 0.0 < effort <= friction
+    ]
+    if not stuck:
+        return robot
+    return tm.load_robot(name, locked_joints=dict.fromkeys(stuck, 0.0))
+
+
 def pose(robot: Any) -> tm.Problem:
     """The first problem whose start and goal touch nothing and can be held.
 
@@ -86,7 +104,7 @@ def measure(name: str, limit: float) -> dict[str, object]:
     row: dict[str, object] = dict.fromkeys(COLUMNS, "") | {"robot": name}
     begin = time.perf_counter()
     try:
-        robot = tm.load_robot(name)
+        robot = load(name)
         row["joints"] = robot.n
         problem = pose(robot)
     except TominpmpError as error:
