@@ -42,7 +42,7 @@ COLUMNS = (
     "T", "free_T", "status", "free_status", "verified", "faults", "clearance",
     "message",
 )  # fmt: skip
-STEP = 0.001  # of the table of a motion [s]
+STEP = 0.00025  # of the table of a motion [s]
 
 
 def planned(problem: tm.Problem, limit: float) -> tuple[tm.Solution, float]:

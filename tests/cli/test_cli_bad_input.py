@@ -39,6 +39,11 @@ BAD = {
     ),
     "joint twice": ("plan planar3r --start start --goal joint1=1,joint1=2", "twice"),
     "half a pair": ("plan planar3r --start start --goal joint1=", "JOINT=VALUE"),
+    "sensitivities of energy": (
+        "plan planar3r --start start --goal 1,1,1 --energy-weight 1e-4 "
+        "--sensitivities held.svg",
+        "--sensitivities are those of the least time",
+    ),
     "unknown frame": (
         "plan planar3r --start start --goal-position nose 1 1 0",
         "no frame 'nose'; the robot has: base,",

@@ -23,6 +23,7 @@ from tominpmp.cli.terminal import (
     error_console,
     logged,
 )
+from tominpmp.exceptions import OptionsError
 from tominpmp.options import Options
 from tominpmp.solution import Solution
 from tominpmp.status import Status
@@ -76,6 +77,7 @@ def _solve(
     with Progress(error_console(), quiet=args.quiet, verbose=args.verbose) as progress:
         progress.phase(f"loading {problem_args.robot}")
         problem, chosen = load_problem(problem_args, options)
+        _check_sensitivities(args, chosen)
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
         chosen = _with_callback(chosen, progress, time.perf_counter() - begin)
@@ -85,6 +87,16 @@ def _solve(
         progress.phase("planning")
         signals.check()
         return plan(problem, chosen, **former)
+
+
+def _check_sensitivities(args: PlanOptions, options: Options) -> None:
+    """What cannot be told of a motion is said before it is planned."""
+    if args.sensitivities is not None and options.energy_weight > 0.0:
+        raise OptionsError(
+            f"--sensitivities are those of the least time, but energy has a weight of "
+            f"{options.energy_weight:g}; expected one of them alone",
+            "sensitivities",
+        )
 
 
 def _with_callback(options: Options, progress: Progress, spent: float) -> Options:
