@@ -63,6 +63,7 @@ VALUES: dict[str, Any] = {
     "method": "adjoint", "grid": "uniform", "control": "linear", "refine": "grid",
     "objective": "feasible", "step_rule": "paper", "lp_solver": "piqp", "slack": 0.5,
     "tolerance": 3e-3, "feasibility": 1e-5, "effort": "quick",
+    "energy": "work",
 }  # fmt: skip
 
 

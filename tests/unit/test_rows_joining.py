@@ -11,8 +11,7 @@ from test_linear_programs import random_program, reference
 from test_slp import Program
 
 import tominpmp as tm
-from tominpmp import linear_programs
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs import USUALLY, Nearly, PiqpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.solvers.exchange import ITERATIONS, RowExchange
 from tominpmp.solvers.slp import SlpSolver
@@ -107,9 +106,8 @@ def test_rows_that_never_end_are_a_limit_that_is_said():
 def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     monkeypatch,
 ):
-    monkeypatch.setattr(linear_programs, "PIQP_ITERATIONS", 2)
     p = random_program(np.random.default_rng(2), rows=40, columns=30)
-    solver = make_solver("piqp")
+    solver = PiqpSolver(Nearly(iterations=2))
     found = solver.solve(p)
     assert found.optimal
     assert p.cost @ found.x == pytest.approx(reference(p).fun, abs=1e-7)
@@ -117,7 +115,7 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     assert again.optimal
     assert p.cost @ again.x <= p.cost @ found.x + 1e-9
     # The next program is tried by interior points again.
-    monkeypatch.setattr(linear_programs, "PIQP_ITERATIONS", 60)
+    monkeypatch.setattr(solver, "_nearly", USUALLY)
     assert solver.solve(p).iterations < 60
     assert piqp.PIQP_SOLVED == solver._solver.result.info.status
 
