@@ -47,10 +47,6 @@ NEGLIGIBLE = 0.1
 ERRORS = {"DOP853": 0.02}
 # How many times tighter the tolerances are that must change nothing.
 TIGHTER = 10.0
-# Feedback takes errors of the integration back at once: tolerances may be looser by a
-# hundred, for which it takes some 1e-7 N m. Not with dry friction, whose law would be
-# less sharp.
-LOOSER = 0.01
 
 
 class TrackingPlant(Plant):
@@ -135,7 +131,6 @@ class Tracking(Integration):
             pieces,
             integrator,
             plant=plant_of(stages, self._plants),
-            tightness=1.0 if np.any(robot.friction) else LOOSER,
         )
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
