@@ -116,6 +116,20 @@ def make_arm(
         return load_robot(path, effort=effort, gravity=gravity, **limits)
 
 
+def swinging_arm(*effort: float) -> Robot:
+    """Two turning joints of 1 and 0.7 m, pulled down by 2 m/s^2, with a frame "tip".
+
+    Args:
+        *effort: Torque limits [N m].
+    """
+    return make_arm(
+        rod(1.0, 1.0),
+        rod(1.0, 0.7),
+        effort=effort,
+        gravity=(0.0, -2.0, 0.0),
+    )
+
+
 def two_link_arm(length: float = 1.0) -> Robot:
     """Two turning joints with a frame at the end, whose torques never limit it.
 

@@ -15,7 +15,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+from typing import Any, Literal, NamedTuple, TypeGuard, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -240,9 +240,13 @@ def _alternatives(annotation: str) -> Iterator[str]:
     yield annotation[begin:].strip()
 
 
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a caller's value is a whole number; truth values are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
 def _is_int(value: Any) -> bool:
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    return whole and abs(int(value)) < LARGEST
+    return is_whole(value) and abs(int(value)) < LARGEST
 
 
 def _is_float(value: Any) -> bool:

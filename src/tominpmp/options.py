@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 
+from tominpmp.arguments import is_whole
 from tominpmp.arrays import Array, Record, number_or_nan, real_array, real_number
 from tominpmp.exceptions import OptionsError, brief, expect
 
@@ -268,9 +269,7 @@ class Options(Record):
             return
         most = MOST.get(name)
         expected = f"an integer >= {least}" + (f", at most {most}" if most else "")
-        if isinstance(value, bool) or not isinstance(value, int | np.integer):
-            self._fail(name, expected)
-        if value < least or (most is not None and value > most):
+        if not is_whole(value) or value < least or (most is not None and value > most):
             self._fail(name, expected)
         object.__setattr__(self, name, int(value))
 

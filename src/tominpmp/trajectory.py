@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, overload, runtime_checka
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tominpmp.arguments import is_whole
 from tominpmp.arrays import (
     Array,
     BoolArray,
@@ -269,7 +270,7 @@ class Trajectory(Record):
         Raises:
             ProblemError: If the order is no whole number from 0.
         """
-        if isinstance(nu, bool) or not isinstance(nu, int | np.integer) or nu < 0:
+        if not is_whole(nu) or nu < 0:
             raise ProblemError(f"nu is {brief(nu)}, expected a whole number >= 0", "nu")
         whole = polynomials(self.t, self.q, self.v, self.a)
         # Beyond the degree all are zero, and SciPy counts up to the order.

@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import trapezoid
 
 import tominpmp as tm
-from tests.sample_arms import make_arm, rod, slide
+from tests.energy_derivatives import check_gradient
+from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
 from tominpmp.solvers.energy_measures import PositiveWork, SquaredTorques
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -26,13 +27,7 @@ def rail(distance: float = 1.0) -> tm.Problem:
 
 
 def two_links() -> tm.Problem:
-    arm = make_arm(
-        rod(1.0, 1.0),
-        rod(1.0, 0.7),
-        effort=np.array([12.0, 6.0]),
-        gravity=(0.0, -2.0, 0.0),
-    )
-    return tm.Problem(arm, [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
+    return tm.Problem(swinging_arm(12.0, 6.0), [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
 
 
 @pytest.mark.parametrize(
@@ -140,13 +135,7 @@ def test_its_gradient_against_differences(number, measure):
     rng = np.random.default_rng(0)
     z = z + 1e-2 * rng.standard_normal(z.size)
     energy = measure(NonlinearProgram.of(transcription).at(z))
-    model = energy.model(z)
-    assert model.value == pytest.approx(energy(z), rel=1e-12)
-    for _ in range(3):
-        d = rng.standard_normal(z.size)
-        slope = (energy(z + 1e-6 * d) - energy(z - 1e-6 * d)) / 2e-6
-        promised = (model.change(1e-6 * d) - model.change(-1e-6 * d)) / 2e-6
-        assert promised == pytest.approx(slope, rel=1e-5)
+    check_gradient(energy, z, rng, step=1e-6, rel=1e-5)
 
 
 @pytest.mark.parametrize(

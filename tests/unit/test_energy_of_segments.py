@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.sample_arms import make_arm, rod, slide
+from tests.energy_derivatives import check_gradient
+from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.initial_guess.segments import solved_guess
 from tominpmp.planner.direct_solve import segmented_program
 from tominpmp.solvers.energy_measures import PositiveWork, SquaredTorques
@@ -106,12 +107,7 @@ def test_limits_of_a_segment_hold():
 @pytest.fixture(scope="module")
 def two_links():
     """A passed goal, a load, a stay: the problem, and its fastest motion."""
-    arm = make_arm(
-        rod(1.0, 1.0),
-        rod(1.0, 0.7),
-        effort=np.array([22.0, 12.0]),
-        gravity=(0.0, -2.0, 0.0),
-    )
+    arm = swinging_arm(22.0, 12.0)
     place = tm.PositionGoal("tip", (0.9, 1.2, 0.0), tolerance=0.05)
     segments = [
         tm.Segment(tm.JointGoal([0.8, 0.1])),
@@ -147,14 +143,7 @@ def test_gradients_against_differences(two_links, control, breaks, measure):
     program, z = segmented_program(system, options, guess, breaks=breaks)
     rng = np.random.default_rng(1)
     z = z + 1e-3 * rng.standard_normal(z.size)
-    energy = measure(program)
-    model = energy.model(z)
-    assert model.value == pytest.approx(energy(z), rel=1e-12)
-    for _ in range(2):
-        d = rng.standard_normal(z.size)
-        slope = (energy(z + 1e-7 * d) - energy(z - 1e-7 * d)) / 2e-7
-        promised = (model.change(1e-7 * d) - model.change(-1e-7 * d)) / 2e-7
-        assert promised == pytest.approx(slope, rel=1e-4)
+    check_gradient(measure(program), z, rng, step=1e-7, rel=1e-4)
 
 
 def test_accelerations_jump_at_breaks_only(two_links):

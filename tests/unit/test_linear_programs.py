@@ -9,7 +9,6 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
-from tominpmp import linear_programs
 from tominpmp.exceptions import SolverNotFound
 from tominpmp.linear_programs import (
     Nearly,
@@ -164,7 +163,7 @@ def test_unknown_solver_lists_the_known_ones():
 
 def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
     """Interior points and a crossover first; from their basis on the simplex method."""
-    monkeypatch.setattr(linear_programs, "MANY_COLUMNS", 30)
+    monkeypatch.setattr("tominpmp.linear_programs.highs.MANY_COLUMNS", 30)
     p = random_program(np.random.default_rng(5), rows=60, columns=40)
     solver = make_solver("highs")
     first = solver.solve(p)

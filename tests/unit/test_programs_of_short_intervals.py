@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp import linear_programs
 from tominpmp.arrays import equation_scale
-from tominpmp.linear_programs import PiqpSolver
+from tominpmp.linear_programs import HighsSolver, PiqpSolver
+from tominpmp.linear_programs.piqp import PIQP_ITERATIONS
 from tominpmp.program_records import LinearProgram
 
 
@@ -40,12 +40,12 @@ def test_interior_points_solve_them_without_the_simplex_method(
         raise AssertionError("left to the simplex method")
 
     program = second_differences(1e10)
-    exact = linear_programs.HighsSolver().solve(second_differences(1e10))
+    exact = HighsSolver().solve(second_differences(1e10))
     monkeypatch.setattr(PiqpSolver, "_solve_by_simplex", never)
     solver = PiqpSolver()
     found = solver.solve(program)
     assert found.optimal
-    assert found.iterations < linear_programs.PIQP_ITERATIONS
+    assert found.iterations < PIQP_ITERATIONS
     assert program.cost @ found.x == pytest.approx(program.cost @ exact.x, abs=1e-4)
     again = solver.resolve(program.row_lower, program.row_upper)
     assert program.cost @ again.x == pytest.approx(program.cost @ found.x, abs=1e-5)
@@ -63,7 +63,7 @@ def test_duals_are_those_of_the_equations_as_they_were_given() -> None:
         np.arange(2),
         np.arange(2),
     )
-    exact = linear_programs.HighsSolver().solve(program)
+    exact = HighsSolver().solve(program)
     found = PiqpSolver().solve(program)
     assert found.x == pytest.approx([2.0, 1.0], abs=1e-5)
     assert found.row_duals == pytest.approx(exact.row_duals, rel=1e-3)

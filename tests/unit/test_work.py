@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
 import tominpmp as tm
-from tests.sample_arms import make_arm, rod, slide
+from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
 
 
@@ -78,13 +78,7 @@ def test_segments_with_a_stop_add_up():
 @pytest.fixture(scope="module")
 def swing():
     """Two links in a plane under gravity: the fastest plan, and one of little work."""
-    arm = make_arm(
-        rod(1.0, 1.0),
-        rod(1.0, 0.7),
-        effort=np.array([12.0, 6.0]),
-        gravity=(0.0, -2.0, 0.0),
-    )
-    problem = tm.Problem(arm, [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
+    problem = tm.Problem(swinging_arm(12.0, 6.0), [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
     quick = tm.Options(intervals=12, starts=1, refine=None, energy="work")
     fastest = tm.plan(problem, quick)
     return fastest, tm.plan(problem, quick.changed({"energy_weight": 0.1}))

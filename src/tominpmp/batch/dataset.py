@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from tominpmp.arguments import is_whole
 from tominpmp.arrays import Array, Record
 from tominpmp.batch.outcome import Outcome
 from tominpmp.bounds.result import LowerBound
@@ -314,8 +315,7 @@ class Dataset(Record):
             other, shape (count, 3 n); torques between nodes are those of the nodes,
             joined by lines.
         """
-        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
-        if not whole or not 1 <= count <= MAX_SAMPLES:
+        if not is_whole(count) or not 1 <= count <= MAX_SAMPLES:
             raise ProblemError(
                 f"count is {brief(count)}, expected a whole number from 1 to "
                 f"{MAX_SAMPLES}",

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from tominpmp.arguments import is_whole
 from tominpmp.arrays import Record, number_or_nan
 from tominpmp.batch.executor import Executor
 from tominpmp.batch.neighbours import rounds_of
@@ -109,8 +108,7 @@ def plan_many(
     count = _checked_workers(workers)
     for name, value in (("ordered", ordered), ("warm_start", warm_start)):
         expect(value, bool, name, "True or False")
-    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-    if not whole or seed < 0:
+    if not is_whole(seed) or seed < 0:
         raise ProblemError(f"seed is {brief(seed)}, expected an integer >= 0", "seed")
     if backend is not None:
         expect(backend, str, "backend", "the name of a backend of joblib")

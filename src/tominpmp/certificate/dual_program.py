@@ -24,7 +24,7 @@ from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.certificate.perturbations import Linearised
-from tominpmp.linear_programs import HighsSolver, Nearly, PiqpSolver
+from tominpmp.linear_programs import Nearly, PiqpSolver
 from tominpmp.program_records import LinearProgram, LpSolution
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
@@ -368,13 +368,12 @@ class _Program:
 
 
 def _solve(program: LinearProgram) -> LpSolution | None:
-    """Solve a program with the first solver that can."""
+    """Solve a program; None if no solver can, or its numbers are none."""
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
     if any(np.any(np.isnan(part)) for part in numbers):
         return None
-    # Interior points find the middle of the multipliers, a simplex a corner of them.
-    for solver in (PiqpSolver(ROUGHLY), HighsSolver()):
-        found = solver.solve(program)
-        if found.optimal and np.all(np.isfinite(found.row_duals)):
-            return found
-    return None
+    # Interior points find the middle of the multipliers; where they do not, HiGHS finds
+    # a corner of them.
+    found = PiqpSolver(ROUGHLY).solve(program)
+    right = found.optimal and bool(np.all(np.isfinite(found.row_duals)))
+    return found if right else None

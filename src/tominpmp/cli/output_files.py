@@ -57,28 +57,23 @@ class OutputFiles:
             ScenarioError: If a file cannot be written.
             MissingDependency: If a package for the plot or the page is missing.
         """
-        name, dt = options.output, options.dt
+        name = options.output
         if name == STDOUT and options.json:
             raise OptionsError(
                 "--json and --output - both write to standard output", "output"
             )
         if name is not None and options.no_output:
             raise OptionsError("--output and --no-output contradict", "output")
-        if dt is not None and not 0.0 < dt < float("inf"):
-            raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
+        check_period(options.dt)
         motion = None
         if not options.no_output and name != STDOUT:
             motion = _free_name() if name is None else Path(name)
             check_target(motion, "--output", MOTION_ENDINGS)
-            if motion.suffix.lower() == ".mcap":
-                need_package("rosbags", "ros", "--output with .mcap")
         _check_message(options, motion)
         for name, endings in FILES.items():
             path, flag = getattr(options, name), f"--{name.replace('_', '-')}"
             if path is not None:
                 check_target(path, flag, endings)
-                if endings == PLOT_ENDINGS:
-                    need_package("matplotlib", "plots", flag)
         return cls(options, motion)
 
     @property
@@ -189,10 +184,11 @@ def _free_name() -> Path:
 
 
 def check_target(path: Path, option: str, endings: Sequence[str]) -> None:
-    """Check ending and folder of a file to write.
+    """Check ending and folder of a file to write, and the package that writes it.
 
     Raises:
         ScenarioError: If it cannot be written.
+        MissingDependency: If that package is not installed.
     """
     if path.suffix.lower() not in endings:
         raise ScenarioError(
@@ -206,14 +202,23 @@ def check_target(path: Path, option: str, endings: Sequence[str]) -> None:
         raise ScenarioError(
             f"{option}: the folder {str(path.parent)!r} cannot be written to", path
         )
+    if path.suffix.lower() == ".mcap":
+        _need_package("rosbags", "ros", f"{option} with .mcap")
+    if endings == PLOT_ENDINGS:
+        _need_package("matplotlib", "plots", option)
 
 
-def need_package(package: str, extra: str, purpose: str) -> None:
-    """Check that an optional package is installed.
+def check_period(dt: float | None) -> None:
+    """Check the period of the rows of a file.
 
     Raises:
-        MissingDependency: If it is not.
+        OptionsError: If it is no positive time.
     """
+    if dt is not None and not 0.0 < dt < float("inf"):
+        raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
+
+
+def _need_package(package: str, extra: str, purpose: str) -> None:
     if find_spec(package) is None:
         raise MissingDependency(package, extra, purpose)
 

@@ -13,8 +13,8 @@ from tominpmp.cli.output_files import (
     MOTION_ENDINGS,
     PAGE_ENDINGS,
     PLOT_ENDINGS,
+    check_period,
     check_target,
-    need_package,
 )
 from tominpmp.cli.terminal import (
     INTERRUPTED,
@@ -23,7 +23,7 @@ from tominpmp.cli.terminal import (
     error_console,
     logged,
 )
-from tominpmp.exceptions import OptionsError, ScenarioError, TominpmpError
+from tominpmp.exceptions import ScenarioError, TominpmpError
 from tominpmp.options import Options
 from tominpmp.scenario.tour_file import blamed, load_tour
 from tominpmp.status import Status
@@ -44,12 +44,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     for path, option, endings in targets:
         if path is not None:
             check_target(path, option, endings)
-            if endings == PLOT_ENDINGS:
-                need_package("matplotlib", "plots", option)
-    if args.output is not None and args.output.suffix.lower() == ".mcap":
-        need_package("rosbags", "ros", "--output with .mcap")
-    if args.dt is not None and not 0.0 < args.dt < float("inf"):
-        raise OptionsError(f"--dt is {args.dt}, expected a positive time [s]", "dt")
+    check_period(args.dt)
     changes: dict[str, Any] = {}
     if args.max_time is not None:
         changes["max_planning_time"] = args.max_time

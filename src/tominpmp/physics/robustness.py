@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arguments import Told
+from tominpmp.arguments import Told, is_whole
 from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
 from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.motion_limits import MotionLimits
@@ -212,8 +212,7 @@ def _check(problem: Problem, world: object, samples: Any, seed: Any) -> None:
         ("samples", samples, 1, MOST_SAMPLES),
         ("seed", seed, 0, 2**63 - 1),
     ):
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        if not whole or not least <= value <= most:
+        if not is_whole(value) or not least <= value <= most:
             raise ProblemError(
                 f"{name} is {brief(value)}, expected a whole number from {least} to "
                 f"{most}",

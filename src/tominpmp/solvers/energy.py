@@ -20,7 +20,7 @@ from tominpmp.options import Options
 from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.energy_measures import (
     EnergyModel,
-    Kinks,
+    Terms,
     energy_measure,
 )
 from tominpmp.solvers.iterate import Iterate, SlpResult
@@ -135,8 +135,8 @@ class EnergySolver:
         cost = program.cost.copy()
         cost[: free.size] += self.weight * gradient[free]
         of_step = self.weight * energy.curvature[free][:, free]
-        if frame.root is not None:
-            of_step = of_step + frame.root[:, free].T @ frame.root[:, free]
+        if frame.program.curvature is not None:
+            of_step = of_step + frame.program.curvature[: free.size, : free.size]
         if energy.kinks is not None:
             # A trace of curvature for what is free to be anything.
             box = np.maximum(bounds.upper, -bounds.lower)[free]
@@ -146,17 +146,17 @@ class EnergySolver:
         return QuadraticProgram(frame, replace(program, cost=cost), curvature)
 
 
-def _sorted_out(kinks: Kinks, bounds: StepBounds) -> tuple[Array, Kinks]:
+def _sorted_out(kinks: Terms, bounds: StepBounds) -> tuple[Array, Terms]:
     """Terms that no step of a box brings to zero, as a gradient, and the others."""
     reach = abs(kinks.jacobian) @ np.maximum(bounds.upper, -bounds.lower)
     spent = kinks.values > reach
     near = np.abs(kinks.values) <= reach
     slope = np.asarray(kinks.jacobian[spent].sum(axis=0)).ravel()
-    return slope, Kinks(kinks.values[near], sp.csr_matrix(kinks.jacobian[near]))
+    return slope, Terms(kinks.values[near], sp.csr_matrix(kinks.jacobian[near]))
 
 
 def _with_kinks(
-    program: LinearProgram, free: IntArray, kinks: Kinks, weight: float
+    program: LinearProgram, free: IntArray, kinks: Terms, weight: float
 ) -> LinearProgram:
     """A program with a variable s >= 0 for each kink, which is no less than its p."""
     count, (rows, columns) = kinks.values.size, program.matrix.shape

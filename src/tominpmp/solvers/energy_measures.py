@@ -40,12 +40,12 @@ STRETCH = 1e-3
 Measure = Literal["torque_squared", "work"]
 
 
-class Kinks(NamedTuple):
-    """Terms max(p, 0) of a model that may change their sign.
+class Terms(NamedTuple):
+    """Terms of a sum over the Gauss points, with their derivatives.
 
     Attributes:
-        values: What p is, shape (k,).
-        jacobian: Its derivatives, shape (k, size).
+        values: Shape (k,).
+        jacobian: Shape (k, size).
     """
 
     values: Array
@@ -60,13 +60,13 @@ class EnergyModel:
         value: What it is.
         gradient: Its gradient but for the kinks, shape (size,).
         curvature: Its curvature, positive semidefinite, shape (size, size).
-        kinks: What else it has; None for nothing.
+        kinks: Terms p of which max(p, 0) is to be added; None for none.
     """
 
     value: float
     gradient: Array
     curvature: sp.csc_matrix
-    kinks: Kinks | None = None
+    kinks: Terms | None = None
 
     def change(self, step: Array) -> float:
         """By how much a step changes it."""
@@ -76,18 +76,6 @@ class EnergyModel:
         here, jacobian = self.kinks
         there = here + jacobian @ step
         return smooth + float(np.sum(np.maximum(there, 0.0) - np.maximum(here, 0.0)))
-
-
-class Sums(NamedTuple):
-    """Terms of a sum over the Gauss points, with their derivatives.
-
-    Attributes:
-        values: Shape (k,).
-        jacobian: Shape (k, size).
-    """
-
-    values: Array
-    jacobian: sp.csr_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +201,7 @@ class SquaredTorques(Energy):
         curvature = 2.0 * (jacobian.T @ jacobian) + self._of_pace(z, value, jacobian)
         return EnergyModel(value, np.asarray(gradient), sp.csc_matrix(curvature))
 
-    def _terms(self, z: Array) -> Sums:
+    def _terms(self, z: Array) -> Terms:
         """Roots of the terms."""
         of = self.nlp.transcription
         motion = of.motion(z)
@@ -233,7 +221,7 @@ class SquaredTorques(Energy):
         stays = list(self._held(motion, differentiated=True))
         values = [size * torques, *(held for held, _ in stays)]
         matrices = [jacobian, *(by for _, by in stays if by is not None)]
-        return Sums(np.concatenate(values), sp.vstack(matrices, format="csr"))
+        return Terms(np.concatenate(values), sp.vstack(matrices, format="csr"))
 
     def _held(
         self, motion: Motion, *, differentiated: bool = False
@@ -278,9 +266,9 @@ class PositiveWork(Energy):
         value = float(np.sum(np.maximum(terms.values, 0.0)))
         none = sp.csr_matrix((1, z.size))
         pace = sp.csc_matrix(self._of_pace(z, value, none))
-        return EnergyModel(value, np.zeros(z.size), pace, Kinks(*terms))
+        return EnergyModel(value, np.zeros(z.size), pace, terms)
 
-    def _terms(self, z: Array) -> Sums:
+    def _terms(self, z: Array) -> Terms:
         """Work of each motor by Gauss points."""
         of = self.nlp.transcription
         motion = of.motion(z)
@@ -297,7 +285,7 @@ class PositiveWork(Energy):
         power = (torques * speeds).ravel()
         jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
         jacobian = jacobian + sp.diags(share * power) @ by_length
-        return Sums(size * power, sp.csr_matrix(jacobian))
+        return Terms(size * power, sp.csr_matrix(jacobian))
 
 
 def _power(partials: Partials, rows: slice, torques: Array, speeds: Array) -> Partials:

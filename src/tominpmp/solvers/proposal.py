@@ -77,9 +77,11 @@ def propose(
     z = iterate.z
     steps = nlp.step_bounds(z, radius)
     selecting, multipliers = iterate.values, iterate.multipliers
-    near = _proximal(nlp, steps, iterate.duration) if variation is None else None
-    root = _root(nlp, z, multipliers, near) if lp.curved else None
-    bends = lp.curved and root is near
+    near = root = None
+    if lp.curved:
+        near = _proximal(nlp, steps, iterate.duration) if variation is None else None
+        root = _root(nlp, z, multipliers, near)
+    unknown = lp.curved and root is near  # no multipliers yet, or nothing bends
     for _ in range(1 + ADDITIONS):
         check()
         linearization = nlp.linearize(z, selecting, steps)
@@ -94,10 +96,9 @@ def propose(
         )
         program = build(root)
         solution = solved(lp, program, effort)
-        if bends and solution.optimal:
-            # The first one: now the multipliers are known.
+        if unknown and solution.optimal:
             root = _root(nlp, z, program.multipliers(solution), near)
-            bends = False
+            unknown = False
             if root is not near:
                 program = build(root)
                 solution = solved(lp, program, effort)

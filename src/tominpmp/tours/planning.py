@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-import numpy as np
-
+from tominpmp.arguments import is_whole
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect, told_of
 from tominpmp.goals import Goal, JointGoal
@@ -145,14 +144,13 @@ def _plan(
 
 
 def _checked_count(given: object) -> int:
-    good = isinstance(given, int | np.integer) and not isinstance(given, bool)
-    if not good or not 1 <= given <= MOST_CONFIGURATIONS:  # type: ignore[operator]
+    if not is_whole(given) or not 1 <= given <= MOST_CONFIGURATIONS:
         raise OptionsError(
             f"configurations is {brief(given)}, expected an integer from 1 to "
             f"{MOST_CONFIGURATIONS}",
             "configurations",
         )
-    return int(str(given))
+    return int(given)
 
 
 def _problem(

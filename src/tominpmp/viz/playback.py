@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tominpmp.arguments import is_whole
 from tominpmp.arrays import number_or_nan
 from tominpmp.exceptions import OptionsError, brief, expect, warn_caller
 from tominpmp.io.files import write_file
@@ -79,7 +80,7 @@ def play(
     for motion in (trajectory, *twins.values()):
         check_motion(problem, motion)
     _check_positive(rate=rate, fps=fps)
-    if not isinstance(ghosts, (int, np.integer)) or not 0 <= ghosts <= 100:
+    if not is_whole(ghosts) or not 0 <= ghosts <= 100:
         raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
     appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
     meshcat = import_meshcat()

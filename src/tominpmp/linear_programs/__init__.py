@@ -1,0 +1,22 @@
+"""Linear programs: one record, a few solvers. The only package that knows them.
+
+Some of them take a convex curvature of the objective, too.
+"""
+
+from tominpmp.linear_programs.choice import available_solvers, make_solver
+from tominpmp.linear_programs.highs import HighsSolver
+from tominpmp.linear_programs.piqp import USUALLY, Nearly, PiqpSolver
+from tominpmp.linear_programs.solver import LpSolver
+from tominpmp.linear_programs.through_qpsolvers import QpsolversSolver, solve_quadratic
+
+__all__ = [
+    "USUALLY",
+    "HighsSolver",
+    "LpSolver",
+    "Nearly",
+    "PiqpSolver",
+    "QpsolversSolver",
+    "available_solvers",
+    "make_solver",
+    "solve_quadratic",
+]

@@ -1,0 +1,106 @@
+"""HiGHS, called directly: qpsolvers' interface cannot hand over a basis."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import highspy
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs.solver import MANY_COLUMNS, LpSolver
+from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.stopping import check, due, seconds_left
+
+
+def _interrupt(event: Any) -> None:
+    """End a run of HiGHS when it is time to stop."""
+    if due():
+        event.interrupt()
+
+
+class HighsSolver(LpSolver):
+    """HiGHS' bounded dual simplex, warm started (Huangfu and Hall, 2018).
+
+    Programs of many columns, of which no basis is known, are solved by its interior
+    points and a crossover to a basis (Schork and Gondzio, 2020): 2 to 10 times as fast.
+    """
+
+    def __init__(self) -> None:
+        highs = highspy.Highs()
+        for option, value in (
+            ("output_flag", False),
+            ("threads", 1),
+            ("primal_feasibility_tolerance", 1e-9),
+            ("dual_feasibility_tolerance", 1e-9),
+        ):
+            highs.setOptionValue(option, value)
+        # Asked after each pivot; the time limit is for what comes before the first.
+        highs.cbSimplexInterrupt += _interrupt
+        highs.cbIpmInterrupt += _interrupt
+        self._highs = highs
+        self._program: LinearProgram | None = None
+        self._basis: highspy.HighsBasis | None = None
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program from the basis of the last one."""
+        matrix = program.matrix
+        lp = highspy.HighsLp()
+        lp.num_row_, lp.num_col_ = matrix.shape
+        lp.col_cost_ = program.cost
+        lp.col_lower_, lp.col_upper_ = program.lower, program.upper
+        lp.row_lower_, lp.row_upper_ = program.row_lower, program.row_upper
+        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        lp.a_matrix_.start_ = matrix.indptr
+        lp.a_matrix_.index_ = matrix.indices
+        lp.a_matrix_.value_ = matrix.data
+        self._highs.passModel(lp)
+        if self._basis is not None and self._program is not None:
+            self._carry_basis(self._program, program)
+        self._program = program
+        if self._basis is None and program.cost.size > MANY_COLUMNS:
+            found = self._run("ipm")
+            if found.optimal:
+                return found
+        return self._run()
+
+    def _carry_basis(self, old: LinearProgram, new: LinearProgram) -> None:
+        basis = self._basis
+        assert basis is not None  # noqa: S101
+        before_rows = dict(zip(old.row_keys.tolist(), basis.row_status, strict=True))
+        before = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
+        basic, at_lower = (
+            highspy.HighsBasisStatus.kBasic,
+            highspy.HighsBasisStatus.kLower,
+        )
+        carried = highspy.HighsBasis()
+        carried.row_status = [before_rows.get(k, basic) for k in new.row_keys.tolist()]
+        carried.col_status = [before.get(k, at_lower) for k in new.column_keys.tolist()]
+        carried.valid = True
+        self._highs.setBasis(carried)
+
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve again; the basis stays dual feasible, so that a few pivots do."""
+        indices = np.arange(row_lower.size, dtype=np.int32)
+        self._highs.changeRowsBounds(row_lower.size, indices, row_lower, row_upper)
+        return self._run()
+
+    def _run(self, method: str = "simplex") -> LpSolution:
+        begin = time.perf_counter()
+        self._highs.setOptionValue("solver", method)
+        # Its limit counts all runs of the same object.
+        limit = self._highs.getRunTime() + seconds_left()
+        self._highs.setOptionValue("time_limit", limit)
+        self._highs.run()
+        check()
+        optimal = self._highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        solution, info = self._highs.getSolution(), self._highs.getInfo()
+        self._basis = self._highs.getBasis() if optimal else None
+        return LpSolution(
+            optimal,
+            np.array(solution.col_value),
+            -np.array(solution.row_dual),
+            max(int(info.simplex_iteration_count), 0),
+            time.perf_counter() - begin,
+        )

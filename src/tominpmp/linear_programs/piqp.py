@@ -1,0 +1,180 @@
+"""PIQP, an interior-point method whose cost grows linearly with the grid."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import piqp
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, BoolArray, equation_scale
+from tominpmp.linear_programs.highs import HighsSolver
+from tominpmp.linear_programs.solver import HUGE, MANY_COLUMNS, LpSolver
+from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.stopping import check, seconds_left
+
+# Iterations of PIQP at most. It needs 18 to 30; where it has not ended by then, it
+# seldom does before its own limit of 250, and the simplex method is faster; not for
+# programs of many columns: those get a second chance with refined linear systems,
+# which is dearer an iteration.
+PIQP_ITERATIONS = 60
+# Where rounding keeps it from the last digits it stands still with the solution: rows
+# are kept to the first, and multipliers to the second.
+NEARLY_ROWS, NEARLY_DUALS = 1e-6, 1e-3
+# Passes of equilibration, and what regularises equations in the end: more passes after
+PIQP_SCALINGS, PIQP_LAST = 2, 1e-10  # ours cost iterations, less lets rounding grow
+
+
+@dataclass(frozen=True)
+class Nearly:
+    """When an interior point is near enough to a solution, and how long to wait for it.
+
+    Attributes:
+        gap: Duality gap that will do, in units of the objective.
+        share: The same as a share of the objective; the larger of both counts.
+        iterations: Iterations at most.
+    """
+
+    gap: float = 2e-5
+    share: float = 0.0
+    iterations: int = PIQP_ITERATIONS
+
+
+USUALLY = Nearly()
+
+
+class PiqpSolver(LpSolver):
+    """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023).
+
+    Args:
+        nearly: When a solution will do that it does not get to the last digits of.
+    """
+
+    curved = True
+
+    def __init__(self, nearly: Nearly = USUALLY) -> None:
+        self._nearly = nearly
+        solver = piqp.SparseSolver()
+        solver.settings.verbose = False
+        # Residuals are in units of the limits; a duality gap is in seconds, of which
+        # the steps of sequential linear programming need no more than the microseconds.
+        solver.settings.eps_abs = 1e-7
+        solver.settings.eps_rel = 1e-7
+        solver.settings.check_duality_gap = True
+        solver.settings.eps_duality_gap_abs = 1e-6
+        solver.settings.eps_duality_gap_rel = 1e-6
+        solver.settings.preconditioner_iter = PIQP_SCALINGS
+        solver.settings.reg_finetune_lower_limit = PIQP_LAST
+        self._solver = solver
+        self._scale: Array = np.zeros(0)
+        self._equal: BoolArray = np.zeros(0, dtype=bool)
+        self._pace = 0.0
+        self._program: LinearProgram | None = None
+        self._other: HighsSolver | None = None
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program; interior points have no warm start."""
+        begin = time.perf_counter()
+        equal = program.row_lower == program.row_upper
+        self._equal, self._program, self._other = equal, program, None
+        rows = program.matrix.tocsr()
+        equations = rows[equal]
+        self._scale = equation_scale(equations)
+        self._solver.setup(
+            program.curved,
+            program.cost,
+            (sp.diags(self._scale) @ equations).tocsc() if equal.any() else None,
+            self._scale * program.row_lower[equal] if equal.any() else None,
+            rows[~equal].tocsc(),
+            np.maximum(program.row_lower[~equal], -HUGE),
+            np.minimum(program.row_upper[~equal], HUGE),
+            np.maximum(program.lower, -HUGE),
+            np.minimum(program.upper, HUGE),
+        )
+        return self._run(begin)
+
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve again, with the symbolic factorisation kept."""
+        begin = time.perf_counter()
+        if self._other is not None:
+            return self._other.resolve(row_lower, row_upper)
+        equal, program = self._equal, self._program
+        assert program is not None  # noqa: S101
+        self._program = replace(program, row_lower=row_lower, row_upper=row_upper)
+        self._solver.update(
+            b=self._scale * row_lower[equal] if equal.any() else None,
+            h_l=np.maximum(row_lower[~equal], -HUGE),
+            h_u=np.minimum(row_upper[~equal], HUGE),
+        )
+        return self._run(begin)
+
+    def _run(self, begin: float) -> LpSolution:
+        assert self._program is not None  # noqa: S101
+        spent = self._try(begin)
+        if not self._solved and self._program.cost.size > MANY_COLUMNS:
+            spent += self._try(begin, refined=True)
+        if not self._solved:
+            return self._solve_by_simplex(begin, spent)
+        result = self._solver.result
+        duals = np.zeros(self._equal.size)
+        duals[self._equal] = self._scale * result.y
+        duals[~self._equal] = result.z_u - result.z_l
+        return LpSolution(
+            True,
+            np.array(result.x),
+            duals,
+            spent,
+            time.perf_counter() - begin,
+            curved=True,
+        )
+
+    def _try(self, begin: float, *, refined: bool = False) -> int:
+        """Iterate; returns how often."""
+        self._solver.settings.iterative_refinement_always_enabled = refined
+        self._limit()
+        self._solver.solve()
+        count = int(self._solver.result.info.iter)
+        self._pace = (time.perf_counter() - begin) / max(count, 1)
+        check()
+        return count
+
+    @property
+    def _solved(self) -> bool:
+        """Whether there is a solution, but for the last digits."""
+        result = self._solver.result
+        info, nearly = result.info, self._nearly
+        if not np.all(np.isfinite(result.x)):
+            return False
+        gap = max(nearly.gap, nearly.share * abs(info.primal_obj))
+        return info.status == piqp.PIQP_SOLVED or bool(
+            info.primal_res <= NEARLY_ROWS
+            and info.duality_gap <= gap
+            and info.dual_res <= NEARLY_DUALS
+        )
+
+    def _solve_by_simplex(self, begin: float, spent: int) -> LpSolution:
+        """Leave the program, and what follows from it, to the simplex method."""
+        self._other, program = HighsSolver(), self._program
+        assert program is not None  # noqa: S101
+        found = self._other.solve(program)
+        seconds = time.perf_counter() - begin
+        return replace(found, iterations=spent + found.iterations, seconds=seconds)
+
+    def _limit(self) -> None:
+        """Bound the iterations by the time that is left: PIQP has no limit on time."""
+        settings, left = self._solver.settings, seconds_left()
+        settings.max_iter = self._nearly.iterations
+        if np.isinf(left):
+            return
+        if self._pace == 0.0:
+            # Iterations alike in time: the first tells how many there may be.
+            begin = time.perf_counter()
+            settings.max_iter = 1
+            self._solver.solve()
+            self._pace = time.perf_counter() - begin
+            check()
+            left = seconds_left()
+        allowed = int(min(left / max(self._pace, 1e-9), self._nearly.iterations))
+        settings.max_iter = max(allowed, 1)

@@ -1,0 +1,91 @@
+"""All other solvers, through qpsolvers by their names."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs.solver import HUGE, LpSolver
+from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.stopping import check, seconds_left
+
+# What these solvers call their limit on time [s].
+TIME_LIMITS = dict.fromkeys(("clarabel", "highs", "osqp"), "time_limit")
+TIME_LIMITS["scs"] = "time_limit_secs"
+
+
+class QpsolversSolver(LpSolver):
+    """Any solver that qpsolvers knows.
+
+    Attributes:
+        name: Its name there.
+    """
+
+    curved = True
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._program: LinearProgram | None = None
+
+    def solve(self, program: LinearProgram) -> LpSolution:
+        """Solve a program from scratch."""
+        self._program = program
+        return self.resolve(program.row_lower, program.row_upper)
+
+    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+        """Solve the last program from scratch with other row bounds."""
+        program = self._program
+        assert program is not None  # noqa: S101
+        changed = replace(program, row_lower=row_lower, row_upper=row_upper)
+        return solve_quadratic(changed, program.curved, self.name)
+
+
+def solve_quadratic(
+    program: LinearProgram, curvature: sp.csc_matrix, name: str, **settings: Any
+) -> LpSolution:
+    """Solve a program with x^T P x / 2 added to its objective, through qpsolvers.
+
+    Args:
+        program: Linear objective, rows and bounds.
+        curvature: P, positive semidefinite, shape (n, n).
+        name: Name of the solver.
+        **settings: Its own settings.
+    """
+    import qpsolvers  # takes longer to import than most plans take
+
+    begin = time.perf_counter()
+    rows, size = program.matrix.tocsr(), program.cost.size
+    row_lower, row_upper = program.row_lower, program.row_upper
+    equal = row_lower == row_upper
+    high = ~equal & (row_upper < HUGE)
+    low = ~equal & (row_lower > -HUGE)
+    problem = qpsolvers.Problem(
+        curvature,
+        program.cost,
+        sp.vstack([rows[high], -rows[low]], format="csc"),
+        np.concatenate([row_upper[high], -row_lower[low]]),
+        rows[equal].tocsc() if equal.any() else None,
+        row_upper[equal] if equal.any() else None,
+        program.lower,
+        program.upper,
+    )
+    left = seconds_left()
+    if name in TIME_LIMITS and np.isfinite(left):
+        settings = {TIME_LIMITS[name]: left, **settings}
+    solution = qpsolvers.solve_problem(problem, solver=name, **settings)
+    check()
+    duals = np.zeros(row_lower.size)
+    if solution.found and solution.z is not None:
+        count = int(high.sum())
+        duals[high] = solution.z[:count]
+        duals[low] -= solution.z[count:]
+    if solution.found and solution.y is not None and equal.any():
+        duals[equal] = solution.y
+    x = np.zeros(size) if solution.x is None else solution.x
+    seconds = time.perf_counter() - begin
+    return LpSolution(bool(solution.found), x, duals, 0, seconds, curved=True)
