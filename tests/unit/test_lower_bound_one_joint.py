@@ -17,6 +17,7 @@ from tominpmp.bounds.one_joint import OneJoint
 from tominpmp.bounds.single_joint import single_joint_time
 from tominpmp.goals import JointGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 
@@ -118,6 +119,26 @@ def test_torque_over_speed_gives_the_time_by_quadrature() -> None:
     assert found == pytest.approx(by_peak(up, down, 2.0), rel=1e-6)
 
 
+def test_curves_are_about_no_torque_where_limits_are_not() -> None:
+    """They end at the no-load speed, whatever the middle of the limits is."""
+    robot = make_arm(slide(MASS), effort=np.array([[-3.0, FORCE]]))
+    limits = MotionLimits(effort_curves={"joint1": EffortCurve.droop(FORCE, 1.4)})
+    problem = Problem(robot, np.zeros(1), JointGoal([1.0]), motion_limits=limits)
+    push, brake = FORCE / MASS, 3.0 / MASS
+
+    def up(v: np.ndarray) -> np.ndarray:
+        return np.maximum(push * (1.0 - v / 1.4), 1e-9)
+
+    def down(v: np.ndarray) -> np.ndarray:
+        return np.minimum(brake, up(v))
+
+    least = by_peak(up, down, 1.39)
+    assert lower_bound(problem).T == pytest.approx(least, rel=1e-6)
+    solution = plan(problem)
+    assert solution.success, solution.message
+    assert least <= solution.T * (1.0 + 1e-6) < 1.002 * least
+
+
 @pytest.mark.parametrize("case", pendulum_cases(), ids=str)
 def test_pendulum_that_its_torque_lifts(case: object) -> None:
     found = lower_bound(case.problem()).T  # type: ignore[attr-defined]
@@ -164,7 +185,6 @@ def random_arm(rng: np.random.Generator, heavy: bool) -> OneJoint:
         friction=float(rng.choice([0.0, rng.uniform(0.0, 1.5)])),
         weight=weight,  # type: ignore[arg-type]
         effort=effort,
-        shift=(0.0, 0.0),
         curve=curve,
         position=(-math.inf, math.inf),
         velocity=math.inf,

@@ -103,9 +103,8 @@ def effort_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Arr
     for joint, curve in (limits.effort_curves or {}).items():
         i = robot.joint_names.index(joint)
         most = float(np.max(curve.effort))
-        # Curves are about no torque, or about the middle of the torques.
-        upper[i] = min(upper[i], most + max(middle[i], 0.0))
-        lower[i] = max(lower[i], min(middle[i], 0.0) - most)
+        upper[i] = min(upper[i], most)
+        lower[i] = max(lower[i], -most)
     return lower, upper
 
 

@@ -30,7 +30,6 @@ class OneJoint:
         weight: Constant part of the torque that gravity needs, and its parts with the
             cosine and the sine of the angle.
         effort: Least and largest torque.
-        shift: How much the middle of the torques moves curves over speed, down and up.
         curve: Torque over speed, if it is limited.
         position: Least and largest position.
         velocity: Speed limit.
@@ -44,7 +43,6 @@ class OneJoint:
     friction: float
     weight: tuple[float, float, float]
     effort: tuple[float, float]
-    shift: tuple[float, float]
     curve: EffortCurve | None
     position: tuple[float, float]
     velocity: float
@@ -76,14 +74,12 @@ class OneJoint:
             names = ("acceleration", "jerk", "effort_rate")
             extra = [float(more.by_joint(k, robot.joint_names)[0]) for k in names]
             curve = (more.effort_curves or {}).get(robot.joint_names[0])
-        middle = 0.5 * float(limits.effort_lower[0] + limits.effort_upper[0])
         return cls(
             mass,
             float(robot.damping[0]),
             float(robot.friction[0]),
             weight,
             (float(lower[0]), float(upper[0])),
-            (min(middle, 0.0), max(middle, 0.0)),
             curve,
             (float(limits.position_lower[0]), float(limits.position_upper[0])),
             float(limits.velocity[0]),
@@ -110,8 +106,8 @@ class OneJoint:
             return flat
         most = self.curve(v)[0]
         if sign > 0.0:
-            return np.asarray(np.minimum(flat, most + self.shift[1]))
-        return np.asarray(np.maximum(flat, self.shift[0] - most))
+            return np.asarray(np.minimum(flat, most))
+        return np.asarray(np.maximum(flat, -most))
 
     def limit(self, sign: float) -> AccelerationLimit:
         """Largest acceleration over the speed in uniform gravity, or the least."""
@@ -131,8 +127,7 @@ class OneJoint:
         flat = self.effort[1] if sign > 0.0 else -self.effort[0]
         lines = [(flat, 0.0)]
         if self.curve is not None:
-            shift = self.shift[1] if sign > 0.0 else -self.shift[0]
-            s, e = self.curve.speed, self.curve.effort + shift
+            s, e = self.curve.speed, self.curve.effort
             speeds += s.tolist()
             slopes = np.diff(e) / np.diff(s)
             lines += [

@@ -33,7 +33,6 @@ def mirrored(arm: OneJoint) -> OneJoint:
         arm,
         weight=(-constant, -cosine, sine),
         effort=(-arm.effort[1], -arm.effort[0]),
-        shift=(-arm.shift[1], -arm.shift[0]),
         position=(-arm.position[1], -arm.position[0]),
     )
 

@@ -102,7 +102,7 @@ def _ladder(arm: OneJoint, q: float, beside: float, end: bool) -> Ladder:
     right = float(arm.torque(still, 1.0)[0] - np.min(weight)) + margin
     left = float(np.max(weight) - arm.torque(still, -1.0)[0]) + margin
     if arm.curve is not None:
-        most = float(np.max(arm.curve.effort)) + arm.shift[1] - arm.shift[0]
+        most = float(np.max(arm.curve.effort))
         right, left = right + most, left + most
     fastest = beside * arm.damping / arm.mass
     force = max(right, left) + arm.friction

@@ -193,14 +193,14 @@ class _Limits:
         limits, rows = self.problem.robot.limits, self.rows
         middle = 0.5 * (limits.effort_upper + limits.effort_lower)
         half = 0.5 * (limits.effort_upper - limits.effort_lower)
-        allowed = np.broadcast_to(half, rows.u.shape).copy()
         extra = self.problem.motion_limits
-        if extra is not None:
-            allowed *= extra.effort_scale
-            for joint, curve in (extra.effort_curves or {}).items():
-                i = self.joints.index(joint)
-                allowed[:, i] = np.minimum(allowed[:, i], curve(rows.v[:, i])[0])
-        beyond = np.abs(rows.u - middle) - allowed
+        share = 1.0 if extra is None else extra.effort_scale
+        beyond = np.abs(rows.u - middle) - share * half
+        curves = {} if extra is None else (extra.effort_curves or {})
+        for joint, curve in curves.items():
+            i = self.joints.index(joint)
+            excess = np.abs(rows.u[:, i]) - curve(rows.v[:, i])[0]
+            beyond[:, i] = np.maximum(beyond[:, i], excess)
         # Against a joint without a motor, the strongest one is the measure.
         scale = np.where(half > 0.0, half, np.max(half, initial=1e-12))
         return self._worst("effort", rows.t, beyond, scale)
