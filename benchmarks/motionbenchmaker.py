@@ -249,7 +249,7 @@ def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
     solvers = [
         value
         for _, value in inspect.getmembers(lp, inspect.isclass)
-        if value.__module__ == lp.__name__ and hasattr(value, "solve")
+        if value.__module__.startswith(lp.__name__) and hasattr(value, "solve")
     ]
     distances, programs = Meter(), Meter()
     with distances.on(ClearanceConstraint), programs.on(*solvers):

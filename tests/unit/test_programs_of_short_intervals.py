@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from tominpmp.arrays import equation_scale
-from tominpmp.linear_programs import HighsSolver, PiqpSolver
+from tominpmp.linear_programs import HighsSolver, Nearly, PiqpSolver
 from tominpmp.linear_programs.piqp import PIQP_ITERATIONS
 from tominpmp.program_records import LinearProgram
 
@@ -73,3 +73,40 @@ def test_equations_have_coefficients_of_one_at_most() -> None:
     matrix = sp.csr_matrix(np.array([[1e10, -2.0], [0.5, 0.1]]))
     assert equation_scale(matrix) == pytest.approx([1e-10, 1.0])
     assert equation_scale(matrix[:0]).shape == (0,)
+
+
+def overlapping_limits() -> LinearProgram:
+    """Steep rows, each of them there three times: any mix of them is a multiplier."""
+    rng = np.random.default_rng(0)
+    rows = 1e5 * np.tile(rng.normal(size=(60, 30)), (3, 1))
+    return LinearProgram(
+        rng.normal(size=30),
+        sp.csc_matrix(rows),
+        np.full(180, -np.inf),
+        np.ones(180),
+        np.full(30, -1.0),
+        np.ones(30),
+        np.arange(180),
+        np.arange(30),
+    )
+
+
+def test_the_last_digits_of_multipliers_are_not_waited_for() -> None:
+    program = overlapping_limits()
+    found, exact = (
+        PiqpSolver(n).solve(program) for n in (Nearly(), Nearly(residual=1e-9))
+    )
+    assert found.iterations < exact.iterations
+    assert program.cost @ found.x == pytest.approx(program.cost @ exact.x, abs=1e-6)
+    assert np.all(program.matrix @ found.x <= 1.0 + 1e-6)
+
+
+def test_rows_that_are_kept_too_roughly_are_solved_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    program = second_differences(1e2)
+    once = PiqpSolver().solve(program)
+    monkeypatch.setattr("tominpmp.linear_programs.piqp.NEARLY_ROWS", 0.0)
+    again = PiqpSolver().solve(program)
+    assert again.iterations >= 2 * once.iterations
+    assert program.cost @ again.x == pytest.approx(program.cost @ once.x, abs=1e-6)
