@@ -19,6 +19,7 @@ from tominpmp.planner.optimality import certified, clearly
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers import rounds
 from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.stopping import Stop
 from tominpmp.transcription.anchoring import anchored, padding_left
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -91,6 +92,57 @@ def test_where_nothing_can_be_gained_it_says_so(free, monkeypatch):
     (found,) = judged(free, slower(free))
     assert found.status is tm.Status.STALLED
     assert "Small changes promise" in found.remark
+
+
+@pytest.mark.parametrize(
+    ("cause", "status"),
+    [
+        (Stop(requested=False), tm.Status.TIME_LIMIT),
+        (RuntimeError("no solution"), tm.Status.STALLED),
+    ],
+)
+def test_a_test_that_is_cut_short_proves_nothing(free, monkeypatch, cause, status):
+    """The callback ends iterations a little before the deadline does."""
+
+    def run(settling, attempt):
+        raise cause
+
+    monkeypatch.setattr(optimality.Settling, "run", run)
+    (found,) = judged(free, slower(free))
+    assert found.status is status
+
+
+def test_motions_of_segments_are_put_to_the_test_too(free):
+    """One that is slowed down is improved, or said to leave something."""
+    segments = [
+        tm.Segment(tm.JointGoal([0.7, 0.3, -1.2])),
+        tm.Segment(tm.JointGoal(END)),
+    ]
+    problem = tm.Problem(free.problem.robot, START, segments=segments)
+    solution = tm.plan(problem, OPTIONS)
+    motion = solution.trajectory
+    slow = replace(
+        motion,
+        t=1.05 * motion.t,
+        v=motion.v / 1.05,
+        a=motion.a / 1.05**2,
+        segment_ends=1.05 * motion.segment_ends,
+    ).with_torques(motion.inverse_dynamics, motion.segment_dynamics)
+    verification = tm.verify(problem, slow)
+    assert verification.ok
+    attempt = replace(
+        slower(free),
+        trajectory=slow,
+        initial=slow,
+        verification=verification,
+        layout=Layout.of_segments(slow, (0.0, 0.0)),
+    )
+    assert not tm.certify(problem, slow).ok
+    (found,) = judged(solution, attempt)
+    accepted = tm.certify(problem, found.trajectory, verification=found.verification)
+    assert (found.status is tm.Status.CONVERGED) == accepted.ok
+    assert accepted.ok or "Small changes promise" in found.remark
+    assert found.duration < 1.01 * solution.T
 
 
 def test_an_iteration_limit_is_no_convergence(free):

@@ -18,6 +18,12 @@ from tominpmp.trajectory import Trajectory
 SAME = 1e-9
 
 
+def stays_where_it_moves(problem: Problem) -> bool:
+    """Whether motions of a problem have to stay somewhere while obstacles move."""
+    stays = any(segment.dwell for segment in problem.segments)
+    return stays and any(phase.scene.moving for phase in problem.phases)
+
+
 def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
     """A motion that goes on at once wherever it stays.
 
@@ -32,7 +38,7 @@ def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
     stays = [segment.dwell for segment in problem.segments]
     if ends is None or not any(stays):
         return motion
-    if any(phase.scene.moving for phase in problem.phases):
+    if stays_where_it_moves(problem):
         raise ProblemError(
             "segments: the motion stays where obstacles move, expected no dwell: there "
             "is no certificate for that",

@@ -21,6 +21,7 @@ import numpy as np
 from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.perturbations import LONGEST
+from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import SMOOTHING_SHARE
@@ -65,7 +66,8 @@ def certified(
 ) -> Iterator[Attempt]:
     """Go on with the best motion until it keeps the first-order conditions.
 
-    Motions of several segments have no certificate, and are left as they are.
+    Motions that stay where obstacles move have no certificate, and are left as they
+    are.
 
     Args:
         problem: The problem.
@@ -77,7 +79,7 @@ def certified(
         The motion, or one that is faster, with the status that it deserves.
     """
     found = [attempt for attempt in attempts if attempt.found]
-    if problem.segments or options.objective != "time" or not found:
+    if options.objective != "time" or not found or stays_where_it_moves(problem):
         return
     best, tolerance = min(found, key=_duration), tolerance_of(options)
     if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
@@ -102,8 +104,12 @@ def certified(
     settling = Settling(system, options, progress, tolerance, limit)
     settle = partial(settling.run, best)
     settled = guarded(problem, options, progress, best.name, settle)
-    if settled is not None and settled.duration <= best.duration:
-        yield settled
+    if settled is None or settled.duration > best.duration:
+        settled = replace(best, history=())
+        if best.status is Status.CONVERGED:
+            # The test was cut short, or failed: nothing is known of the motion.
+            settled = replace(settled, status=progress.cut_short or Status.STALLED)
+    yield settled
     progress.deadline.check()
 
 
@@ -144,7 +150,8 @@ def anything_near(problem: Problem, attempt: Attempt) -> bool:
     if judged is None:
         return True
     # The margins of all pairs would have all meshes cut; one arm's links have none.
-    alone = not len(problem.scene) and not problem.robot.parts
+    scenes = any(len(phase.scene) for phase in problem.phases)
+    alone = not scenes and not problem.robot.parts
     margin = 0.0 if alone else problem.margin
     close = CLOSE * ProblemFunctions.of(problem).reach
     return judged.min_clearance < margin + close
@@ -199,6 +206,8 @@ class Settling:
         problem, judged = self.system.problem, attempt.verification
         near = anything_near(problem, attempt)
         motion = attempt.trajectory
+        if problem.segments:
+            motion = without_stays(problem, motion)
         seen = examine(problem, motion, judged, self.tolerance, near=near)
         promise = seen.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", attempt.duration, promise)
@@ -218,10 +227,11 @@ class Settling:
 
         Where following has brought nothing, rows that stay where they are may: corners
         that pass within a fraction of a millimetre are no matter for small steps.
+        Motions of several segments are not followed.
         """
         of, z = layout.taken_up(self.system, best.trajectory)
         following = Following(of, self.options, self.budget, self.padding)
-        if follow:
+        if follow and not self.system.problem.segments:
             program, result = following.run(z)
         else:
             program, result = following.settled(following.plain(z), z, ITERATIONS)

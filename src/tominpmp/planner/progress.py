@@ -70,6 +70,7 @@ class Progress:
         kept: Motions of the present attempt, the newest last.
         begun: What the present attempt began with.
         let_go: Whether the judge of the present attempt has ended it for good.
+        cut_short: How the present attempt was stopped; None if it was not.
         failures: What went wrong with attempts that have led to nothing.
         puts_off: Whether motions need no replay yet, as one on the clock of a
             controller is made of them, which is replayed.
@@ -93,6 +94,7 @@ class Progress:
         self.kept: list[Kept] = []
         self.begun: Kept | None = None
         self.let_go = False
+        self.cut_short: Status | None = None
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
         self._judge: Judge | None = None
@@ -124,7 +126,7 @@ class Progress:
         self._starts += count
         self.links_touched = False
         self.records, self.kept, self.begun = [], [], None
-        self.let_go = False
+        self.let_go, self.cut_short = False, None
         self._set_deadline()
         return self.start
 
@@ -192,10 +194,11 @@ class Progress:
 
     def stopped(self, cause: BaseException) -> Status:
         """How planning ends that was stopped by an exception."""
-        if isinstance(cause, Stop) and not cause.requested:
-            return Status.TIME_LIMIT
-        self.deadline.requested = True
-        return Status.INTERRUPTED
+        self.cut_short = Status.TIME_LIMIT
+        if not isinstance(cause, Stop) or cause.requested:
+            self.deadline.requested = True
+            self.cut_short = Status.INTERRUPTED
+        return self.cut_short
 
     @contextmanager
     def saving(self) -> Iterator[None]:
