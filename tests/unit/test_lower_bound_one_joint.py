@@ -10,7 +10,7 @@ import pytest
 from optimum_cases import ROD, pendulum_cases, swing_cases
 from sample_arms import DOWNWARD, make_arm, slide
 from scipy.integrate import solve_ivp, trapezoid
-from scipy.optimize import brentq
+from scipy.optimize import brentq, linprog
 
 from tominpmp.bounds import lower_bound
 from tominpmp.bounds.one_joint import OneJoint
@@ -77,6 +77,59 @@ def test_torque_rates_and_jerks_bend_the_motions_of_rails() -> None:
     assert dry > both
     viscous = lower_bound(rail(MotionLimits(effort_rate=60.0), damping=1.0)).T
     assert 0.9 * both < viscous
+
+
+def farthest(
+    T: float, push: float, drag: float, friction: float, limits: tuple[float, ...]
+) -> float:
+    """Way of a mass from rest to rest in a time, by a linear program of its jerks.
+
+    Args:
+        T: The time.
+        push: Force per mass at rest; it falls with the speed.
+        drag: Viscous friction per mass.
+        friction: Dry friction per mass.
+        limits: Speed without force, jerk, and rate of the force per mass.
+    """
+    N, (end, jerk, rate) = 80, limits
+    h, rows = T / N, np.eye(N)
+    a, v, q = np.zeros((3, N + 1, N))
+    for k in range(N):
+        a[k + 1] = a[k] + h * rows[k]
+        v[k + 1] = v[k] + h * a[k] + 0.5 * h**2 * rows[k]
+        q[k + 1] = q[k] + h * v[k] + 0.5 * h**2 * a[k] + h**3 / 6.0 * rows[k]
+    force, droop = a + drag * v, push / end * v
+    steps = np.diff(force, axis=0)
+    upper = np.vstack([force + droop, droop - force, steps, -steps, -v])
+    room = [push - friction, push + friction, h * rate, h * rate, 0.0]
+    done = linprog(
+        -q[-1],
+        upper,
+        np.repeat(room, [N + 1, N + 1, N, N, N + 1]),
+        np.stack([a[-1], v[-1]]),
+        np.zeros(2),
+        (-jerk, jerk),
+    )
+    return float(-done.fun)
+
+
+@pytest.mark.parametrize(
+    ("jerk", "rate", "drag", "friction"),
+    [(30.0, 1e4, 0.0, 0.0), (30.0, 1e4, 1.5, 0.5), (1e4, 40.0, 1.5, 0.5)],
+)
+def test_jerks_and_torque_rates_beside_friction_and_curves_are_exact(
+    jerk: float, rate: float, drag: float, friction: float
+) -> None:
+    """They were 0.73 to 0.95 of it: no more than the least of both bounds alone."""
+    limits = MotionLimits(
+        jerk=jerk,
+        effort_rate=MASS * rate,
+        effort_curves={"joint1": EffortCurve.droop(FORCE, 1.6)},
+    )
+    problem = rail(limits, damping=MASS * drag, friction=MASS * friction)
+    T, push = lower_bound(problem).T, FORCE / MASS
+    rest = push, drag, friction, (1.6, jerk, rate)
+    assert farthest(T, *rest) < 1.0 < farthest(1.002 * T, *rest)
 
 
 def test_friction_helps_to_brake_a_mass_that_hardly_holds_itself() -> None:

@@ -7,6 +7,7 @@ import math
 from tominpmp.arrays import Array
 from tominpmp.bounds.joint_limits import jerk_limited_time
 from tominpmp.bounds.one_joint import OneJoint
+from tominpmp.bounds.smooth_changes import least_time_of_smooth_changes
 from tominpmp.bounds.speed_changes import least_time_of_changes
 from tominpmp.bounds.swings import least_swing_time
 from tominpmp.problem import Problem
@@ -29,11 +30,15 @@ def single_joint_time(
     arm = OneJoint.of(problem)
     if arm is None or not all(map(math.isfinite, (*arm.effort, arm.mass))):
         return None
-    smooth = _smooth_time(arm, q, v) if smooth_ends else 0.0
-    if arm.uniform:
-        way, limits = float(q[1] - q[0]), (arm.limit(1.0), arm.limit(-1.0))
-        return max(least_time_of_changes(way, v, *limits, arm.velocity), smooth)
-    return max(least_swing_time(arm, q, v), smooth)
+    smooth = smooth_ends and math.isfinite(min(arm.jerk, arm.effort_rate))
+    times = [_smooth_time(arm, q, v)] if smooth else []
+    if not arm.uniform:
+        return max([least_swing_time(arm, q, v), *times])
+    way, limits = float(q[1] - q[0]), (arm.limit(1.0), arm.limit(-1.0))
+    if smooth and (arm.damping > 0.0 or arm.curve is not None):
+        rates = arm.jerk, arm.effort_rate / arm.mass, arm.damping / arm.mass
+        times.append(least_time_of_smooth_changes(way, v, limits, arm.velocity, rates))
+    return max([least_time_of_changes(way, v, *limits, arm.velocity), *times])
 
 
 def _smooth_time(arm: OneJoint, q: Array, v: Array) -> float:
@@ -44,7 +49,7 @@ def _smooth_time(arm: OneJoint, q: Array, v: Array) -> float:
     joint with dry friction and only one way to go is taken not to turn back on it.
     """
     side = 1.0 if q[1] >= q[0] else -1.0
-    if not math.isfinite(min(arm.jerk, arm.effort_rate)) or min(side * v) < 0.0:
+    if min(side * v) < 0.0:
         return 0.0
     constant, *waves = arm.weight
     wave = math.hypot(*waves)

@@ -102,6 +102,12 @@ class AccelerationLimit:
         share = (v - self.v[k]) / (self.v[k + 1] - self.v[k])
         return float(self.above[k] + share * (self.below[k + 1] - self.above[k]))
 
+    def forwards(self, v: Array) -> Array:
+        """Accelerations at speeds >= 0, at zero those of going forwards, shape (k,)."""
+        beyond = self.slopes[1] * np.maximum(v - self.v[-1], 0.0)
+        known = self.v >= 0.0
+        return np.asarray(np.interp(v, self.v[known], self.above[known]) + beyond)
+
     def mirrored(self) -> AccelerationLimit:
         """The bound on the opposite acceleration, in the mirror."""
         v, below, above = (-part[::-1] for part in (self.v, self.above, self.below))
