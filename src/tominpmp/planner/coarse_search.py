@@ -217,7 +217,7 @@ class CoarseSearch:
         progress.deadline.check()
         progress.begin()
         system = self.system.first_tried
-        solve = partial(solve_from_guess, system, options, guess, progress)
+        solve = partial(solve_from_guess, system, options, guess, progress, coarse=True)
         with progress.judged(self._enough):
             attempt = guarded(system.problem, options, progress, guess.name, solve)
         if attempt is None:

@@ -136,16 +136,42 @@ def make_slp(
     return SlpSolver(program, options, smoothing, lp, progress, keep=keep)
 
 
+def by_squares(system: ProblemFunctions, options: Options, lp: LpSolver) -> bool:
+    """Whether the variation of torques counts by its squares.
+
+    Among obstacles that takes a sixth off the time, as programs have a third of the
+    columns, at the same T and the same roughness (benchmarks/motionbenchmaker.py);
+    coarse grids are better off with its sum.
+    """
+    usual = options.method == "inverse" and options.control not in DEGREES
+    usual = usual and options.smoothing is None
+    return usual and lp.curved and not system.alone and not system.parts
+
+
 def solve_from_guess(
-    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
+    system: ProblemFunctions,
+    options: Options,
+    guess: Guess,
+    progress: Progress,
+    *,
+    coarse: bool = False,
 ) -> Attempt:
-    """Improve a guess with the transcription that the options ask for."""
+    """Improve a guess with the transcription that the options ask for.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        guess: The guess.
+        progress: Sees and keeps the motions.
+        coarse: Whether what comes of it is gone on with on another grid.
+    """
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = SMOOTHING_SHARE * guess.duration
     lp, smooth = make_solver(options.lp_solver), options.control in DEGREES
     # What the last violations cost is less than a finer grid brings.
     light = LIGHT if options.refine == "auto" else 0.0
+    squares = not coarse and by_squares(system, options, lp)
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
 
@@ -154,7 +180,8 @@ def solve_from_guess(
     ) -> SlpResult:
         solver = make_slp(program, options, smoothing, lp, progress)
         exchange = RowExchange(longest=LONGEST, light=light)
-        return replace(solver, exchange=exchange).run(z, after=after)
+        solver = replace(solver, exchange=exchange, squares=squares)
+        return solver.run(z, after=after)
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
         program, start = _smooth_start(system, options, guess, solve)

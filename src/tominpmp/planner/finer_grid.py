@@ -22,7 +22,7 @@ from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.continuation import SPEED_SHARE, speed_share
-from tominpmp.planner.direct_solve import SMOOTHING_SHARE
+from tominpmp.planner.direct_solve import SMOOTHING_SHARE, by_squares
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.refinement import SHORTEST_MOTION
@@ -198,11 +198,11 @@ def _refined(
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
-        promise = Promise(progress, T, work, of.intervals)
+        promise = Promise(progress, T, reached, work, of.intervals)
         program, result = _solve(of, z, options, lp, promise)
         found = result.best
         logger.info("%d intervals: promise %.1e", of.intervals, promise.first)
-        if found is None or found.duration >= reached:
+        if found is None or found.duration >= reached or promise.broken:
             break
         best, reached = (program, result), found.duration
         if promise.first < FALLS * thrift.worth or work.spent:
@@ -234,20 +234,28 @@ class Promise:
 
     Args:
         progress: Is shown every record.
-        duration: T [s].
+        duration: T of the motion that has to be beaten [s].
+        begun: T of the motion that the iteration begins with [s].
         work: What may be done.
         intervals: Of the grid.
 
     Attributes:
         first: What the first step promised, as a share of T.
+        reached: T of the last iterate [s].
     """
 
     def __init__(
-        self, progress: Progress, duration: float, work: Work, intervals: int
+        self,
+        progress: Progress,
+        duration: float,
+        begun: float,
+        work: Work,
+        intervals: int,
     ) -> None:
         self.progress, self.duration = progress, duration
         self.work, self.intervals = work, intervals
-        self.first = np.nan
+        self.first, self.begun = np.nan, begun
+        self.reached = begun
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record; a status ends the iteration."""
@@ -256,11 +264,21 @@ class Promise:
         left = promised - max(record.actual, 0.0) / self.duration
         if np.isnan(self.first):
             self.first = promised
+        self.reached = record.duration
         self.work.done += record.programs * self.intervals
         near, thrift = record.violation <= CURABLE, self.work.thrift
         enough = near and (left < thrift.enough or self.work.spent)
         enough = enough or self.first < thrift.worth
         return status or (Status.CONVERGED if enough else None)
+
+    @property
+    def broken(self) -> bool:
+        """Whether less is left of it than is worth a replay.
+
+        Rows between the nodes, which make motions slower, are not looked for then.
+        """
+        least = max(self.reached, (1.0 - self.first) * self.begun)
+        return least > (1.0 - self.work.thrift.gain) * self.duration
 
 
 def _solve(
@@ -270,6 +288,7 @@ def _solve(
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = 0.0 if of.system.alone else SMOOTHING_SHARE * float(of.cost @ z)
+    squares = by_squares(of.system, options, lp)
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,
@@ -282,6 +301,14 @@ def _solve(
     ) -> SlpResult:
         keep = promise.progress.keep
         solver = SlpSolver(program, options, smoothing, lp, promise, keep=keep)
-        return solver.run(z, after=after)
+        return replace(solver, squares=squares).run(z, after=after)
 
-    return solve_in_rounds(program, z, few, solve, rough=False, light=LIGHT)
+    return solve_in_rounds(
+        program,
+        z,
+        few,
+        solve,
+        rough=False,
+        light=LIGHT,
+        over=lambda: promise.broken,
+    )

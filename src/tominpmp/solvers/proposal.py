@@ -25,14 +25,20 @@ from tominpmp.program_records import LpSolution
 from tominpmp.solvers.iterate import Effort, Iterate
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
-from tominpmp.transcription.base import Program, StepBounds, Variation
+from tominpmp.transcription.base import (
+    Program,
+    SquaredVariation,
+    StepBounds,
+    Variation,
+)
 
 # Rounds of putting rows into a program that its step breaks by more than this.
 ADDITIONS = 3
 MISSED = 1e-4
 # What a step of all unknowns to the ends of the trust region costs, as a share of T,
-# where no weight on the variation of the controls keeps them quiet. With a third of it
-# iterations are as many, with three times as much motions end slower by 0.05 %.
+# where no weight on the sum of differences of the controls keeps them quiet. With a
+# third of it iterations are as many, with three times as much motions end slower by
+# 0.05 %.
 PROXIMAL = 3e-3
 
 
@@ -79,7 +85,8 @@ def propose(
     selecting, multipliers = iterate.values, iterate.multipliers
     near = root = None
     if lp.curved:
-        near = _proximal(nlp, steps, iterate.duration) if variation is None else None
+        if variation is None or isinstance(variation, SquaredVariation):
+            near = _proximal(nlp, steps, iterate.duration)
         root = _root(nlp, z, multipliers, near)
     unknown = lp.curved and root is near  # no multipliers yet, or nothing bends
     for _ in range(1 + ADDITIONS):

@@ -29,7 +29,7 @@ from tominpmp.solvers.subproblem import Subproblem
 from tominpmp.solvers.trust_region import TrustRegion, repairing
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
-from tominpmp.transcription.base import Program, Variation
+from tominpmp.transcription.base import Program, SquaredVariation, Variation
 
 # Where any motion will do: how much slower one may be made.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
@@ -79,6 +79,8 @@ class SlpSolver:
             inequalities.
         keep: Is given the best motion so far, or the present one while there is none:
             the iteration may be told to stop at any time.
+        squares: Whether differences of the controls count by their squares, for solvers
+            that heed curvature.
         exchange: When to look at the motion between the rows of the program, and what
             finds rows that are missing; None leaves the rows as they are.
     """
@@ -90,6 +92,7 @@ class SlpSolver:
     callback: Callback = go_on
     corrections: int | None = None
     keep: Keep = keep_nothing
+    squares: bool = False
     exchange: RowExchange | None = None
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
@@ -173,7 +176,7 @@ class SlpSolver:
     def step(self, iterate: Iterate, effort: Effort) -> tuple[Iterate, Outcome | None]:
         """One iteration: linearise, solve, correct, search, accept or shrink."""
         merit, z = iterate.merit, iterate.z
-        variation = self.nlp.variation(z) if self.smoothing > 0.0 else None
+        variation = self.variation(z)
         radius = self.options.trust_region * iterate.region.radius
         found = propose(self.nlp, self.lp, iterate, radius, variation, effort)
         if found is None:
@@ -202,6 +205,13 @@ class SlpSolver:
             merit = iterate.merit.scaled(WEIGHT_GROWTH)
             iterate = replace(iterate, merit=merit, raises=iterate.raises + 1, gains=())
         return iterate, outcome
+
+    def variation(self, z: Array) -> Variation | None:
+        """Differences of the controls as they are weighed; None if they are not."""
+        if self.smoothing <= 0.0:
+            return None
+        variation = self.nlp.variation(z)
+        return SquaredVariation(*variation) if self.squares else variation
 
     def shrunk_near_feasible(
         self, region: TrustRegion, iterate: Iterate, trial: Trial, step: Array

@@ -13,6 +13,7 @@ and zero on rows that are satisfied: d = 0 is always feasible.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,12 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.solvers.merit import NEGLIGIBLE, Merit
-from tominpmp.transcription.base import Linearization, StepBounds, Variation
+from tominpmp.transcription.base import (
+    Linearization,
+    SquaredVariation,
+    StepBounds,
+    Variation,
+)
 from tominpmp.transcription.rows import Rows
 
 # Keys of rows and columns that are not of the transcription begin here.
@@ -39,8 +45,9 @@ class Subproblem:
         size: Number of unknowns of the transcription.
         row_count: Number of rows of the transcription.
         matrix: Jacobian of its rows in all unknowns, shape (r, size).
-        root: Root of the curvature of its objective in all unknowns, shape (k, size);
-            None if that is linear.
+        root: Root of the curvature of its objective in all unknowns, but for that of
+            squared differences, which the merit knows, shape (k, size); None if that
+            is linear.
     """
 
     program: LinearProgram
@@ -99,13 +106,20 @@ def build_subproblem(
         root: Root of the curvature of the objective, shape (k, size); None for none.
     """
     rows = merit.rows
+    gradient, curvature = merit.cost, root
+    if isinstance(variation, SquaredVariation):
+        own = math.sqrt(2.0 * merit.smoothing) * variation.matrix
+        differences = variation.matrix @ z + variation.offset
+        gradient = gradient + 2.0 * merit.smoothing * (differences @ variation.matrix)
+        curvature = own if root is None else sp.vstack([root, own], format="csr")
+        variation = None
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
     chosen, matrix, low, high = _rows_within_reach(rows, values, linearization, steps)
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     count = chosen.size
     columns = [matrix[:, free].tocsc()]
-    cost, lower, upper = [merit.cost[free]], [steps.lower[free]], [steps.upper[free]]
+    cost, lower, upper = [gradient[free]], [steps.lower[free]], [steps.upper[free]]
     keys = [free]
     if variation is not None:
         differences = variation.matrix @ z + variation.offset
@@ -141,7 +155,7 @@ def build_subproblem(
         np.concatenate(upper),
         np.concatenate(row_keys),
         np.concatenate(keys),
-        _curvature(root, free, body.shape[1]),
+        _curvature(curvature, free, body.shape[1]),
     )
     return Subproblem(program, free, chosen, z.size, rows.size, matrix, root)
 
