@@ -44,6 +44,8 @@ DURATION_FACTOR = 2.0
 RESTS = 0.5
 # Name of the guess that stays at the start.
 RESTING = "at rest"
+# Name of those along paths around obstacles.
+SAMPLED = "sampled path"
 # Name of those that keep constraints on the way.
 KEEPING = "within constraints"
 # Samples of a guess.
@@ -134,9 +136,7 @@ def along_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
     return _along(system, RoundedPath.through(corners, velocity), name)
 
 
-def path_guess(
-    system: ProblemFunctions, corners: Array, name: str = "sampled path"
-) -> Guess:
+def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) -> Guess:
     """Path through corners that are rounded, in minimum time where that can be told.
 
     The corners, shape (m, n) [rad or m], are those of a path that keeps clear of

@@ -18,7 +18,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints import ClearanceConstraint
-from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.guess import SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Places on the path that are told apart, and the shortest time between two [s].
@@ -38,8 +38,8 @@ CAUTION = 0.02
 # standing still, and when they do, as shares of the time that a motion takes.
 WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
-# What guesses are called that follow a sampled path, and those that go just anywhere.
-SAMPLED, ANYWHERE = "sampled path", "via point"
+# What guesses are called that go just anywhere.
+ANYWHERE = "via point"
 
 
 def guesses_among_moving(

@@ -83,15 +83,19 @@ class PiqpSolver(LpSolver):
         begin = time.perf_counter()
         equal = program.row_lower == program.row_upper
         self._equal, self._program, self._other = equal, program, None
-        rows = program.matrix.tocsr()
-        equations = rows[equal]
-        self._scale = equation_scale(equations)
+        others, equations = program.matrix, None
+        self._scale = np.zeros(0)
+        if equal.any():
+            rows = program.matrix.tocsr()
+            others, equations = rows[~equal].tocsc(), rows[equal]
+            self._scale = equation_scale(equations)
+            equations = (sp.diags(self._scale) @ equations).tocsc()
         self._solver.setup(
             program.curved,
             program.cost,
-            (sp.diags(self._scale) @ equations).tocsc() if equal.any() else None,
-            self._scale * program.row_lower[equal] if equal.any() else None,
-            rows[~equal].tocsc(),
+            equations,
+            None if equations is None else self._scale * program.row_lower[equal],
+            others,
             np.maximum(program.row_lower[~equal], -HUGE),
             np.minimum(program.row_upper[~equal], HUGE),
             np.maximum(program.lower, -HUGE),

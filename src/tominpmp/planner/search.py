@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.initial_guess.bumps import bumps
-from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import NEARLY, CoarseSearch, torques_rule
@@ -140,8 +140,24 @@ class Search:
                 return
             if progress.best < np.inf and not self.promising:
                 return
-        yield from coarse.descents(self.guesses.since(0), self.wanted)
+        yield from coarse.descents(self._from_paths(), self.wanted)
         self.stopped = coarse.stopped
+
+    def _from_paths(self) -> Iterator[Guess]:
+        """The guesses, a sampled path before the one straight line among obstacles.
+
+        It leads to the same motion, or to one as good, in half the programs, where the
+        straight line is not near one.
+        """
+        first = self.guesses.get(0)
+        second = None
+        if self.wanted == 1 and not self.system.alone:
+            second = self.guesses.get(1)
+        if first is None or second is None or second.name != SAMPLED:
+            yield from self.guesses.since(0)
+            return
+        yield from (second, first)
+        yield from self.guesses.since(2)
 
     def _leads_astray(self, record: IterationRecord) -> Status | None:
         """End a descent among obstacles that is not near the best motion soon."""

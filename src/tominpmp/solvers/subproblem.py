@@ -118,26 +118,25 @@ def build_subproblem(
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     count = chosen.size
-    columns = [matrix[:, free].tocsc()]
+    body = matrix[:, free]
     cost, lower, upper = [gradient[free]], [steps.lower[free]], [steps.upper[free]]
     keys = [free]
     if variation is not None:
         differences = variation.matrix @ z + variation.offset
         k = differences.size
-        columns += [sp.csc_matrix((count, 2 * k))]
         cost += [np.full(2 * k, merit.smoothing)]
         lower += [np.zeros(2 * k)]
         upper += [np.full(2 * k, np.inf)]
         keys += [_KEY_BLOCK + np.arange(2 * k)]
     row_keys, row_low, row_high = [chosen], [low], [high]
-    blocks = [sp.hstack(columns, format="csr")]
     if variation is not None:
         eye = sp.identity(k, format="csr")
-        blocks.append(sp.hstack([variation.matrix[:, free], -eye, eye], format="csr"))
+        none = sp.csr_matrix((count, 2 * k))
+        differing = sp.hstack([variation.matrix[:, free], -eye, eye], format="csr")
+        body = sp.vstack([sp.hstack([body, none]), differing], format="csr")
         row_low.append(-differences)
         row_high.append(-differences)
         row_keys.append(_KEY_BLOCK + np.arange(k))
-    body = sp.vstack(blocks, format="csr")
     if slack_groups.size:
         elastic = _elastic_columns(rows, values, chosen, violation, slack_groups)
         padding = sp.csr_matrix((body.shape[0] - count, slack_groups.size))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,12 +48,23 @@ class Rows:
 
     def group_violation(self, values: Array) -> Array:
         """Largest violation in each group, shape (number of groups,)."""
+        violation, starts = self.violation(values), self._starts
+        if starts is not None:
+            return np.asarray(np.maximum.reduceat(violation, starts))
         count = int(self.group.max()) + 1 if self.size else 0
         out = np.zeros(count)
-        np.maximum.at(out, self.group, self.violation(values))
+        np.maximum.at(out, self.group, violation)
         return out
 
-    @property
+    @cached_property
+    def _starts(self) -> IntArray | None:
+        """Where each group begins; None if its rows are not side by side."""
+        rise = np.diff(self.group, prepend=-1)
+        if not self.size or np.any((rise != 0) & (rise != 1)):
+            return None
+        return np.flatnonzero(rise)
+
+    @cached_property
     def group_kind(self) -> IntArray:
         """Kind of each group, shape (number of groups,)."""
         count = int(self.group.max()) + 1 if self.size else 0
