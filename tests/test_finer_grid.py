@@ -9,7 +9,13 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.planner.finer_grid import nothing_to_gain, to_be_split
+from tominpmp.planner.finer_grid import (
+    USUAL,
+    Promise,
+    Work,
+    nothing_to_gain,
+    to_be_split,
+)
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
@@ -181,3 +187,19 @@ def test_a_motion_of_segments_becomes_no_slower():
     assert solution.success
     assert solution.T < search.T
     assert len(solution.segments) == 2
+
+
+def test_a_grid_that_promises_too_little_is_not_looked_at_between_its_rows():
+    gain = USUAL.gain
+    for first, reached, broken in (
+        (0.5 * gain, 1.0, True),
+        (4.0 * gain, 1.0 - 0.5 * gain, True),
+        (4.0 * gain, 1.0 - 2.0 * gain, False),
+    ):
+        promise = Promise(None, 2.0, 2.0, Work(1.0, USUAL), 40)
+        promise.first, promise.reached = first, 2.0 * reached
+        assert promise.broken is broken
+    # A later round adds to what the first has brought.
+    later = Promise(None, 2.0, 2.0 * (1.0 - 2.0 * gain), Work(1.0, USUAL), 40)
+    later.first = 0.1 * gain
+    assert not later.broken

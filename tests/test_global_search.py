@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from two_link_cases import all_cases
 
 import tominpmp as tm
 from tominpmp.initial_guess.bumps import HEIGHT, bumped, bumps
-from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.initial_guess.guess import SAMPLED, straight_guess
 from tominpmp.planner import search
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
@@ -118,3 +120,18 @@ def test_a_thorough_search_is_exact_on_two_links_and_keeps_to_its_time():
     assert solution.success
     assert solution.T < 1.001 * case.minimum
     assert solution.planning_time < 1.1 * 30.0 + 0.2
+
+
+def test_among_obstacles_a_sampled_path_comes_before_the_straight_line():
+    line, path, other = (SimpleNamespace(name=name) for name in ("line", SAMPLED, "x"))
+    for alone, wanted, guesses, order in (
+        (False, 1, [line, path, other], [path, line, other]),
+        (True, 1, [line, path, other], [line, path, other]),
+        (False, 4, [line, path, other], [line, path, other]),
+        (False, 1, [line, other], [line, other]),
+        (False, 1, [line], [line]),
+    ):
+        remembered = search.Remembered(iter(guesses))
+        system = SimpleNamespace(alone=alone)
+        made = search.Search(system, None, None, remembered, wanted, swings=False)
+        assert list(made._from_paths()) == order

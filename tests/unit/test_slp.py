@@ -12,7 +12,12 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.solvers.subproblem import build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import Status
-from tominpmp.transcription.base import Linearization, StepBounds
+from tominpmp.transcription.base import (
+    Linearization,
+    SquaredVariation,
+    StepBounds,
+    Variation,
+)
 from tominpmp.transcription.rows import Rows
 
 
@@ -206,3 +211,59 @@ def test_what_the_duration_does_not_hang_on_stays_where_it_is():
     assert result.best.z[0] == pytest.approx(0.3, abs=1e-6)
     # What it hangs on moves all the way.
     assert result.best.duration == pytest.approx(0.1, abs=1e-6)
+
+
+def test_squared_differences_cost_no_columns_and_find_the_same_rest():
+    """t >= 1 leaves x and y free: their difference from 0.4 is quiet where it is 0."""
+    program = Program(
+        [("torque", [1.0], [np.inf], [0])],
+        lambda z: [z[2]],
+        lambda z: [[0.0, 0.0, 1.0]],
+        [-5, -5, 0.1],
+        [5, 5, 20],
+    )
+    differences = Variation(sp.csr_matrix([[1.0, -1.0, 0.0]]), np.array([-0.4]))
+    program.variation = lambda z: differences
+    options, columns = Options(tolerance=1e-7), []
+    for squares in (False, True):
+        lp = make_solver("piqp")
+        solver = SlpSolver(program, options, 1e-2, lp, squares=squares)
+        result = solver.run(np.array([2.0, 0.0, 3.0]))
+        assert result.status is Status.CONVERGED
+        assert result.best.duration == pytest.approx(1.0, abs=1e-5)
+        assert differences.total(result.best.z) == pytest.approx(0.0, abs=2e-2)
+        z = result.best.z
+        steps, iterate = program.step_bounds(z, 0.1), solver.init(z)
+        built = build_subproblem(
+            iterate.merit,
+            iterate.values,
+            program.linearize(z, iterate.values, steps),
+            steps,
+            solver.variation(z),
+            z,
+        )
+        columns.append(built.program.cost.size)
+    assert columns[1] == columns[0] - 2
+
+
+def test_the_program_of_squared_differences_is_their_merit():
+    program, z, step = circle(), np.array([2.0, 2.0, 10.0]), np.array([0.1, -0.2, -0.3])
+    solver = SlpSolver(program, Options(), 0.3, make_solver("piqp"))
+    squares = SquaredVariation(
+        sp.csr_matrix([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0]]), np.array([0.7, -0.2])
+    )
+    iterate, steps = solver.init(z), program.step_bounds(z, 3.0)
+    linearization = program.linearize(z, iterate.values, steps)
+    built = build_subproblem(
+        iterate.merit, iterate.values, linearization, steps, squares, z
+    ).program
+    merit = [iterate.merit(there, iterate.values, squares) for there in (z, z + step)]
+    promised = built.cost[:3] @ step + 0.5 * step @ built.curved[:3, :3] @ step
+    assert promised == pytest.approx(merit[1] - merit[0], rel=1e-12)
+
+
+def test_groups_are_as_violated_as_their_worst_row_in_any_order():
+    lower, values = np.zeros(4), np.array([-1.0, 2.0, -3.0, -0.5])
+    for groups, worst in (([0, 0, 1, 1], [1.0, 3.0]), ([0, 1, 0, 1], [3.0, 0.5])):
+        rows = Rows.stack([("torque", lower, lower + 9.0, np.array(groups))])
+        np.testing.assert_array_equal(rows.group_violation(values), worst)
