@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import piqp
@@ -28,6 +30,10 @@ RESIDUAL = 1e-7
 # Passes of equilibration, and what regularises equations in the end: more passes after
 PIQP_SCALINGS, PIQP_LAST = 2, 1e-10  # ours cost iterations, less lets rounding grow
 
+# Systems are factorised stage by stage where coefficients are at most this share of all
+# that rows might have.
+STAGED, STAGED_SHARE = piqp.KKTSolver.sparse_multistage, 0.1
+
 
 @dataclass(frozen=True)
 class Nearly:
@@ -49,6 +55,34 @@ class Nearly:
 
 
 USUALLY = Nearly()
+
+
+def factorisation(program: LinearProgram, equations: bool) -> Any:
+    """How PIQP factorises its linear systems for a program.
+
+    Stage by stage where that has two thirds of the time and the same iterations and
+    solutions: curvature in all unknowns, nothing but inequalities, and these of few
+    unknowns each. Where nothing bends, or there are equations, rounding spoils it.
+
+    Args:
+        program: The program.
+        equations: Whether it has any.
+    """
+    matrix = program.matrix
+    few = matrix.nnz <= STAGED_SHARE * matrix.shape[0] * matrix.shape[1]
+    staged = program.curvature is not None and not equations and few
+    return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
+
+
+@cache
+def _staged_works() -> bool:
+    """Whether this PIQP was built with what it takes, which not all are."""
+    one, bound = sp.identity(2, format="csc"), np.ones(2)
+    solver = piqp.SparseSolver()
+    solver.settings.verbose = False
+    solver.settings.kkt_solver = STAGED
+    solver.setup(one, bound, None, None, one, -bound, bound, -bound, bound)
+    return bool(solver.solve() == piqp.PIQP_SOLVED)
 
 
 class PiqpSolver(LpSolver):
@@ -90,6 +124,7 @@ class PiqpSolver(LpSolver):
             others, equations = rows[~equal].tocsc(), rows[equal]
             self._scale = equation_scale(equations)
             equations = (sp.diags(self._scale) @ equations).tocsc()
+        self._solver.settings.kkt_solver = factorisation(program, equations is not None)
         self._solver.setup(
             program.curved,
             program.cost,
