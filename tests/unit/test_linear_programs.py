@@ -16,6 +16,7 @@ from tominpmp.linear_programs import (
     available_solvers,
     make_solver,
 )
+from tominpmp.linear_programs import piqp as piqp_module
 from tominpmp.program_records import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]
@@ -195,3 +196,33 @@ def test_a_share_of_the_objective_may_be_near_enough():
     assert rough.optimal
     assert rough.iterations == few.iterations
     assert abs(p.cost @ rough.x - best) < 0.9 * abs(best)
+
+
+def test_curved_programs_of_short_rows_are_solved_stage_by_stage_to_the_same(
+    monkeypatch,
+):
+    rng = np.random.default_rng(3)
+    columns = 60
+    near = sum(sp.diags(rng.normal(size=columns), k, (60, 60)) for k in range(3))
+    wide = 0.1 * np.ones(columns)
+    flat = program(
+        rng.normal(size=columns),
+        near.toarray(),
+        -np.ones(60),
+        np.ones(60),
+        -wide,
+        wide,
+    )
+    curved = replace(flat, curvature=sp.identity(columns, format="csc"))
+    full = replace(curved, matrix=sp.csc_matrix(np.ones((60, 60))))
+    staged, usual = piqp_module.STAGED, piqp_module.piqp.KKTSolver.sparse_ldlt
+    choose = piqp_module.factorisation
+    assert choose(curved, False) in (staged, usual)  # not all builds have it
+    assert {choose(p, False) for p in (flat, full)} == {usual}
+    assert choose(curved, True) == usual
+    one = PiqpSolver().solve(curved)
+    monkeypatch.setattr(piqp_module, "factorisation", lambda *_: usual)
+    other = PiqpSolver().solve(curved)
+    assert one.optimal and one.iterations == other.iterations
+    np.testing.assert_allclose(one.x, other.x, atol=1e-9)
+    np.testing.assert_allclose(one.row_duals, other.row_duals, atol=1e-9)
