@@ -83,3 +83,19 @@ def test_two_links_that_pick_up_a_load():
     slower = replace(path, t=t, v=v, a=a, segment_ends=ends)
     again = slower.with_torques(path.inverse_dynamics, path.segment_dynamics)
     assert not tm.certify(problem, again).ok
+
+
+def test_light_joints_are_not_promised_speeds_between_the_nodes():
+    """What is promised is no more than the speed limits leave, where T is known."""
+    robot = make_arm(slide(2.0), slide(1e-3), effort=(10.0, 10.0), velocity=(5.0, 1.0))
+    segments = [
+        tm.Segment(tm.JointGoal([0.02, 0.3]), stop=True),
+        tm.Segment(tm.JointGoal([0.1, 1.3])),
+    ]
+    problem = tm.Problem(robot, [0.0, 0.0], segments=segments)
+    options = tm.Options(control="linear", intervals=20, grid="uniform", refine=None)
+    solution = tm.plan(problem, options)
+    assert solution.success, solution.message
+    found = solution.certificate
+    least = tm.lower_bound(problem).T
+    assert (1.0 - found.stationarity) * solution.T > 0.999 * least

@@ -90,10 +90,14 @@ class _Inside:
     # -- states ------------------------------------------------------------------------
 
     def speeds(self) -> LimitRows | None:
-        """Speeds that are largest between the nodes."""
+        """Speeds that are largest between the nodes, or may come to be."""
         limit = self.motion.task.problem.robot.limits.velocity
         share, ends = self.state.v / limit, np.abs(self.motion.changes.v) / limit
         index, joint = self._largest(np.abs(share), _at_ends(ends))
+        if self.motion.changes.shape == "ramps":
+            index, joint = self._with_middles(
+                index, joint, limit - np.abs(self.state.v)
+            )
         if not index.size:
             return None
         slopes, value = self._one_of(joint, limit), share[index, joint]
@@ -109,6 +113,26 @@ class _Inside:
             slopes=np.zeros_like(slopes),
             speed_slopes=slopes,
         )
+
+    def _with_middles(
+        self, index: IntArray, joint: IntArray, room: Array
+    ) -> tuple[IntArray, IntArray]:
+        """Instants and joints, and the middles where a speed can be raised too much.
+
+        An acceleration that is raised at the beginning of an interval and lowered at
+        its end leaves the speeds at both as they are; light joints can do that by much.
+        """
+        motion, every = self.motion, SHARES.size
+        inertia = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
+        strongest = 2.0 * motion.task.effort_half / np.maximum(inertia, 1e-12)
+        h, middle = motion.changes.h, SHARES.size // 2
+        interval, light = np.nonzero(h[:, None] * strongest / 8.0 > room[middle::every])
+        known = np.isin(
+            interval * motion.changes.n + light,
+            (index // every) * motion.changes.n + joint,
+        )
+        more = interval[~known] * every + middle
+        return np.append(index, more), np.append(joint, light[~known])
 
     def positions(self) -> LimitRows | None:
         """Positions of joints that turn back at a limit between the nodes."""
