@@ -15,7 +15,8 @@ from tominpmp.batch.neighbours import Rounds
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt, finer_grid
-from tominpmp.planner.continuation import PATIENCE, _astray
+from tominpmp.planner.continuation import FAR
+from tominpmp.planner.judges import PATIENCE, stagnating
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -127,6 +128,7 @@ def test_starts_that_come_to_no_motion_are_given_up(
     violations: list[float], over: bool
 ) -> None:
     records = [SimpleNamespace(violation=value) for value in violations]
-    judge = _astray(SimpleNamespace(records=records))  # type: ignore[arg-type]
-    status = judge(records[-1])  # type: ignore[arg-type]
-    assert status is (Status.STALLED if over else None)
+    judge = stagnating(FAR)
+    statuses = [judge(record) for record in records]  # type: ignore[arg-type]
+    assert statuses[-1] is (Status.STALLED if over else None)
+    assert not any(statuses[:-1])

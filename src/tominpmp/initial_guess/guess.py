@@ -16,7 +16,7 @@ from tominpmp.initial_guess.constrained import (
     keeping_paths,
     keeps_positions,
 )
-from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.initial_guess.inverse_kinematics import find_configurations, shut_out
 from tominpmp.initial_guess.pace import load_stretch, stretch
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import (
@@ -67,6 +67,7 @@ class Guess:
         timed: Whether the duration is the least for this path.
         delay: How long the arm stays at the start before [s], within the duration.
         keeps: Whether it keeps the constraints on positions, as far as that was tried.
+        blocked: Whether no configuration that reaches the goal was found that is clear.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Guess:
     timed: bool
     delay: float = 0.0
     keeps: bool = True
+    blocked: bool = False
 
     @property
     def duration(self) -> float:
@@ -249,34 +251,41 @@ def initial_guesses(
         beyond: Constraints on positions that hold once the goal is reached.
 
     Yields:
-        At most ``count`` guesses; none if inverse kinematics did not reach the goal.
+        At most ``count`` guesses; none if inverse kinematics did not reach the goal, or
+        in collision only, with no way out of it.
     """
-    guesses = _guesses(system, rng, duration, deadline, beyond)
-    yield from itertools.islice(guesses, count)
+    final = system.problem.goal.configuration
+    ends, blocked = _ends(system, rng, beyond) if final is None else ([final], False)
+    if ends:
+        guesses = _guesses(system, ends, rng, duration, deadline)
+        for guess in itertools.islice(guesses, count):
+            yield replace(guess, blocked=True) if blocked else guess
+
+
+def _ends(
+    system: ProblemFunctions, rng: np.random.Generator, beyond: Sequence[PathConstraint]
+) -> tuple[list[Array], bool]:
+    """Configurations that reach the goal, and whether all are in collision."""
+    goal, blocked = system.problem.goal, list[Array]()
+    for count in (KINEMATIC_STARTS, MORE_STARTS):
+        found = find_configurations(system, goal, count, rng, beyond=beyond)
+        if found.free:
+            return found.free[:STRAIGHT_LINES], False
+        blocked = found.blocked or blocked
+    if shut_out(system, blocked):
+        return [], True
+    return blocked[:STRAIGHT_LINES], True
 
 
 def _guesses(
     system: ProblemFunctions,
+    ends: Sequence[Array],
     rng: np.random.Generator,
     duration: float | None,
     deadline: float | None,
-    beyond: Sequence[PathConstraint],
 ) -> Iterator[Guess]:
     problem = system.problem
     final = problem.goal.configuration
-    if final is None:
-        ends: list[Array] = []
-        for count in (KINEMATIC_STARTS, MORE_STARTS):
-            ends, _ = goal_configurations(
-                system, problem.goal, count, rng, beyond=beyond
-            )
-            if ends:
-                break
-    else:
-        ends = [final]
-    if not ends:
-        return
-    ends = ends[:STRAIGHT_LINES]
     straight = [line_guess(system, q) for q in ends]
     both = sorted(
         zip(straight, ends, strict=True),

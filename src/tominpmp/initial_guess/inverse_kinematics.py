@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.goals import Goal
 from tominpmp.initial_guess.path import speed_weights
@@ -26,6 +27,11 @@ PATIENCE = 12
 DISTINCT = 1e-2
 # Solutions at least this far apart go before those near to one of them [rad].
 SPREAD = 0.5
+# Configurations in collision that are led out of it at most, and how far beyond what
+# is asked for [m].
+LED_OUT, BEYOND = 10, 1e-3
+# Singular values of a goal's Jacobian below this share of the largest are none.
+RANK = 1e-6
 
 
 class GoalSearch(NamedTuple):
@@ -50,6 +56,7 @@ class AtGoal:
         goal: The goal.
         alone: Whether nothing but the goal is asked for.
         beyond: Constraints on positions that hold from there on.
+        apart: Whether bodies are to keep their distances, too.
     """
 
     def __init__(
@@ -59,8 +66,10 @@ class AtGoal:
         *,
         alone: bool = False,
         beyond: Sequence[PathConstraint] = (),
+        apart: bool = False,
     ) -> None:
         self.system, self.goal = system, goal
+        self.clearance = system.clearance if apart else None
         rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
         self.constraints = tuple(
             item
@@ -78,10 +87,20 @@ class AtGoal:
         """
         value, by_q = self.goal.place_residual(self.system.kinematics, q)
         every = [item.excess_at_rest(q) for item in self.constraints]
+        if self.clearance is not None:
+            every.append(self._overlap(self.clearance, q))
         if not every:
             return value, by_q
         values, slopes = zip((value, by_q), *every, strict=True)
         return np.concatenate(values), np.concatenate(slopes)
+
+    def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
+        """What bodies lack of their distances [m], of those that lack anything."""
+        lack = clearance.length * clearance.values(q[None])[0] + BEYOND
+        near = np.flatnonzero(lack > 0.0)
+        first = np.zeros(near.size, dtype=np.int64)
+        found = clearance.derivatives_at(q[None], first, near)
+        return lack[near], clearance.length * found.gradients
 
 
 def solve_inverse_kinematics(
@@ -91,6 +110,7 @@ def solve_inverse_kinematics(
     *,
     alone: bool = False,
     beyond: Sequence[PathConstraint] = (),
+    apart: bool = False,
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
 
@@ -104,6 +124,7 @@ def solve_inverse_kinematics(
         q: Where to begin, shape (n,) [rad or m].
         alone: Whether nothing but the goal is asked for.
         beyond: Constraints on positions that hold from there on.
+        apart: Whether bodies are to keep their distances, too.
 
     Returns:
         Configuration, shape (n,), and the norm of the residual left there.
@@ -111,7 +132,7 @@ def solve_inverse_kinematics(
     limits = system.problem.robot.limits
     low, high = limits.position_lower, limits.position_upper
     q = np.clip(q, low, high)
-    asked = AtGoal(system, goal, alone=alone, beyond=beyond)
+    asked = AtGoal(system, goal, alone=alone, beyond=beyond, apart=apart)
     value, jacobian = asked.residual(q)
     damping = 1e-2
     error = mark = float(value @ value)
@@ -158,7 +179,8 @@ def find_configurations(
     """Distinct configurations that reach a goal, from many starts.
 
     Those that the speed limits let the arm reach soonest come first, as far as they are
-    not near to one before them.
+    not near to one before them. If all are in collision, and the goal leaves the arm
+    any freedom, it is looked for a way out of it.
 
     Returns:
         Configurations clear of obstacles and those in collision.
@@ -180,10 +202,55 @@ def find_configurations(
     weights = speed_weights(limits.velocity)
     found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
     clear = [is_free(system, q) for q in found]
-    return GoalSearch(
-        _spread(system, [q for q, ok in zip(found, clear, strict=True) if ok]),
-        _spread(system, [q for q, ok in zip(found, clear, strict=True) if not ok]),
-        0.0 if found else least,
+    free = _spread(system, [q for q, ok in zip(found, clear, strict=True) if ok])
+    blocked = _spread(system, [q for q, ok in zip(found, clear, strict=True) if not ok])
+    if not free:
+        free = _led_out(system, goal, blocked[:LED_OUT], alone=alone, beyond=beyond)
+    return GoalSearch(free, blocked, 0.0 if found else least)
+
+
+def _led_out(
+    system: ProblemFunctions,
+    goal: Goal,
+    blocked: Sequence[Array],
+    *,
+    alone: bool,
+    beyond: Sequence[PathConstraint],
+) -> list[Array]:
+    """Configurations that reach a goal beside those that collide there."""
+    found: list[Array] = []
+    for q in blocked:
+        if system.clearance is None or isolated(system, goal, q):
+            continue
+        moved, error = solve_inverse_kinematics(
+            system, goal, q, alone=alone, beyond=beyond, apart=True
+        )
+        new = error < REACHED and not _near(moved, found, DISTINCT)
+        if new and is_free(system, moved):
+            found.append(moved)
+    return found
+
+
+def isolated(system: ProblemFunctions, goal: Goal, q: Array) -> bool:
+    """Whether no other configuration near one that reaches a goal reaches it."""
+    _, by_q = goal.place_residual(system.kinematics, q)
+    values = np.linalg.svd(by_q / system.step_scale, compute_uv=False)
+    return values.size == q.size and bool(values[-1] > RANK * values[0])
+
+
+def shut_out(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
+    """Whether configurations in collision are all that may reach the goal.
+
+    They are where each of them is the only one around, and bodies are nearer to each
+    other than is allowed, not only nearer than what is asked for beyond that.
+    """
+    problem = system.problem
+    if not blocked or problem.checker.moving:
+        return False
+    margins = problem.checker.margins(problem.margin)
+    return all(
+        isolated(system, problem.goal, q) and not problem.checker.is_free(q, margins)
+        for q in blocked
     )
 
 

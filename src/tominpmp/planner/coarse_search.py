@@ -71,7 +71,6 @@ SAME = 0.05
 # What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
 # what a motion has to promise beyond the best one to be finished.
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
-
 # Intervals at once, at most, where torques rule and the grid may follow the motion, and
 # joints times intervals: programs of thirty joints take a second each.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
@@ -279,7 +278,8 @@ class CoarseSearch:
         early = self._secured(rough)
         progress.begin()
         former = rough.attempt
-        guess = replace(warm_start(system, former.trajectory), name=former.name)
+        guess = warm_start(system, former.trajectory)
+        guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
         solve = partial(solve_and_verify, system, fine, guess, progress)
         attempt = guarded(system.problem, fine, progress, former.name, solve)
         if attempt is None:

@@ -19,11 +19,12 @@ from tominpmp.planner.direct_solve import (
     solve_from_guess,
     with_rows_where_needed,
 )
-from tominpmp.planner.progress import Judge, Progress
+from tominpmp.planner.judges import stagnating
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import solve_by_shooting
 from tominpmp.problem import Problem
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -34,9 +35,9 @@ WARM_START_RADIUS = 0.3
 # next to nothing where speeds do (benchmarks/random_goals.py). It is done where no
 # joint is at its speed limit for more than this share of the nodes.
 SPEED_SHARE = 0.4
-# A start from a former motion is given up after so many iterations if it breaks limits
-# by more than this share, and that has not fallen to this share of it in the last ones.
-PATIENCE, FAR, LATELY, FALLING = 10, 0.05, 5, 0.9
+# A start from a former motion that stays this far from any is given up: what was near
+# goes on in a few iterations, or a search is the shorter way.
+FAR = 0.05
 # Nor is one enough that takes longer than this share of what a first guess takes.
 OUTDONE = 0.95
 # A limit is active from this share of it on.
@@ -66,7 +67,7 @@ def solve_from_warm_start(
         attempt = solve_by_shooting(system, near, progress, first)
     else:
         former = replace(former, halved=_halved(system, options, former))
-        with progress.judged(_astray(progress)):
+        with progress.judged(stagnating(FAR)):
             attempt = solve_and_verify(system, near, former, progress)
         own = attempt.trajectory.t.size - 1 > options.intervals
         attempt = replace(attempt, taken_over=own)
@@ -99,21 +100,6 @@ def _arrives(system: ProblemFunctions, motion: Trajectory, options: Options) -> 
     goal = system.problem.goal.nearest(system.kinematics, q, v)
     lack, _ = goal.place_residual(system.kinematics, q)
     return bool(np.max(np.abs(lack), initial=0.0) <= options.goal_tolerance)
-
-
-def _astray(progress: Progress) -> Judge:
-    """Ends a start from a former motion that comes to no motion.
-
-    What was near goes on in a few iterations, or a search is the shorter way.
-    """
-
-    def judge(record: IterationRecord) -> Status | None:
-        seen = [item.violation for item in progress.records]
-        late = len(seen) >= PATIENCE and record.violation > FAR
-        stuck = late and min(seen[-LATELY:]) > FALLING * min(seen[:-LATELY])
-        return Status.STALLED if stuck else None
-
-    return judge
 
 
 def outdone(system: ProblemFunctions, options: Options, progress: Progress) -> bool:

@@ -19,6 +19,7 @@ from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import REFINEMENTS, Attempt
+from tominpmp.planner.judges import FAR, ever_slower, stagnating
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import refine, unrefined
 from tominpmp.solvers.exchange import RowExchange
@@ -66,7 +67,10 @@ def solve_and_verify(
         first = guess
         if former is not None:
             first = _guess_of(tried, former)
-        return _solve_and_verify(tried, options, first, progress)
+        # Where the goal seems to be out of reach, no more is waited for than has to be.
+        judge = stagnating(FAR) if guess.blocked else None
+        with progress.judged(judge):
+            return _solve_and_verify(tried, options, first, progress)
 
     return with_rows_where_needed(system, progress, solve)
 
@@ -88,7 +92,8 @@ def with_rows_where_needed(
     if first is system or not attempt.touches or attempt.status in STOPPED:
         return attempt
     progress.links_touched = True
-    return solve(system, attempt).after(attempt)
+    with progress.judged(ever_slower(attempt.trajectory.duration)):
+        return solve(system, attempt).after(attempt)
 
 
 def _guess_of(system: ProblemFunctions, attempt: Attempt) -> Guess:

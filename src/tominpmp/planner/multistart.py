@@ -153,7 +153,15 @@ def _from_guesses(
     make = guesses_among_moving if system.problem.scene.moving else initial_guesses
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    guesses = make(system, count.most, rng, options.initial_duration, progress.ends)
+    made = make(system, count.most, rng, options.initial_duration, progress.ends)
+    first = next(made, None)
+    if first is None:
+        raise unreachable(system, rng)
+    guesses: Iterator[Guess] = itertools.chain([first], made)
+    if first.blocked:
+        # A motion may end where none was looked for; more of the same would not.
+        count = count._replace(rescues=count.usual)
+        guesses = itertools.islice(guesses, count.most)
     if suits(system, options):
         remembered = Remembered(guesses)
         search = Search(
@@ -166,7 +174,7 @@ def _from_guesses(
         )
         alone = _Source(system, options, progress, iter(()))
         yield from search.run(partial(alone.solve, 0))
-        if search.stopped:
+        if search.stopped or first.blocked:
             return
         # Where that has led to nothing, everything is tried in full.
         done = 0 if progress.best == np.inf else 1
@@ -186,8 +194,6 @@ def _from_guesses(
         # None is made, which may take a search, before it is known to be wanted.
         guess = source.next(max(count.wanted - number, 0))
         if guess is None:
-            if not number:
-                raise unreachable(system, rng)
             break
         if guess.timed and guess.duration > TOO_SLOW * progress.best:
             yield None

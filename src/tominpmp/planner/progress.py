@@ -97,7 +97,7 @@ class Progress:
         self.cut_short: Status | None = None
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
-        self._judge: Judge | None = None
+        self._judges: list[Judge] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []
         self._starts = first
         self._begin = time.perf_counter()
@@ -215,14 +215,17 @@ class Progress:
         """Let somebody end iterations that promise nothing, for a while.
 
         Args:
-            judge: Sees every record after it was shown; a status ends the iteration.
-                None for nobody.
+            judge: Sees every record after it was shown, and after those who judge it
+                already; a status ends the iteration. None for nobody else.
         """
-        self._judge = judge
+        if judge is None:
+            yield
+            return
+        self._judges.append(judge)
         try:
             yield
         finally:
-            self._judge = None
+            self._judges.pop()
 
     def extend(self, limit: float | None) -> None:
         """Set another limit for what is still to be done, from the beginning on [s]."""
@@ -269,8 +272,9 @@ class Progress:
         """
         self.records.append(replace(record, iteration=len(self.records)))
         status = self.see(record)
-        if status is None and self._judge is not None:
-            status = self._judge(record)
+        if status is None and self._judges:
+            found = (judge(record) for judge in self._judges)
+            status = next((status for status in found if status is not None), None)
             # One that has had its iterations still gets the rows that it lacks.
             self.let_go = status is Status.STALLED
         return status

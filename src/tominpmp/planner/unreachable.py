@@ -10,11 +10,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
-from tominpmp.initial_guess.inverse_kinematics import (
-    AtGoal,
-    find_configurations,
-    goal_configurations,
-)
+from tominpmp.initial_guess.inverse_kinematics import AtGoal, find_configurations
 from tominpmp.initial_guess.segments import following, unreached
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -28,10 +24,12 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
         where = f"segment {number + 1} of {len(system.parts)}: "
         system = reached
     goal = system.problem.goal
+    found = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, beyond=beyond)
+    if found.blocked:
+        return ProblemError(f"{where}goal: {_collision(system, found.blocked)}", "goal")
     held = _against_constraints(system, rng, beyond)
     if held:
         return ProblemError(f"{where}goal: {held}", "goal")
-    _, least = goal_configurations(system, goal, 2 * KINEMATIC_STARTS, rng)
     what = (
         "reaches it"
         if goal.frame_name is None
@@ -39,8 +37,31 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
     )
     return ProblemError(
         f"{where}goal: no configuration within the position limits {what}; the nearest "
-        f"one found misses it by {least:.4g} (m, rad)",
+        f"one found misses it by {found.least:.4g} (m, rad)",
         "goal",
+    )
+
+
+def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
+    """What is in the way of configurations that reach a goal.
+
+    Told of the one that overlaps least.
+    """
+    problem = system.problem
+    margins = problem.checker.margins(problem.margin)
+    contacts = [(problem.checker.closest(q, margins, None), q) for q in blocked]
+    contact, q = max(
+        ((contact, q) for contact, q in contacts if contact is not None),
+        key=lambda one: one[0].distance - one[0].margin,
+    )
+    pair = f"link {contact.link!r} and obstacle {contact.obstacle!r}"
+    if contact.own:
+        pair = f"links {contact.link!r} and {contact.obstacle!r}"
+    many = f"all {len(blocked)} configurations"
+    depth = f"lack {contact.margin - contact.distance:.4g} m of room"
+    return (
+        f"{many} found to reach it are in collision: in the one that is least so, "
+        f"{pair} {depth}, at q = {np.round(q, 4).tolist()}"
     )
 
 

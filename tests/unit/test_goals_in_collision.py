@@ -1,0 +1,122 @@
+"""Goals on a frame whose configurations collide: led out of it, or told of soon."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.initial_guess.inverse_kinematics import (
+    REACHED,
+    AtGoal,
+    GoalSearch,
+    find_configurations,
+    isolated,
+    solve_inverse_kinematics,
+)
+from tominpmp.initial_guess.rrt import is_free
+from tominpmp.planner.judges import EVER_SLOWER, ever_slower
+from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Two links of 3 m, or of 3, 2 and 1 m, turn from upright to a place beside it.
+UPRIGHT = np.pi / 2
+PLACE = (4.0, 2.0, 0.0)
+# The elbows of two links there.
+ELBOWS = (1.108, 2.789), (2.894, -0.789)
+
+
+def turning(
+    two: bool, *spheres: tuple[float, float], radius: float = 0.2
+) -> tm.Problem:
+    """To the place, with spheres in the way."""
+    arm = tm.load_robot("planar3r", position_lower=-6.0, velocity=3.0)
+    if two:
+        arm = arm.with_locked({"joint3": 0.0})
+    scene = tm.Scene(
+        [
+            tm.Sphere(f"S{i}", radius=0.2, position=(x, y, 0.0))
+            for i, (x, y) in enumerate(spheres)
+        ]
+    )
+    start = np.append(UPRIGHT, np.zeros(arm.n - 1))
+    return tm.Problem(arm, start, tm.PositionGoal("tip", PLACE), scene)
+
+
+def found(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
+    system = ProblemFunctions.of(problem)
+    rng = np.random.default_rng(0)
+    return system, find_configurations(system, problem.goal, 20, rng)
+
+
+@pytest.mark.parametrize("two", [True, False])
+def test_configurations_that_leave_no_freedom_are_isolated(two: bool) -> None:
+    system, search = found(turning(two))
+    assert search.free
+    alone = [isolated(system, system.problem.goal, q) for q in search.free]
+    assert alone == [two] * len(alone)
+
+
+def test_a_goal_that_is_reached_in_collision_only_is_refused_at_once() -> None:
+    words = r"goal: all 3 configurations found to reach it are in collision.*'S\d' lack"
+    with pytest.raises(ProblemError, match=words) as refused:
+        tm.plan(turning(True, *ELBOWS))
+    assert refused.value.field == "goal"
+
+
+def test_one_that_is_clear_with_the_other_elbow_is_planned() -> None:
+    solution = tm.plan(turning(True, ELBOWS[1]), effort="quick", refine=None)
+    assert solution.success, solution.message
+    assert solution.trajectory.q[-1, 1] < 0.0
+
+
+def test_freedom_leads_out_of_a_collision() -> None:
+    problem = turning(False, (2.06, 2.478))
+    system = ProblemFunctions.of(problem)
+    blocked = np.array([1.19337527, -1.45945531, 0.0])
+    assert not is_free(system, blocked)
+    q, error = solve_inverse_kinematics(system, problem.goal, blocked, apart=True)
+    assert error < REACHED
+    assert is_free(system, q)
+    there = system.kinematics.placement(q, "tip").translation
+    assert there == pytest.approx(PLACE, abs=1e-5)
+
+
+def test_its_residual_against_differences() -> None:
+    system = ProblemFunctions.of(turning(False, *ELBOWS))
+    asked = AtGoal(system, system.problem.goal, apart=True)
+    q = np.array([1.19, -1.45, 0.01])
+    value, by_q = asked.residual(q)
+    assert value.size > 3
+    for joint in range(3):
+        step = 1e-6 * np.eye(3)[joint]
+        slope = (asked.residual(q + step)[0] - asked.residual(q - step)[0]) / 2e-6
+        assert by_q[:, joint] == pytest.approx(slope, abs=1e-4)
+
+
+def test_guesses_that_end_in_collision_say_so() -> None:
+    def first(problem: tm.Problem) -> bool:
+        system = ProblemFunctions.of(problem)
+        return next(initial_guesses(system, 1, np.random.default_rng(0))).blocked
+
+    # A ring around the place leaves no way in, whatever the freedom.
+    ring = 0.5 * np.exp(2j * np.pi * np.arange(10) / 10)
+    spheres = [(PLACE[0] + z.real, PLACE[1] + z.imag) for z in ring]
+    assert first(turning(False, *spheres))
+    assert not first(turning(False))
+
+
+def test_iterations_that_only_become_slower_are_ended() -> None:
+    judge = ever_slower(1.0)
+    assert judge(record(0.9 * EVER_SLOWER, 0.1)) is None
+    assert judge(record(2.0 * EVER_SLOWER, 1e-5)) is None
+    assert judge(record(2.0 * EVER_SLOWER, 0.1)) is Status.STALLED
+
+
+def record(duration: float, violation: float) -> IterationRecord:
+    numbers = {f.name: 0 for f in fields(IterationRecord)}
+    return IterationRecord(**numbers | {"duration": duration, "violation": violation})
