@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -303,6 +304,31 @@ def test_no_bang_bang_motion_beats_the_bound(
         shares.append(found / total)
     # Many of them are the fastest there are.
     assert np.mean(np.array(shares) > 0.98) > 0.25
+
+
+def test_swings_know_curves_that_rise_again(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dip in the torque was filled up by what is higher beyond it: 0.81 of T."""
+    arm = replace(
+        random_arm(rng, True),
+        mass=1.0,
+        damping=0.0,
+        friction=0.3,
+        weight=(0.0, 2.0, 0.0),
+        effort=(-9.0, 9.0),
+        curve=EffortCurve([0.0, 0.8, 1.6, 3.0], [9.0, 3.5, 8.5, 5.0]),
+    )
+    first = pushed(arm, -1.0, 0.0, 1.0, 0.5)
+    assert first is not None
+    last = pushed(arm, *first[:2], -1.0, 0.1)
+    assert last is not None
+    T = first[2] + last[2]
+    monkeypatch.setattr(OneJoint, "of", lambda _: arm)
+    ends = np.array([-1.0, last[0]]), np.array([0.0, last[1]])
+    found = single_joint_time(None, *ends, True)  # type: ignore[arg-type]
+    assert found is not None
+    assert 0.99 * T < found < T
 
 
 def test_arm_that_cannot_hold_itself_has_a_bound_that_holds() -> None:

@@ -76,20 +76,19 @@ class Slope:
         """What the motor adds to the slope, if that is the same at all speeds."""
         if self.arm.curve is not None or self.arm.damping > 0.0:
             return None
-        return float(self.motor(np.zeros(1))[0])
+        return float(self.motor(np.zeros(1), np.zeros(1))[1][0])
 
-    def motor(self, v: Array) -> Array:
-        """Most that the motor adds to the slope at these speeds or higher ones."""
+    def motor(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Least and most that the motor adds to the slope between some speeds."""
         arm, sign = self.arm, -1.0 if self.backwards else 1.0
-        most = sign * arm.torque(v, sign)
-        if arm.curve is not None:
-            # Curves may rise again: what counts is the highest beyond the speed.
-            speeds = arm.curve.speed
-            later = np.maximum.accumulate((sign * arm.torque(speeds, sign))[::-1])[::-1]
-            place = np.searchsorted(speeds, v, "left")
-            beyond = np.append(later, later[-1])[place]
-            most = np.maximum(most, beyond)
-        return np.asarray(most / arm.mass)
+        ends = sign * arm.torque(low, sign), sign * arm.torque(high, sign)
+        least, most = np.minimum(*ends), np.maximum(*ends)
+        speeds = np.zeros(0) if arm.curve is None else arm.curve.speed
+        for speed, torque in zip(speeds, sign * arm.torque(speeds, sign), strict=True):
+            between = (low < speed) & (speed < high)
+            least = np.where(between, np.minimum(least, torque), least)
+            most = np.where(between, np.maximum(most, torque), most)
+        return least / arm.mass, most / arm.mass
 
     @property
     def drag(self) -> float:
@@ -136,15 +135,18 @@ def _step(slope: Slope, E: Array, rise: Array, least: Array, h: float) -> Array:
     """What E gains in a step at most, shape (b,)."""
     k = slope.drag
     v = np.sqrt(2.0 * np.maximum(E, 0.0))
-    most = slope.motor(np.zeros(1))[0]
+    most = slope.motor(np.zeros(1), np.full(1, np.inf))[1][0]
     # The largest speed in the step: E - h k sqrt(2 E) = known has this root.
     known = E + h * np.maximum(least + 2.0 * h * slope.steepest + most, 0.0)
     root = h * k if slope.backwards else 0.0
     high = root + np.sqrt(root**2 + 2.0 * np.maximum(known, 0.0))
     # A straight line that E is not below, for which friction is known in the mean.
     loss = 0.0 if slope.backwards else k * high
-    low = np.sqrt(2.0 * np.maximum(E + h * (least + slope.motor(high) - loss), 0.0))
-    motor = slope.motor(np.minimum(v, low))
+    low = np.zeros(v.shape)
+    for _ in range(2):  # from the least torque at speeds that the first look leaves
+        weakest = slope.motor(np.minimum(v, low), high)[0]
+        low = np.sqrt(2.0 * np.maximum(E + h * (least + weakest - loss), 0.0))
+    motor = slope.motor(np.minimum(v, low), high)[1]
     if k == 0.0:
         return np.asarray(rise + h * motor)
     end = high if slope.backwards else low

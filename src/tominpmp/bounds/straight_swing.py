@@ -97,13 +97,10 @@ def _ladder(arm: OneJoint, q: float, beside: float, end: bool) -> Ladder:
     at = np.linspace(q, q + side * beside, 50)
     weight = arm.weight[0] + arm.weight[1] * np.cos(at) + arm.weight[2] * np.sin(at)
     margin = beside / 49.0 * math.hypot(*arm.weight[1:])
-    still = np.zeros(1)
     # Largest forces to the right and to the left anywhere there, without friction.
-    right = float(arm.torque(still, 1.0)[0] - np.min(weight)) + margin
-    left = float(np.max(weight) - arm.torque(still, -1.0)[0]) + margin
-    if arm.curve is not None:
-        most = float(np.max(arm.curve.effort))
-        right, left = right + most, left + most
+    speeds = np.zeros(1) if arm.curve is None else arm.curve.speed
+    right = float(np.max(arm.torque(speeds, 1.0)) - np.min(weight)) + margin
+    left = float(np.max(weight) - np.min(arm.torque(speeds, -1.0))) + margin
     fastest = beside * arm.damping / arm.mass
     force = max(right, left) + arm.friction
     fastest += math.sqrt(fastest**2 + 2.0 * beside * max(force, 0.0) / arm.mass)
