@@ -118,8 +118,8 @@ class Options(Record):
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
             free. None takes 1e-4 T for "inverse" and "collocation", but on fine grids
-            of arms with nothing in their way none, where it costs 0.1 % of T, and among
-            obstacles the squares of the differences in place of their sum, which is
+            none where torques rule or nothing is in the way, where it costs 0.1 % of T,
+            and else the squares of the differences in place of their sum, which is
             quicker; and 0 for "adjoint".
         starts: Number of initial guesses; None lets the planner choose. More make the
             same attempts as fewer would and others after these, and while none has led

@@ -25,6 +25,7 @@ from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
+from tominpmp.planner import direct_solve
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
 from tominpmp.planner.progress import Kept, Progress
@@ -95,9 +96,8 @@ class Grids:
         Where torques rule, continuous accelerations on even intervals lose least; where
         speeds and obstacles do, constant ones on short intervals at both ends. A weight
         on the variation of torques leads to better optima on the coarse grid; on the
-        fine one it costs 0.1 % of T, and proximal steps keep them as quiet. If the
-        grid may follow the motion anyway, torques get twice the intervals at once: that
-        ends lower, by 0.1 to 0.5 % on six goals of four arms.
+        fine one it costs 0.1 % of T. If the grid may follow the motion anyway, torques
+        get twice the intervals at once: that ends 0.1 to 0.5 % lower (six goals).
 
         Args:
             system: The problem.
@@ -112,8 +112,9 @@ class Grids:
             max_iterations=min(options.max_iterations, ITERATIONS),
         )
         fine = replace(options, trust_region=RADIUS * options.trust_region)
-        if torques and system.alone:
+        if torques and (system.alone or direct_solve.by_squares(system, options)):
             fine = replace(fine, smoothing=options.smoothing or 0.0)
+        if torques and system.alone:
             control = options.control if options.control in DEGREES else "linear"
             coarse = replace(coarse, grid="uniform", control=control)
             if options.control == "auto" and options.refine in (None, "auto"):

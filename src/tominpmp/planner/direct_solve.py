@@ -141,7 +141,7 @@ def make_slp(
     return SlpSolver(program, options, smoothing, lp, progress, keep=keep)
 
 
-def by_squares(system: ProblemFunctions, options: Options, lp: LpSolver) -> bool:
+def by_squares(system: ProblemFunctions, options: Options) -> bool:
     """Whether the variation of torques counts by its squares.
 
     Among obstacles that takes a sixth off the time, as programs have a third of the
@@ -150,7 +150,8 @@ def by_squares(system: ProblemFunctions, options: Options, lp: LpSolver) -> bool
     """
     usual = options.method == "inverse" and options.control not in DEGREES
     usual = usual and options.smoothing is None
-    return usual and lp.curved and not system.alone and not system.parts
+    usual = usual and make_solver(options.lp_solver).curved
+    return usual and not system.alone and not system.parts
 
 
 def solve_from_guess(
@@ -176,7 +177,7 @@ def solve_from_guess(
     lp, smooth = make_solver(options.lp_solver), options.control in DEGREES
     # What the last violations cost is less than a finer grid brings.
     light = LIGHT if options.refine == "auto" else 0.0
-    squares = not coarse and by_squares(system, options, lp)
+    squares = not coarse and by_squares(system, options)
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
 

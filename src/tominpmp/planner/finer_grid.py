@@ -288,7 +288,7 @@ def _solve(
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = 0.0 if of.system.alone else SMOOTHING_SHARE * float(of.cost @ z)
-    squares = by_squares(of.system, options, lp)
+    squares = by_squares(of.system, options)
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,
