@@ -11,6 +11,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.coarse_grids import Grids
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.progress import Progress
 from tominpmp.status import IterationRecord, Status
@@ -79,3 +80,19 @@ def test_the_history_tells_of_each_iteration_once():
     solution = tm.plan(problem, effort="quick")
     found = [(r.duration, r.predicted, r.actual) for r in solution.history]
     assert len(set(found)) == len(found) > 0
+
+
+def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
+    robot = tm.load_robot("planar3r")
+    post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
+    problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))
+    system = ProblemFunctions.of(problem)
+    for torques, changes, smoothing in (
+        (True, {}, 0.0),
+        (False, {}, None),
+        (True, {"lp_solver": "highs"}, None),  # knows no proximal steps
+        (True, {"smoothing": 0.01}, 0.01),
+    ):
+        options = resolve_options(problem, tm.Options(**changes))
+        assert Grids.of(system, options, torques).fine.smoothing == smoothing
+        assert Grids.of(system, options, torques).coarse.smoothing == options.smoothing

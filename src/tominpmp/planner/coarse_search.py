@@ -25,25 +25,20 @@ from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
-from tominpmp.planner import direct_solve
 from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.coarse_grids import ITERATIONS, Grids
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
 from tominpmp.planner.progress import Kept, Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Intervals of a coarse grid, and of grids from which on a coarser one pays.
-INTERVALS = 16
+# Intervals of grids from which on a coarser one pays.
 LEAST_INTERVALS = 24
-# How exactly a coarse motion is found, and in how many iterations: it is gone on with.
-TOLERANCE = 2e-3
-ITERATIONS = 30
 # Iterations after which a guess is let go that has led to no motion, and before that to
 # nothing that is at all near one.
 PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
@@ -61,8 +56,6 @@ SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 TOO_SLOW = 1.4
 # How much slower a coarse motion may have to be, where it is all that there is.
 TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
-# Trust region for going on from a coarse motion, as a share of the usual one.
-RADIUS = 0.5
 # Share of the time that is allowed after which the first motion is replayed at once.
 LATE = 0.2
 # Instants at which motions are compared, and how near to each other the same ones are
@@ -72,58 +65,6 @@ SAME = 0.05
 # What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
 # what a motion has to promise beyond the best one to be finished.
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
-# Intervals at once, at most, where torques rule and the grid may follow the motion, and
-# joints times intervals: programs of thirty joints take a second each.
-TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
-
-
-@dataclass(frozen=True, eq=False)
-class Grids:
-    """How a guess is improved on a coarse grid, and how what it led to is gone on with.
-
-    Attributes:
-        coarse: Options for the coarse grid.
-        fine: Options for the grid that is asked for.
-    """
-
-    coarse: Options
-    fine: Options
-
-    @classmethod
-    def of(cls, system: ProblemFunctions, options: Options, torques: bool) -> Grids:
-        """Grids that suit a problem.
-
-        Where torques rule, continuous accelerations on even intervals lose least; where
-        speeds and obstacles do, constant ones on short intervals at both ends. A weight
-        on the variation of torques leads to better optima on the coarse grid; on the
-        fine one it costs 0.1 % of T. If the grid may follow the motion anyway, torques
-        get twice the intervals at once: that ends 0.1 to 0.5 % lower (six goals).
-
-        Args:
-            system: The problem.
-            options: Options of the plan.
-            torques: Whether torques rule the motion.
-        """
-        coarse = replace(
-            options,
-            intervals=INTERVALS,
-            refine=None,
-            tolerance=max(options.tolerance, TOLERANCE),
-            max_iterations=min(options.max_iterations, ITERATIONS),
-        )
-        fine = replace(options, trust_region=RADIUS * options.trust_region)
-        if torques and (system.alone or direct_solve.by_squares(system, options)):
-            fine = replace(fine, smoothing=options.smoothing or 0.0)
-        if torques and system.alone:
-            control = options.control if options.control in DEGREES else "linear"
-            coarse = replace(coarse, grid="uniform", control=control)
-            if options.control == "auto" and options.refine in (None, "auto"):
-                fine = replace(fine, control="linear")
-            if options.refine == "auto":
-                most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
-                finer = min(2 * options.intervals, most)
-                fine = replace(fine, intervals=max(options.intervals, finer))
-        return cls(coarse, fine)
 
 
 @dataclass(frozen=True, eq=False)
