@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner.finer_grid import (
     USUAL,
     Promise,
@@ -16,6 +18,12 @@ from tominpmp.planner.finer_grid import (
     nothing_to_gain,
     to_be_split,
 )
+from tominpmp.planner.progress import Progress
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.bends import BENDS
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
@@ -24,6 +32,7 @@ from tominpmp.transcription.grid import (
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.rows import Rows
 
 START, GOAL = (0.5, 1.7, -1.7), (0.5, 1.0, 1.0)
 # T on a grid four times finer may be less by this share of it.
@@ -190,16 +199,80 @@ def test_a_motion_of_segments_becomes_no_slower():
 
 
 def test_a_grid_that_promises_too_little_is_not_looked_at_between_its_rows():
-    gain = USUAL.gain
+    gain, work, options = USUAL.gain, Work(1.0, USUAL), tm.Options()
     for first, reached, broken in (
         (0.5 * gain, 1.0, True),
         (4.0 * gain, 1.0 - 0.5 * gain, True),
         (4.0 * gain, 1.0 - 2.0 * gain, False),
     ):
-        promise = Promise(None, 2.0, 2.0, Work(1.0, USUAL), 40)
+        promise = Promise(None, 2.0, 2.0, work, 40, options)
         promise.first, promise.reached = first, 2.0 * reached
         assert promise.broken is broken
     # A later round adds to what the first has brought.
-    later = Promise(None, 2.0, 2.0 * (1.0 - 2.0 * gain), Work(1.0, USUAL), 40)
+    later = Promise(None, 2.0, 2.0 * (1.0 - 2.0 * gain), work, 40, options)
     later.first = 0.1 * gain
     assert not later.broken
+
+
+WAYS = {"passed": ((0.9, 0.6, -0.4), False), "stopped at": ((0.9, 1.2, -0.4), True)}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_grid_four_times_finer_brings_little_to_segments(name):
+    way, stop = WAYS[name]
+    ways = [tm.Segment(tm.JointGoal(way), stop=stop), tm.Segment(tm.JointGoal(GOAL))]
+    problem = tm.Problem(tm.load_robot("planar3r"), START, segments=ways)
+    solution = tm.plan(problem)
+    finer = tm.plan(problem, start=solution, intervals=4 * solution.options.intervals)
+    assert solution.success
+    assert solution.T <= finer.T * (1.0 + CONTINUUM)
+
+
+def test_intervals_are_halved_where_constant_accelerations_leave_torque():
+    solution = planned("constant", None, None)
+    motion, problem = solution.trajectory, solution.problem
+    system = ProblemFunctions.of(problem)
+    of, z = Layout.of_motion(motion).taken_up(system, motion)
+    split, h = to_be_split(of, z), np.diff(motion.t)
+    # Torques where intervals begin and end, by the dynamics of the robot alone.
+    ends = (slice(0, -1), slice(1, None))
+    limit = problem.robot.limits.effort_upper
+    first, last = (
+        RobotDynamics(problem.robot).inverse(motion.q[k], motion.v[k], motion.a) / limit
+        for k in ends
+    )
+    at_limit = np.maximum(np.abs(first), np.abs(last)) > 0.98
+    lost = h * np.max(np.where(at_limit, 0.5 * np.abs(last - first), 0.0), axis=1)
+    assert lost[split].sum() >= BENDS * lost.sum()
+    assert lost[split].min() >= lost[~split].max()
+
+
+class Slow:
+    """A program of one row, which slowing down cures or not."""
+
+    def __init__(self, curable: bool) -> None:
+        one = np.ones(1)
+        part = ("clearance", -np.inf * one, 0.0 * one, np.zeros(1, dtype=int))
+        self.rows = Rows.stack([part], {"clearance"} if curable else ())
+        self.curable = curable
+
+    def stretch(self, z, factor):
+        return z * factor
+
+    def evaluate(self, z):
+        return np.array([1e-4 - (z[0] - 1.0 if self.curable else 0.0)])
+
+
+@pytest.mark.parametrize("curable", [True, False])
+def test_an_iteration_goes_on_while_slowing_down_is_no_cure(curable):
+    options, program, z = tm.Options(), Slow(curable), np.ones(1)
+    progress = Progress(options)
+    promise = Promise(progress, 1.0, 1.0, Work(1e9, USUAL), 40, options)
+    merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
+    iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
+    promise.keep(program, iterate)
+    values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
+    record = IterationRecord(**values | {"predicted": 1e-2, "violation": 1e-4})
+    # It has kept all that it promised, but for what is violated.
+    record = replace(record, actual=record.predicted, duration=1.0)
+    assert promise(record) == (Status.CONVERGED if curable else None)

@@ -28,26 +28,37 @@ from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.restoration import LIGHT
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.restoration import LIGHT, restored
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
-from tominpmp.transcription.layout import Gridded, Layout, split_intervals
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import (
+    QUADRATIC,
+    Gridded,
+    Layout,
+    split_intervals,
+)
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Another round promises half of what this one did, at most.
-FALLS = 2.0
+# What further rounds promise together is half of what this one did, at most; as much as
+# this one did where accelerations are constant, whose error falls with their lengths.
+FALLS, FALLS_OF_CONSTANT = 2.0, 1.0
 # Slowing down cures a violation of this much, and costs no more than half of it.
 CURABLE = 3e-4
-# Programs that all rounds together may take at least, on the first grid.
-LEAST_PROGRAMS = 16
-ITERATIONS = 8
+# Programs that all rounds together may take at least, on the first grid; and how much
+# more of everything where accelerations are constant: they need more intervals.
+LEAST_PROGRAMS, MORE_FOR_CONSTANT = 16, 3.0
+# Iterations on a grid; and at most, where violations are left that slowing down does
+# not cure: without them all that was gained would be lost.
+ITERATIONS, MOST_ITERATIONS = 8, 20
 # Trust region, as a share of the usual one: the motion is near to what it comes from.
 RADIUS = 0.3
 
@@ -77,7 +88,7 @@ class Thrift:
     bends: float
 
 
-USUAL = Thrift(3e-3, 1.5e-3, 1e-3, 3, 1.5, BENDS)
+USUAL = Thrift(3e-3, 1.5e-3, 1e-3, 5, 1.5, BENDS)
 # Where time matters less than T.
 LAVISH = Thrift(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
@@ -118,6 +129,8 @@ def on_finer_grid(
     progress.begin()
     made = sum(r.programs for attempt in attempts for r in attempt.history)
     programs = max(thrift.work * made, LEAST_PROGRAMS)
+    if best.trajectory.degree == QUADRATIC:
+        programs *= MORE_FOR_CONSTANT
     work = Work(programs * (best.trajectory.t.size - 1), thrift)
     solve = partial(refined, system, options, best, progress, work)
     faster = guarded(problem, options, progress, best.name, solve)
@@ -198,20 +211,26 @@ def _refined(
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
-        promise = Promise(progress, T, reached, work, of.intervals)
+        promise = Promise(progress, T, reached, work, of.intervals, options)
         program, result = _solve(of, z, options, lp, promise)
         found = result.best
         logger.info("%d intervals: promise %.1e", of.intervals, promise.first)
         if found is None or found.duration >= reached or promise.broken:
             break
         best, reached = (program, result), found.duration
-        if promise.first < FALLS * thrift.worth or work.spent:
-            break
         assert isinstance(program.transcription, Gridded)  # noqa: S101
+        if promise.first < _falls(of) * thrift.worth or work.spent:
+            break
         of, z = program.transcription, found.z
     if best is None or reached > (1.0 - thrift.gain) * T:
         return None
     return _attempt(system, options, attempt, best, progress)
+
+
+def _falls(of: Gridded) -> float:
+    """What a round has to promise for another one to be worth while, in its worth."""
+    constant = isinstance(of, InverseTranscription)
+    return FALLS_OF_CONSTANT if constant else FALLS
 
 
 def _attempt(
@@ -238,10 +257,13 @@ class Promise:
         begun: T of the motion that the iteration begins with [s].
         work: What may be done.
         intervals: Of the grid.
+        options: Options of the plan.
 
     Attributes:
         first: What the first step promised, as a share of T.
         reached: T of the last iterate [s].
+        iterations: How many it has seen.
+        latest: Program and iterate of the motion that was kept last.
     """
 
     def __init__(
@@ -251,11 +273,15 @@ class Promise:
         begun: float,
         work: Work,
         intervals: int,
+        options: Options,
     ) -> None:
         self.progress, self.duration = progress, duration
         self.work, self.intervals = work, intervals
         self.first, self.begun = np.nan, begun
-        self.reached = begun
+        self.reached, self.iterations = begun, 0
+        self.feasibility = options.feasibility
+        self.most = min(options.max_iterations, ITERATIONS)
+        self.latest: tuple[Program, Iterate] | None = None
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record; a status ends the iteration."""
@@ -266,8 +292,11 @@ class Promise:
             self.first = promised
         self.reached = record.duration
         self.work.done += record.programs * self.intervals
-        near, thrift = record.violation <= CURABLE, self.work.thrift
-        enough = near and (left < thrift.enough or self.work.spent)
+        self.iterations += 1
+        thrift = self.work.thrift
+        enough = left < thrift.enough or self.work.spent
+        enough = enough or self.iterations >= self.most
+        enough = enough and record.violation <= CURABLE and self._cured_by_time
         enough = enough or self.first < thrift.worth
         return status or (Status.CONVERGED if enough else None)
 
@@ -279,6 +308,20 @@ class Promise:
         """
         least = max(self.reached, (1.0 - self.first) * self.begun)
         return least > (1.0 - self.work.thrift.gain) * self.duration
+
+    def keep(self, program: Program, iterate: Iterate) -> None:
+        """See the best motion so far, or the present one, and have it kept."""
+        self.latest = (program, iterate)
+        self.progress.keep(program, iterate)
+
+    @property
+    def _cured_by_time(self) -> bool:
+        """Whether slowing down cures all that is violated: it parts nothing."""
+        if self.latest is None:
+            return True
+        program, iterate = self.latest
+        slower = restored(program, iterate, self.feasibility)
+        return slower.violation <= self.feasibility
 
 
 def _solve(
@@ -292,15 +335,15 @@ def _solve(
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,
-        max_iterations=min(options.max_iterations, ITERATIONS),
+        max_iterations=min(options.max_iterations, MOST_ITERATIONS),
     )
     program = NonlinearProgram.of(of).at(z)
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
-        keep = promise.progress.keep
-        solver = SlpSolver(program, options, smoothing, lp, promise, keep=keep)
+        promise.iterations = 0
+        solver = SlpSolver(program, options, smoothing, lp, promise, keep=promise.keep)
         return replace(solver, squares=squares).run(z, after=after)
 
     return solve_in_rounds(

@@ -32,6 +32,7 @@ from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.torque_losses import missing_torque, torques_at_ends
 from tominpmp.verification.verification import verify
 
 logger = logging.getLogger(__name__)
@@ -156,7 +157,7 @@ def interval_losses(
         z: An iterate of it.
     """
     if isinstance(transcription, InverseTranscription):
-        return _spline_losses(system, transcription, z)
+        return _spline_losses(transcription, z)
     x, u, h = transcription.split(z)
     shares = (u - system.effort_middle) / system.effort_half
     if system.friction is not None:
@@ -168,20 +169,10 @@ def interval_losses(
     return np.asarray(h * 0.25 * unsharp + h.sum() * np.max(error / scale, axis=1))
 
 
-def _spline_losses(
-    system: ProblemFunctions, transcription: InverseTranscription, z: Array
-) -> Array:
-    spline = transcription.motion(z)
-    h, a = spline.h, spline.a
-    begin, end = np.empty_like(a), np.empty_like(a)
-    parts = zip(system.segments, transcription.segments, strict=True)
-    for part, (first, last) in parts:
-        here, there = slice(first, last), slice(first + 1, last + 1)
-        begin[here] = part.torque(spline.q[here], spline.v[here], a[here])
-        end[here] = part.torque(spline.q[there], spline.v[there], a[here])
-    # Of a torque that runs to its limit half of the way is missing on the average.
-    at_limit = np.maximum(np.abs(begin), np.abs(end)) > 0.98
-    missing = np.max(np.where(at_limit, 0.5 * np.abs(end - begin), 0.0), axis=1)
+def _spline_losses(transcription: InverseTranscription, z: Array) -> Array:
+    h = transcription.motion(z).h
+    begin, end = torques_at_ends(transcription, z)
+    missing = missing_torque(begin, end)
     middle = 0.5 * (begin + end)
     unsharp = np.maximum(1.0 - np.maximum(np.abs(begin), np.abs(end)), 0.0)
     unsharp = np.max(unsharp * _jumps(middle), axis=1)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Gridded
+from tominpmp.transcription.torque_losses import missing_torque, torques_at_ends
 
 # The largest number of intervals.
 MOST_INTERVALS = 300
@@ -17,18 +19,21 @@ SHORTEST = 1e-3
 # to gain for it; if it is one that T hangs on, which is there for this share of T. The
 # others may swing at their limits to help it elsewhere.
 AT_LIMIT, RULING = 0.999, 0.4
+# Constant accelerations that leave this much of torques at their limits, in shares of
+# their half ranges in the mean, are held by that rather than by where they jump.
+MUCH_MISSING = 1e-2
 
 
 def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
-    """Which intervals are to be halved: those with a share of all bends, (N,)."""
-    h, speeds = of.motion(z).h, np.abs(of.trajectory(z).v)
-    limits = of.system.problem.robot.limits
-    bends = h * bends_of_controls(of, z)
-    at_limit = speeds > AT_LIMIT * limits.velocity
-    if at_limit.shape[0] == h.size + 1:  # no stays on the way
-        at_limit = at_limit[1:] & at_limit[:-1]
-        ruling = h @ at_limit > RULING * h.sum()
-        bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
+    """Which intervals are to be halved: those with a share of all bends, (N,).
+
+    Constant accelerations that are held by torques are divided where these run to their
+    limits: in halves they jump no less, and gain all the same.
+    """
+    h = of.motion(z).h
+    bends = _losses(of, z, h)
+    if bends is None:
+        bends = _bends(of, z, h)
     bends[h < SHORTEST * h.sum()] = 0.0
     order = np.argsort(-bends, kind="stable")
     before = np.cumsum(bends[order]) - bends[order]
@@ -36,6 +41,27 @@ def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
     split[order] = (bends[order] > 0.0) & (before < share * bends.sum())
     split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
     return split
+
+
+def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
+    """What torques at their limits lack, (N,); None if that is not much."""
+    if not isinstance(of, InverseTranscription):
+        return None
+    losses = h * missing_torque(*torques_at_ends(of, z))
+    return losses if losses.sum() > MUCH_MISSING * h.sum() else None
+
+
+def _bends(of: Gridded, z: Array, h: Array) -> Array:
+    """How much controls bend, with lengths, where speeds leave them room, (N,)."""
+    speeds = np.abs(of.trajectory(z).v)
+    limits = of.system.problem.robot.limits
+    bends = h * bends_of_controls(of, z)
+    at_limit = speeds > AT_LIMIT * limits.velocity
+    if at_limit.shape[0] == h.size + 1:  # no stays on the way
+        at_limit = at_limit[1:] & at_limit[:-1]
+        ruling = h @ at_limit > RULING * h.sum()
+        bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
+    return bends
 
 
 def bends_of_controls(of: Gridded, z: Array) -> Array:
