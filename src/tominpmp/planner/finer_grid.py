@@ -55,7 +55,7 @@ FALLS, FALLS_OF_CONSTANT = 2.0, 1.0
 CURABLE = 3e-4
 # Programs that all rounds together may take at least, on the first grid; and how much
 # more of everything where accelerations are constant: they need more intervals.
-LEAST_PROGRAMS, MORE_FOR_CONSTANT = 16, 3.0
+LEAST_PROGRAMS, MORE_FOR_CONSTANT = 16, 2.0
 # Iterations on a grid; and at most, where violations are left that slowing down does
 # not cure: without them all that was gained would be lost.
 ITERATIONS, MOST_ITERATIONS = 8, 20
