@@ -24,6 +24,7 @@ class LinearProgram:
         column_keys: Names of the columns, shape (n,).
         curvature: P, positive semidefinite, shape (n, n): x^T P x / 2 is added to the
             objective by solvers that are ``curved``; None for none.
+        scale: What changes of the objective are small or large beside.
     """
 
     cost: Array
@@ -35,6 +36,7 @@ class LinearProgram:
     row_keys: IntArray
     column_keys: IntArray
     curvature: sp.csc_matrix | None = None
+    scale: float = 1.0
 
     @property
     def curved(self) -> sp.csc_matrix:

@@ -43,6 +43,8 @@ class Nearly:
         gap: Duality gap that will do, in units of the objective.
         share: The same as a share of the objective; the larger of both counts.
         iterations: Iterations at most.
+        share_asked: Duality gap that is asked for, as a share of the program's scale:
+            what an iteration takes for progress is a few times as much.
         residual: Residual that is asked for. Rows are kept much better than that when
             the gap has closed; multipliers of limits that overlap are not, and waiting
             for their last digits took more than half of all iterations.
@@ -51,6 +53,7 @@ class Nearly:
     gap: float = 2e-5
     share: float = 0.0
     iterations: int = PIQP_ITERATIONS
+    share_asked: float = 1e-5
     residual: float = 1e-4
 
 
@@ -98,11 +101,8 @@ class PiqpSolver(LpSolver):
         self._nearly = nearly
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
-        # A duality gap is in seconds, of which steps of sequential linear programming
-        # need no more than the microseconds.
         solver.settings.check_duality_gap = True
-        solver.settings.eps_duality_gap_abs = 1e-6
-        solver.settings.eps_duality_gap_rel = 1e-6
+        solver.settings.eps_duality_gap_rel = nearly.share_asked
         solver.settings.preconditioner_iter = PIQP_SCALINGS
         solver.settings.reg_finetune_lower_limit = PIQP_LAST
         self._solver = solver
@@ -124,7 +124,9 @@ class PiqpSolver(LpSolver):
             others, equations = rows[~equal].tocsc(), rows[equal]
             self._scale = equation_scale(equations)
             equations = (sp.diags(self._scale) @ equations).tocsc()
-        self._solver.settings.kkt_solver = factorisation(program, equations is not None)
+        settings = self._solver.settings
+        settings.kkt_solver = factorisation(program, equations is not None)
+        settings.eps_duality_gap_abs = self._nearly.share_asked * abs(program.scale)
         self._solver.setup(
             program.curved,
             program.cost,

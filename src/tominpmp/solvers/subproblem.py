@@ -155,6 +155,7 @@ def build_subproblem(
         np.concatenate(row_keys),
         np.concatenate(keys),
         _curvature(curvature, free, body.shape[1]),
+        float(merit.cost @ z),
     )
     return Subproblem(program, free, chosen, z.size, rows.size, matrix, root)
 
