@@ -40,9 +40,11 @@ def test_a_former_motion_of_segments_is_the_start(former, tmp_path, kind, contro
     cold = tm.plan(changed, **(OPTIONS | {"control": control}))
     assert found.success and cold.success, found.message
     assert found.T <= 1.005 * cold.T
-    first = found.initial.q[0]
-    np.testing.assert_allclose(first, 0.02, atol=1e-9)
-    assert {record.start for record in found.history} == {0}
+    np.testing.assert_allclose(found.initial.q[0], 0.02, atol=1e-9)
+    # No other guess is made; its certificate may ask for a few more iterations.
+    first = [record.duration for record in found.history if record.start == 0]
+    later = [record.duration for record in found.history if record.start > 0]
+    assert later == pytest.approx([first[-1]] * len(later), rel=1e-3)
 
 
 def test_a_former_motion_goes_to_the_goal_that_it_is_nearest_to(former):
