@@ -1,9 +1,11 @@
-"""Position goals with the final configuration free, against 20 configurations tried.
+"""Goals on a frame, the final configuration free, against the configurations tried.
 
-Positions that a random configuration reaches, for arms with seven joints. The rival
-plans to each of 20 inverse-kinematics solutions as a joint goal and takes the best.
+Positions and poses that a random configuration reaches. The rival plans to each of 20
+inverse-kinematics solutions at most as a joint goal and takes the best. Of goals that
+are refused, or not reached, the rival is asked, too.
 
     python -m benchmarks.redundancy
+    python -m benchmarks.redundancy --robots panda --goals 10 --seed 3
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -16,21 +18,31 @@ one_thread()
 import argparse
 import statistics
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import tominpmp as tm
 from benchmarks.random_goals import load_arm, sample_problems
 from tominpmp.goals import FrameGoal
-from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.initial_guess.inverse_kinematics import find_configurations
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-FRAMES = {"panda": "panda_hand", "xarm7": "link7"}
+FRAMES = {
+    "panda": "panda_hand",
+    "xarm7": "link7",
+    "ur5": "tool0",
+    "kinova": "j2s6s200_end_effector",
+}
+KINDS = ("position", "pose")
 COLUMNS = (
     "robot",
+    "kind",
     "goal",
+    "outcome",
     "T",
     "seconds",
     "T_best",
@@ -40,58 +52,98 @@ COLUMNS = (
 TRIED = 20
 
 
+def goals_of(
+    name: str, kind: str, count: int, seed: int
+) -> Iterator[tuple[int, tm.Problem]]:
+    """Problems with the numbers of their goals; starts that collide are left out."""
+    robot = load_arm(name)
+    kinematics = RobotKinematics(robot)
+    for number, (q_start, q_there) in enumerate(sample_problems(robot, count, seed)):
+        place = kinematics.placement(q_there, FRAMES[name])
+        goal: FrameGoal = tm.PoseGoal(FRAMES[name], place)
+        if kind == "position":
+            goal = tm.PositionGoal(FRAMES[name], place.translation)
+        try:
+            yield number, tm.Problem(robot, q_start, goal)
+        except tm.ProblemError:
+            continue
+
+
+def timed(problem: tm.Problem) -> tuple[str, float, float]:
+    """How a plan ended, T [s], and its processor time [s]."""
+    begin = time.process_time()
+    try:
+        solution = tm.plan(problem)
+        outcome, T = solution.status.name, float(solution.T)
+    except tm.ProblemError:
+        outcome, T = "refused", np.inf
+    return outcome, T, time.process_time() - begin
+
+
+def best_of_all(problem: tm.Problem, seed: list[int]) -> tuple[float, float, int]:
+    """T of the best joint goal [s], processor time of all [s], and how many."""
+    system, rng = ProblemFunctions.of(problem), np.random.default_rng(seed)
+    found = find_configurations(system, problem.goal, TRIED, rng).free
+    plans = [
+        timed(tm.Problem(problem.robot, problem.q_start, tm.JointGoal(q)))
+        for q in found[:TRIED]
+    ]
+    T = min((T for _, T, _ in plans), default=np.inf)
+    return T, sum(seconds for *_, seconds in plans), len(plans)
+
+
 def main() -> int:
     """Measure, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", default="panda,xarm7")
+    parser.add_argument("--robots", default="panda,xarm7,ur5,kinova")
+    parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--goals", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--csv", type=Path, default=Path("out/redundancy.csv"))
     arguments = parser.parse_args()
     sheet = Sheet(arguments.csv, COLUMNS)
     for name in arguments.robots.split(","):
-        robot = load_arm(name)
-        goals = sample_problems(robot, arguments.goals, arguments.seed)
-        kinematics = RobotKinematics(robot)
-        for number, (q_start, q_there) in enumerate(goals):
-            place = kinematics.placement(q_there, FRAMES[name]).translation
-            goal = tm.PositionGoal(FRAMES[name], place)
-            problem = tm.Problem(robot, q_start, goal, self_collision=False)
-            begin = time.process_time()
-            free = tm.plan(problem)
-            seconds = time.process_time() - begin
-            assert isinstance(problem.goal, FrameGoal)
-            rng = np.random.default_rng([arguments.seed, number])
-            found, _ = goal_configurations(
-                ProblemFunctions.of(problem), problem.goal, TRIED, rng
-            )
-            begin = time.process_time()
-            durations = [
-                tm.plan(
-                    tm.Problem(robot, q_start, tm.JointGoal(q), self_collision=False)
-                ).T
-                for q in [q_there, *found][:TRIED]
-            ]
-            tried = time.process_time() - begin
-            row = [name, number, free.T, seconds, min(durations), tried, len(durations)]
-            sheet.add(dict(zip(COLUMNS, row, strict=True)))
+        for kind in arguments.kinds.split(","):
+            known = goals_of(name, kind, arguments.goals, arguments.seed)
+            for number, problem in known:
+                outcome = timed(problem)
+                rival = best_of_all(problem, [arguments.seed, number])
+                row = [name, kind, number, *outcome, *rival]
+                sheet.add(dict(zip(COLUMNS, row, strict=True)))
     lines = []
-    for name in arguments.robots.split(","):
-        rows = [row for row in sheet.rows if row["robot"] == name]
-        gains = [100 * (row["T"] / row["T_best"] - 1.0) for row in rows]
-        lines.append(
-            (
-                name,
-                len(rows),
-                f"{statistics.median(gains):+.1f} %",
-                f"{max(gains):+.1f} %",
-                statistics.median(row["seconds"] for row in rows),
-                statistics.median(row["seconds_of_all"] for row in rows),
-            )
-        )
-    header = ("robot", "goals", "T to the best of 20: median", "worst", "s", "s for 20")
+    for name in [*arguments.robots.split(","), "all"]:
+        for kind in arguments.kinds.split(","):
+            rows = [
+                row
+                for row in sheet.rows
+                if name in ("all", row["robot"]) and row["kind"] == kind
+            ]
+            if rows:
+                lines.append((name, kind, *summary(rows)))
+    header = (
+        *("robot", "goal", "goals", "found", "refused", "found by the rival"),
+        *("T to the best of 20: median", "worst", "median s", "max s", "s for 20"),
+    )
     print(markdown(header, lines))
     return 0
+
+
+def summary(rows: list[dict[str, Any]]) -> tuple[object, ...]:
+    """Cells of a line of the table."""
+    both = [row for row in rows if np.isfinite(row["T"] * row["T_best"])]
+    gains = [100.0 * (row["T"] / row["T_best"] - 1.0) for row in both]
+    seconds = [row["seconds"] for row in rows]
+    return (
+        len(rows),
+        sum(np.isfinite(row["T"]) for row in rows),
+        sum(row["outcome"] == "refused" for row in rows),
+        sum(np.isfinite(row["T_best"]) for row in rows),
+        f"{statistics.median(gains):+.1f} %" if gains else "",
+        f"{max(gains):+.1f} %" if gains else "",
+        statistics.median(seconds),
+        max(seconds),
+        statistics.median(row["seconds_of_all"] for row in rows),
+    )
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.planner import finer_grid
 from tominpmp.planner.finer_grid import (
     USUAL,
     Promise,
@@ -212,6 +214,21 @@ def test_a_grid_that_promises_too_little_is_not_looked_at_between_its_rows():
     later = Promise(None, 2.0, 2.0 * (1.0 - 2.0 * gain), work, 40, options)
     later.first = 0.1 * gain
     assert not later.broken
+
+
+def test_a_plan_that_is_cut_short_brings_no_more_than_a_longer_one(monkeypatch):
+    """What a whole stage would let go of is let go of, and the plan was cut short."""
+
+    def cut_short(problem, options, progress, name, work):
+        progress.cut_short = Status.TIME_LIMIT
+        before.append(work.args[2].duration)
+        return SimpleNamespace(duration=(1.0 - 0.5 * USUAL.gain) * before[0])
+
+    before = []
+    monkeypatch.setattr(finer_grid, "guarded", cut_short)
+    solution = tm.plan(planar(), **MODES["auto"])
+    assert [solution.T] == before
+    assert solution.status is Status.TIME_LIMIT
 
 
 WAYS = {"passed": ((0.9, 0.6, -0.4), False), "stopped at": ((0.9, 1.2, -0.4), True)}

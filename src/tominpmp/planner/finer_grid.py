@@ -134,8 +134,12 @@ def on_finer_grid(
     work = Work(programs * (best.trajectory.t.size - 1), thrift)
     solve = partial(refined, system, options, best, progress, work)
     faster = guarded(problem, options, progress, best.name, solve)
-    if faster is not None and faster.duration < best.duration:
+    # One that is cut short brings as much as one that is not, or nothing: a plan with
+    # more time would have let go of less.
+    if faster is not None and faster.duration < (1.0 - thrift.gain) * best.duration:
         yield faster
+    elif progress.cut_short is not None:
+        yield replace(best, history=(), status=progress.cut_short)
     progress.deadline.check()
 
 
