@@ -24,7 +24,7 @@ class LinearProgram:
         column_keys: Names of the columns, shape (n,).
         curvature: P, positive semidefinite, shape (n, n): x^T P x / 2 is added to the
             objective by solvers that are ``curved``; None for none.
-        scale: What changes of the objective are small or large beside.
+        accuracy: A duality gap of the objective that is none to whoever asks.
     """
 
     cost: Array
@@ -36,7 +36,7 @@ class LinearProgram:
     row_keys: IntArray
     column_keys: IntArray
     curvature: sp.csc_matrix | None = None
-    scale: float = 1.0
+    accuracy: float = 1e-6
 
     @property
     def curved(self) -> sp.csc_matrix:

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.solvers.subproblem import build_subproblem
+from tominpmp.solvers.subproblem import LEAST_ROOM, build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import Status
 from tominpmp.transcription.base import (
@@ -184,6 +184,21 @@ def test_no_step_is_always_admissible():
             iterate.merit, iterate.values, linearization, steps, None, z
         )
         assert make_solver("highs").solve(sub.program).optimal
+
+
+def test_elastic_variables_have_room_for_interior_points():
+    program = circle()
+    z = np.zeros(program.size)
+    iterate = SlpSolver(program, Options(), 0.0, make_solver("highs")).init(z)
+    steps = program.step_bounds(z, 0.1)
+    linearization = program.linearize(z, iterate.values, steps)
+    merit, rows = iterate.merit, program.rows
+    for violation, room in ((2e-9, LEAST_ROOM), (1e-3, 1e-3)):
+        values = np.where(np.isfinite(rows.upper), rows.upper, rows.lower) + violation
+        sub = build_subproblem(merit, values, linearization, steps, None, z)
+        elastic = sub.program.upper[sub.free.size :]
+        assert elastic.size > 0
+        assert elastic == pytest.approx(np.full(elastic.size, room), rel=1e-6)
 
 
 def test_trust_region_follows_the_error():

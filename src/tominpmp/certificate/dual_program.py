@@ -35,7 +35,7 @@ RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
 SHIFT = 1e-3
 # A promise is good to this share of it, and worth so many iterations: where limits
 # overlap, interior points end slowly, and simplex methods take tens of seconds.
-ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100, share_asked=1e-6, residual=1e-7)
+ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
 FAR_TORQUES = 0.5  # torques with more room to their nearer limit, as a share, are far
 SMALL = 400  # unknowns: programs of so many are quick in any case
 FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's

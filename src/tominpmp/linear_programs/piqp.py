@@ -43,8 +43,6 @@ class Nearly:
         gap: Duality gap that will do, in units of the objective.
         share: The same as a share of the objective; the larger of both counts.
         iterations: Iterations at most.
-        share_asked: Duality gap that is asked for, as a share of the program's scale:
-            what an iteration takes for progress is a few times as much.
         residual: Residual that is asked for. Rows are kept much better than that when
             the gap has closed; multipliers of limits that overlap are not, and waiting
             for their last digits took more than half of all iterations.
@@ -53,7 +51,6 @@ class Nearly:
     gap: float = 2e-5
     share: float = 0.0
     iterations: int = PIQP_ITERATIONS
-    share_asked: float = 1e-5
     residual: float = 1e-4
 
 
@@ -102,7 +99,7 @@ class PiqpSolver(LpSolver):
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
         solver.settings.check_duality_gap = True
-        solver.settings.eps_duality_gap_rel = nearly.share_asked
+        solver.settings.eps_duality_gap_rel = 1e-6
         solver.settings.preconditioner_iter = PIQP_SCALINGS
         solver.settings.reg_finetune_lower_limit = PIQP_LAST
         self._solver = solver
@@ -126,7 +123,7 @@ class PiqpSolver(LpSolver):
             equations = (sp.diags(self._scale) @ equations).tocsc()
         settings = self._solver.settings
         settings.kkt_solver = factorisation(program, equations is not None)
-        settings.eps_duality_gap_abs = self._nearly.share_asked * abs(program.scale)
+        settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
             program.curved,
             program.cost,

@@ -118,7 +118,8 @@ def iterate(
     for _ in range(options.max_iterations):
         state, promised = step(state)
         cost = objective(state)
-        costs = [*costs, cost][-WINDOW - 1 :]
+        if np.isfinite(promised):  # that a program was not solved proves nothing
+            costs = [*costs, cost][-WINDOW - 1 :]
         if state.violation <= options.feasibility:
             if best is None or cost < best[0]:
                 best = cost, state

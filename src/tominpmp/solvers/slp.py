@@ -178,7 +178,8 @@ class SlpSolver:
         merit, z = iterate.merit, iterate.z
         variation = self.variation(z)
         radius = self.options.trust_region * iterate.region.radius
-        found = propose(self.nlp, self.lp, iterate, radius, variation, effort)
+        little = self.options.tolerance
+        found = propose(self.nlp, self.lp, iterate, radius, variation, effort, little)
         if found is None:
             region = iterate.region.after(0.0, 0.1)
             return replace(iterate, region=region), None

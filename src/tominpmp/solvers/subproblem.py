@@ -6,9 +6,9 @@ r"""The linear program of an iteration: step, total variation and elastic variab
     G (z + d) + G_0 = p - m
 
 Elastic variables e_g exist for the groups of rows that are violated, up to their
-present violation. Their coefficients s are the signs of the violations (for equations
-the violations relative to the largest of the group, so that all shrink in proportion),
-and zero on rows that are satisfied: d = 0 is always feasible.
+present violation, or a trace. Their coefficients s are the signs of the violations (for
+equations the violations relative to the largest of the group, so that all shrink in
+proportion), and zero on rows that are satisfied: d = 0 is always feasible.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ from tominpmp.transcription.rows import Rows
 
 # Keys of rows and columns that are not of the transcription begin here.
 _KEY_BLOCK = 10_000_000
+# Room of an elastic variable at least: in smaller boxes interior points stand still.
+LEAST_ROOM = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,7 @@ def build_subproblem(
     variation: Variation | None,
     z: Array,
     root: sp.csr_matrix | None = None,
+    accuracy: float = 1e-6,
 ) -> Subproblem:
     """Build the linear program at an iterate.
 
@@ -104,6 +107,7 @@ def build_subproblem(
         variation: Differences of the controls; None leaves them out.
         z: Iterate, shape (size,).
         root: Root of the curvature of the objective, shape (k, size); None for none.
+        accuracy: A duality gap that is none [s].
     """
     rows = merit.rows
     gradient, curvature = merit.cost, root
@@ -143,7 +147,7 @@ def build_subproblem(
         body = sp.hstack([body, sp.vstack([elastic, padding])], format="csr")
         cost += [merit.weights[rows.group_kind[slack_groups]]]
         lower += [np.zeros(slack_groups.size)]
-        upper += [violation[slack_groups] * (1.0 + 1e-9)]
+        upper += [np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)]
         keys += [2 * _KEY_BLOCK + slack_groups]
     program = LinearProgram(
         np.concatenate(cost),
@@ -155,7 +159,7 @@ def build_subproblem(
         np.concatenate(row_keys),
         np.concatenate(keys),
         _curvature(curvature, free, body.shape[1]),
-        float(merit.cost @ z),
+        accuracy,
     )
     return Subproblem(program, free, chosen, z.size, rows.size, matrix, root)
 
