@@ -177,7 +177,10 @@ def test_a_guess_that_stays_at_the_start_leads_nowhere():
     segments = [tm.Segment(near_elbow), tm.Segment(tm.JointGoal([-1.57, 0.0]))]
     problem = tm.Problem(two_links(), [-1.57, 0.0], segments=segments)
     solution = planned(problem, starts=1, intervals=30, refine=None)
-    assert {record.start for record in solution.history} == {0}
+    # What its certificate asks for goes on from where that one ended.
+    first = [record.duration for record in solution.history if record.start == 0]
+    later = [record.duration for record in solution.history if record.start > 0]
+    assert later == pytest.approx([first[-1]] * len(later), rel=1e-2)
 
 
 def test_any_of_several_goals_on_the_way():

@@ -149,5 +149,6 @@ def test_the_command_writes_what_was_found(tmp_path, number, where):
         return
     assert "duration" in out
     rows = (tmp_path / "motion.csv").read_text().splitlines()
-    assert len(rows) > 20 and len(rows[-1].split(",")) == len(rows[-2].split(","))
+    # By then there may be the motion of a coarse grid only.
+    assert len(rows) > 16 and len(rows[-1].split(",")) == len(rows[-2].split(","))
     assert os.listdir(tmp_path) == ["motion.csv"]

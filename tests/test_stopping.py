@@ -300,3 +300,14 @@ def test_a_second_request_interrupts_at_once():
 def test_processes_are_counted():
     with pytest.raises(tm.OptionsError, match="processes is 10000, expected"):
         tm.Options(processes=10**4)
+
+
+def test_callbacks_see_every_record():
+    seen = []
+    solution = tm.plan(
+        reach(),
+        effort="quick",
+        refine=None,
+        callback=lambda record: seen.append(record.duration),
+    )
+    assert [record.duration for record in solution.history] == seen

@@ -131,7 +131,8 @@ def test_what_passes_far_away_costs_nothing(alone):
         position=(-9.0, -9.0, 0.0),
         motion=tm.ConstantVelocity(velocity=(3.0, 0.0, 0.0)),
     )
-    assert plan_quickly(problem(ball), QUICK).T == pytest.approx(alone.T, rel=1e-6)
+    # Programs are solved to a gap of 1e-5 of T, however many rows there are.
+    assert plan_quickly(problem(ball), QUICK).T == pytest.approx(alone.T, rel=1e-5)
 
 
 def test_one_motion_given_in_three_ways(alone):

@@ -134,8 +134,9 @@ class SlpSolver:
                 self.keep(solver.nlp, best or iterate)
                 record = solver.record(len(history), iterate, outcome, effort, begin)
                 history.append(record)
-                status = solver.terminate(iterate, outcome, most - len(history))
-                status = status or self.callback(record)
+                shown = self.callback(record)  # the last one, too
+                ended = solver.terminate(iterate, outcome, most - len(history))
+                status = ended or shown
                 if best is not None and self.options.objective == "feasible":
                     status = Status.FEASIBLE
                 # What has not moved since it was looked at would show nothing new.
