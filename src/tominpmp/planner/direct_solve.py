@@ -54,6 +54,9 @@ NEARLY = 1e-2
 GUESS_STRETCH = 1.02
 # Iterations for a motion whose accelerations jump, from which a smooth one begins.
 FIRST_ITERATIONS = 10
+# Gap of programs, as a share of T, where the final configuration is free: looser ones
+# lead to more iterations there.
+FREE_ACCURACY = 1e-6
 # The same for motions whose accelerations must not jump.
 SMOOTH_STRETCH = 1.3
 
@@ -180,13 +183,14 @@ def solve_from_guess(
     squares = not coarse and by_squares(system, options)
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
+    accuracy = FREE_ACCURACY if system.final_configuration is None else None
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         solver = make_slp(program, options, smoothing, lp, progress)
         exchange = RowExchange(longest=LONGEST, light=light)
-        solver = replace(solver, exchange=exchange, squares=squares)
+        solver = replace(solver, exchange=exchange, squares=squares, accuracy=accuracy)
         return solver.run(z, after=after)
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:

@@ -40,9 +40,6 @@ MISSED = 1e-4
 # third of it iterations are as many, with three times as much motions end slower by
 # 0.05 %.
 PROXIMAL = 3e-3
-# Gap of a program that is none, as a share of what is no progress. With a fifth of it
-# programs take a sixth more iterations, and T is the same.
-ACCURACY = 0.05
 
 
 class Proposal(NamedTuple):
@@ -66,7 +63,7 @@ def propose(
     radius: float,
     variation: Variation | None,
     effort: Effort,
-    tolerance: float,
+    accuracy: float,
 ) -> Proposal | None:
     """Build the program of an iteration and solve it.
 
@@ -80,7 +77,7 @@ def propose(
         radius: Radius of the trust region [rad].
         variation: Differences of the controls; None leaves them out.
         effort: Counts the work.
-        tolerance: Share of T that is no progress.
+        accuracy: Gap of the program that is none, as a share of T.
 
     Returns:
         The proposal; None if the program could not be solved.
@@ -105,7 +102,7 @@ def propose(
             steps,
             variation,
             z,
-            accuracy=ACCURACY * tolerance * iterate.duration,
+            accuracy=accuracy * iterate.duration,
         )
         program = build(root)
         solution = solved(lp, program, effort)
