@@ -13,6 +13,11 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.initial_guess.inverse_kinematics import (
+    REACHED,
+    find_configurations,
+    solve_inverse_kinematics,
+)
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FRAME = "panda_hand_tcp"
@@ -45,3 +50,33 @@ def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
     _, guess = initial_guesses(system, 2, np.random.default_rng(seed))
     reached = system.kinematics.placement(guess.q[-1], FRAME)
     assert np.allclose(reached.translation, pose.translation, atol=1e-5)
+
+
+def test_configurations_that_are_reached_soonest_are_among_those_found() -> None:
+    """Beside many starts from all over; without any near the start they are not."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = tm.load_robot("panda", locked_joints=FINGERS)
+    limits, rng, ratios = robot.limits, np.random.default_rng(3), []
+
+    def soonest(system: ProblemFunctions, found: list[np.ndarray]) -> float:
+        ways = [np.abs(q - system.problem.q_start) / limits.velocity for q in found]
+        return min(float(np.max(way)) for way in ways)
+
+    for _ in range(8):
+        start, there = rng.uniform(limits.position_lower, limits.position_upper, (2, 7))
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, robot.expand(there[None])[0])
+        place = data.oMf[robot.model.getFrameId(FRAME)].translation
+        goal = tm.PositionGoal(FRAME, place)
+        system = ProblemFunctions.of(
+            tm.Problem(robot, start, goal, self_collision=False)
+        )
+        few = find_configurations(system, goal, 20, np.random.default_rng(0)).free
+        wide = list[np.ndarray]()
+        for _ in range(60):
+            q = rng.uniform(limits.position_lower, limits.position_upper)
+            q, error = solve_inverse_kinematics(system, goal, q)
+            wide += [q] if error < REACHED else []
+        ratios.append(soonest(system, few) / soonest(system, wide))
+    assert max(ratios) < 1.1
