@@ -13,17 +13,11 @@ from typing import Any
 import numpy as np
 
 import tominpmp as tm
+from benchmarks.cell_cases import TOOLS
 from benchmarks.exact_geometry import Array
 from benchmarks.random_goals import LOCKED_JOINTS, load_arm, sample_problems
 from tominpmp.kinematics import RobotKinematics
 
-TOOLS = {
-    "panda": "panda_hand",
-    "ur5": "tool0",
-    "xarm7": "link7",
-    "z1": "link06",
-    "planar3r": "tip",
-}
 # Speeds of obstacles that move, and sizes, as shares of the reach.
 SPEEDS, SIZES = (0.1, 0.4), (0.03, 0.08)
 # Draws of one problem.

@@ -25,18 +25,13 @@ from typing import Any
 import numpy as np
 
 import tominpmp as tm
+from benchmarks.cell_cases import TOOLS
 from benchmarks.random_goals import load_arm, sample_problems
 from tominpmp.goals import FrameGoal
 from tominpmp.initial_guess.inverse_kinematics import find_configurations
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-FRAMES = {
-    "panda": "panda_hand",
-    "xarm7": "link7",
-    "ur5": "tool0",
-    "kinova": "j2s6s200_end_effector",
-}
 KINDS = ("position", "pose")
 COLUMNS = (
     "robot",
@@ -59,10 +54,10 @@ def goals_of(
     robot = load_arm(name)
     kinematics = RobotKinematics(robot)
     for number, (q_start, q_there) in enumerate(sample_problems(robot, count, seed)):
-        place = kinematics.placement(q_there, FRAMES[name])
-        goal: FrameGoal = tm.PoseGoal(FRAMES[name], place)
+        place = kinematics.placement(q_there, TOOLS[name])
+        goal: FrameGoal = tm.PoseGoal(TOOLS[name], place)
         if kind == "position":
-            goal = tm.PositionGoal(FRAMES[name], place.translation)
+            goal = tm.PositionGoal(TOOLS[name], place.translation)
         try:
             yield number, tm.Problem(robot, q_start, goal)
         except tm.ProblemError:

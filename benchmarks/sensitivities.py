@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 
 import tominpmp as tm
+from benchmarks.cell_cases import TOOLS
 from benchmarks.random_goals import load_arm, sample_problems
 from tominpmp.sensitivities import Sensitivity
 
@@ -130,11 +131,10 @@ def problems() -> Iterator[tuple[str, tm.Problem]]:
     """Twenty problems by name."""
     yield from _planar()
     loads = {"ur5": 4.0, "panda": 2.0, "xarm7": 2.0}
-    frames = {"ur5": "tool0", "panda": "panda_hand", "xarm7": "link7"}
     limits = tm.MotionLimits(acceleration=12.0, jerk=400.0)
     for name in ("ur5", "panda", "xarm7"):
         robot = load_arm(name)
-        heavy = robot.with_payload(tm.Payload(loads[name], frames[name], (0, 0, 0.1)))
+        heavy = robot.with_payload(tm.Payload(loads[name], TOOLS[name], (0, 0, 0.1)))
         quick = robot.with_changes(velocity=4.0 * robot.limits.velocity)
         pairs = sample_problems(robot, 4, 7)
         for kind, arm, own, (start, end) in (
