@@ -144,14 +144,10 @@ class StateChecks:
             else f"are {contact.distance:.4g} m apart, less than the margin "
             f"{margin:.4g} m"
         )
-        pair = f"link {contact.link!r} and obstacle {contact.obstacle!r}"
-        advice = ""
-        if contact.own:
-            pair = f"links {contact.link!r} and {contact.obstacle!r}"
-            advice = self._advice_on_links(q)
+        advice = self._advice_on_links(q) if contact.own else ""
         raise ProblemError(
-            f"{which} in collision: {pair} {depth} at q = {np.round(q, 4).tolist()}"
-            f"{advice}",
+            f"{which} in collision: {contact.pair} {depth} at q = "
+            f"{np.round(q, 4).tolist()}{advice}",
             "q_start" if which == "start" else "goal",
         )
 

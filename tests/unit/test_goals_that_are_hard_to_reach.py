@@ -8,7 +8,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import tominpmp as tm
@@ -18,6 +17,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
     find_configurations,
     solve_inverse_kinematics,
 )
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FRAME = "panda_hand_tcp"
@@ -30,14 +30,16 @@ END += [-1.2967824146657803, -2.130277789551306, 0.7808893877807688]
 END += [2.782771934380834]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
+def panda() -> tm.Robot:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        robot = tm.load_robot("panda", locked_joints=FINGERS)
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.expand(np.array([END]))[0])
-    pose = data.oMf[robot.model.getFrameId(FRAME)].copy()
+        return tm.load_robot("panda", locked_joints=FINGERS)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
+    robot = panda()
+    pose = RobotKinematics(robot).placement(np.array(END), FRAME)
     problem = tm.Problem(
         robot,
         START,
@@ -54,10 +56,9 @@ def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
 
 def test_configurations_that_are_reached_soonest_are_among_those_found() -> None:
     """Beside many starts from all over; without any near the start they are not."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        robot = tm.load_robot("panda", locked_joints=FINGERS)
-    limits, rng, ratios = robot.limits, np.random.default_rng(3), []
+    robot = panda()
+    kinematics, limits = RobotKinematics(robot), robot.limits
+    rng, ratios = np.random.default_rng(3), []
 
     def soonest(system: ProblemFunctions, found: list[np.ndarray]) -> float:
         ways = [np.abs(q - system.problem.q_start) / limits.velocity for q in found]
@@ -65,9 +66,7 @@ def test_configurations_that_are_reached_soonest_are_among_those_found() -> None
 
     for _ in range(8):
         start, there = rng.uniform(limits.position_lower, limits.position_upper, (2, 7))
-        data = robot.model.createData()
-        pin.framesForwardKinematics(robot.model, data, robot.expand(there[None])[0])
-        place = data.oMf[robot.model.getFrameId(FRAME)].translation
+        place = kinematics.placement(there, FRAME).translation
         goal = tm.PositionGoal(FRAME, place)
         system = ProblemFunctions.of(
             tm.Problem(robot, start, goal, self_collision=False)

@@ -24,6 +24,13 @@ class Contact(NamedTuple):
     own: bool = False
     margin: float = 0.0
 
+    @property
+    def pair(self) -> str:
+        """Both of them, in words."""
+        if self.own:
+            return f"links {self.link!r} and {self.obstacle!r}"
+        return f"link {self.link!r} and obstacle {self.obstacle!r}"
+
 
 class Derivatives(NamedTuple):
     """How distances change.

@@ -54,14 +54,11 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
         ((contact, q) for contact, q in contacts if contact is not None),
         key=lambda one: one[0].distance - one[0].margin,
     )
-    pair = f"link {contact.link!r} and obstacle {contact.obstacle!r}"
-    if contact.own:
-        pair = f"links {contact.link!r} and {contact.obstacle!r}"
-    many = f"all {len(blocked)} configurations"
     depth = f"lack {contact.margin - contact.distance:.4g} m of room"
     return (
-        f"{many} found to reach it are in collision: in the one that is least so, "
-        f"{pair} {depth}, at q = {np.round(q, 4).tolist()}"
+        f"all {len(blocked)} configurations found to reach it are in collision: in the "
+        "one that is least so, "
+        f"{contact.pair} {depth}, at q = {np.round(q, 4).tolist()}"
     )
 
 
