@@ -15,6 +15,7 @@ time. Control points at the ends are eliminated: they follow from the given stat
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -26,7 +27,12 @@ from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, Variation
-from tominpmp.transcription.bspline_basis import Basis, Elimination
+from tominpmp.transcription.bspline_basis import (
+    Basis,
+    Elimination,
+    by_points,
+    places,
+)
 from tominpmp.transcription.control_points import (
     TORQUE_SHARES,
     ControlPointTranscription,
@@ -85,8 +91,8 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
         self._n = system.n
         self.basis = Basis.on(self._nodes, degree)
         ends = Elimination.of(system, self.basis)
-        self._bases: WeakKeyDictionary[Instants, dict[int, sp.csr_matrix]]
-        self._bases = WeakKeyDictionary()
+        self._weights: WeakKeyDictionary[Instants, dict[int, Array]]
+        self._weights = WeakKeyDictionary()
         self.map, self.offset = ends.matrix, ends.offset
         self.free, self.fixed_end = ends.free, ends.fixed_end
 
@@ -108,7 +114,7 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""
-        design = sp.kron(self.basis.at(times, 0), sp.identity(self._n), format="csr")
+        design = sp.kron(self.basis.at(times), sp.identity(self._n), format="csr")
         free = (design @ self.map)[:, :-1]
         rest = q.ravel() - design @ (self.offset + self.map[:, -1:] @ [duration])
         points = spsolve((free.T @ free).tocsc(), free.T @ rest).reshape(-1, self._n)
@@ -133,11 +139,12 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
         starts = np.concatenate([np.arange(N)] * len(SHARES))
         return Instants(starts, np.repeat(SHARES, N))
 
-    def _basis_at(self, at: Instants, order: int) -> sp.csr_matrix:
-        """Weights of the control points at instants, remembered as long as these."""
-        known = self._bases.setdefault(at, {})
+    def _weights_at(self, at: Instants, order: int) -> Array:
+        """Weights of control points at instants, remembered as long as these."""
+        known = self._weights.setdefault(at, {})
         if order not in known:
-            known[order] = self.basis.at(self.shares_of(at), order)
+            times = self.shares_of(at)
+            known[order] = self.basis.weights(times, at.interval, order)
         return known[order]
 
     def shares_of(self, at: Instants) -> Array:
@@ -149,34 +156,37 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
         times, T = self.shares_of(at), motion.T
         none = np.zeros((0, self._n))
         parts = [none, none, none]
+        points = motion.points[places(at.interval, self.degree + 1)]
         for k in range(min(order, 2) + 1):
-            parts[k] = np.asarray(self._basis_at(at, k) @ motion.points) / T**k
+            weights = self._weights_at(at, k)
+            parts[k] = np.einsum("mk,mkn->mn", weights, points) / T**k
         return States(times * T, *parts)
 
     def pull_back(
         self, motion: BSplineMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        T, times, which = motion.T, self.shares_of(at), partials.at
-        count, width = which.size, motion.points.size
-        by_points = sp.csr_matrix((count, width))
-        by_time = np.zeros(count)
+        T, which = motion.T, partials.at
+        by_time = np.zeros(which.size)
+        first, parts = at.interval[which], []
+        points = motion.points[places(first, self.degree + 1)]
         for order, part in enumerate((partials.by_q, partials.by_v, partials.by_a)):
             if part is None:
                 continue
-            basis = self._basis_at(at, order)
-            by_points = by_points + products(basis[which], part / T**order)
+            weights = self._weights_at(at, order)[which]
+            scaled = part / T**order
+            parts.append((weights, scaled))
             if order:
-                here = np.asarray(basis @ motion.points)[which] / T**order
-                by_time -= order * np.einsum("kj,kj->k", part, here) / T
+                here = np.einsum("mk,mkn->mn", weights, points)
+                by_time -= order * np.einsum("kj,kj->k", scaled, here) / T
         if partials.by_t is not None:
-            by_time += partials.by_t * times[which]
-        return self.by_unknowns(sp.csr_matrix(by_points), by_time)
+            by_time += partials.by_t * self.shares_of(at)[which]
+        return self.by_unknowns(by_points(first, parts, len(motion.points)), by_time)
 
     def by_unknowns(self, by_points: sp.csr_matrix, by_time: Array) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by control points and by T alone."""
         count, last = by_time.size, self.size - 1
-        time = (by_time, (np.arange(count), np.full(count, last)))
+        time = by_time, np.full(count, last), np.arange(count + 1)
         return by_points @ self.map + sp.csr_matrix(time, shape=(count, self.size))
 
     def hull(
@@ -189,8 +199,9 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
 
     def scaled_at(self, z: Array) -> BSplineTranscription:
         """The same with the range of accelerations at a motion."""
-        scale = self.full_range(z)
-        return BSplineTranscription(self.system, self.shares, self.degree, scale)
+        scaled = copy(self)  # what is known of the grid holds there too
+        scaled.acceleration_range = self.full_range(z)
+        return scaled
 
     def variation(self, z: Array) -> Variation:
         """Jumps between the control points of the jerk, in full torque ranges."""
@@ -224,21 +235,6 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
             u=0.0 * q,
             a=a if self.degree > 3 else None,
         ).with_torques(self.system.motor_dynamics.inverse)
-
-
-def products(basis: sp.csr_matrix, part: Array) -> sp.csr_matrix:
-    """Rows basis_k times part_k, one beside the other for each control point, (k, M n).
-
-    From weights of M control points, shape (k, M), and derivatives by n joints, (k, n).
-    """
-    basis = sp.csr_matrix(basis)
-    n, counts = part.shape[1], np.diff(basis.indptr)
-    rows = np.repeat(np.arange(counts.size), counts)
-    data = basis.data[:, None] * part[rows]
-    columns = basis.indices[:, None] * n + np.arange(n)
-    ends = np.concatenate([[0], np.cumsum(counts * n)])
-    shape = basis.shape[0], basis.shape[1] * n
-    return sp.csr_matrix((data.ravel(), columns.ravel(), ends), shape=shape)
 
 
 class DerivativeHull(Hull[BSplineMotion]):

@@ -18,8 +18,14 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, Variation
-from tominpmp.transcription.bspline import RATE_SHARES, SHARES, products
-from tominpmp.transcription.bspline_basis import Basis, Elimination, slopes
+from tominpmp.transcription.bspline import RATE_SHARES, SHARES
+from tominpmp.transcription.bspline_basis import (
+    Basis,
+    Elimination,
+    by_points,
+    places,
+    slopes,
+)
 from tominpmp.transcription.control_points import (
     TORQUE_SHARES,
     ControlPointTranscription,
@@ -51,7 +57,7 @@ class SegmentedCurve:
     degree: int
     breaks: tuple[int, ...] = ()
     finite: bool = True
-    _known: dict[tuple[Instants, int], sp.csr_matrix] = field(
+    _known: dict[tuple[Instants, int], Array] = field(
         default_factory=dict, repr=False, init=False
     )
 
@@ -105,49 +111,25 @@ class SegmentedCurve:
         """Those that were asked for: they are, again and again."""
         return {0: self.points}
 
-    def weights(self, at: Instants, order: int) -> sp.csr_matrix:
-        """Weights of the control points in a derivative at instants."""
+    def weights(self, at: Instants, order: int) -> Array:
+        """Weights of the control points that matter in a derivative, (m, p + 1)."""
         known = self._known.get((at, order))
         if known is None:
-            p = self.degree - order
-            data = self._functions(at, order)
-            first = self.first[at.interval][:, None]
-            columns = (first + np.arange(p + 1)).ravel()
-            starts = np.arange(at.size + 1) * (p + 1)
-            shape = at.size, self.basis.count - order
-            design = sp.csr_matrix((data.ravel(), columns, starts), shape=shape)
-            known = sp.csr_matrix(design @ self.basis.derivative(order))
+            first = self.first[at.interval]
+            known = self.basis.weights(self._times(at), first, order)
             self._known[at, order] = known
         return known
 
     def values(self, at: Instants, order: int) -> Array:
         """A derivative at instants, shape (m, n)."""
-        first = self.first[at.interval][:, None]
-        places = first + np.arange(self.degree - order + 1)
-        points = self.derivative(order)[places]
-        return np.asarray(np.einsum("mk,mkn->mn", self._functions(at, order), points))
+        first = self.first[at.interval]
+        functions = self.basis.functions(self._times(at), first, order)
+        points = self.derivative(order)[places(first, functions.shape[1])]
+        return np.asarray(np.einsum("mk,mkn->mn", functions, points))
 
-    def _functions(self, at: Instants, order: int) -> Array:
-        """Basis functions of a derivative that are not zero at instants, (m, p + 1).
-
-        By the recursion of Cox and de Boor, for all instants at once: SciPy's matrices
-        take ten times as long, which is what iterations would take then.
-        """
-        p, t = self.degree - order, self.basis.knots
-        t = t[order : t.size - order]
-        x = self.nodes[at.interval] + at.share * self.h[at.interval]
-        span = self.first[at.interval] + p
-        left = [x - t[span + 1 - j] for j in range(p + 1)]
-        right = [t[span + j] - x for j in range(p + 1)]
-        found = [np.ones(at.size)]
-        for j in range(1, p + 1):
-            saved = np.zeros(at.size)
-            for r in range(j):
-                part = found[r] / (right[r + 1] + left[j - r])
-                found[r] = saved + right[r + 1] * part
-                saved = left[j - r] * part
-            found.append(saved)
-        return np.stack(found, axis=1)
+    def _times(self, at: Instants) -> Array:
+        """Instants without what is waited [s], shape (m,)."""
+        return np.asarray(self.nodes[at.interval] + at.share * self.h[at.interval])
 
     def changes(self, at: Instants, order: int) -> Array:
         """How a derivative changes with the durations, shape (number, m, n)."""
@@ -243,19 +225,19 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         self, motion: SegmentedCurve, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        which = partials.at
-        by_points = sp.csr_matrix((which.size, motion.points.size))
+        which, parts = partials.at, []
         by_eta = np.zeros((which.size, self._m))
         for order, part in enumerate((partials.by_q, partials.by_v, partials.by_a)):
             if part is None:
                 continue
-            by_points = by_points + products(motion.weights(at, order)[which], part)
+            parts.append((motion.weights(at, order)[which], part))
             change = motion.changes(at, order)[:, which]
             by_eta += np.einsum("mkj,kj->km", change, part)
         if partials.by_t is not None:
             over = at.over(which, self.intervals) @ self.shares
             by_eta += partials.by_t[:, None] * over
-        return self.by_unknowns(sp.csr_matrix(by_points), by_eta)
+        first = motion.first[at.interval[which]]
+        return self.by_unknowns(by_points(first, parts, len(motion.points)), by_eta)
 
     def by_unknowns(self, by_points: sp.csr_matrix, by_eta: Array) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by points and durations alone."""

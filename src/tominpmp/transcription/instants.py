@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,8 +31,7 @@ class Instants:
     @classmethod
     def spread(cls, intervals: int, shares: Sequence[float]) -> Instants:
         """The same shares of all intervals, interval by interval."""
-        every = np.arange(intervals)
-        return cls(np.repeat(every, len(shares)), np.tile(shares, intervals))
+        return _spread(intervals, tuple(shares))
 
     @classmethod
     def end(cls, intervals: int) -> Instants:
@@ -89,3 +89,12 @@ class Instants:
     def middles(self) -> Instants:
         """The middles of their intervals."""
         return Instants(self.interval, np.full(self.size, 0.5))
+
+
+@lru_cache(maxsize=64)
+def _spread(intervals: int, shares: tuple[float, ...]) -> Instants:
+    """The same instants again and again: what is known of them is found by them."""
+    every = np.repeat(np.arange(intervals), len(shares))
+    where = np.tile(shares, intervals)
+    every.flags.writeable = where.flags.writeable = False
+    return Instants(every, where)

@@ -162,7 +162,7 @@ def interpolated(
     nodes = np.concatenate([[0.0], np.cumsum(of.shares @ eta)])
     basis = Basis.on(nodes, of.degree)
     sites = basis.greville
-    points = spsolve(basis.at(sites, 0).tocsc(), position(sites))
+    points = spsolve(basis.at(sites).tocsc(), position(sites))
     return of.unknowns(np.reshape(points, (basis.count, -1)), eta)
 
 
@@ -195,7 +195,7 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
     assert isinstance(finer, ControlPoints)  # noqa: S101
     nodes = np.concatenate([[0.0], np.cumsum(of.shares @ layout.eta)])
     basis, points = Basis.on(nodes, of.degree), of.points(z)
-    return finer, interpolated(finer, layout.eta, lambda t: basis.at(t, 0) @ points)
+    return finer, interpolated(finer, layout.eta, lambda t: basis.at(t) @ points)
 
 
 def _split_quadratic(
