@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_grids import Grids
 from tominpmp.planner.coarse_search import CoarseSearch
@@ -72,6 +72,29 @@ def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypat
         assert search._enough(near) is status
     assert search._enough(replace(near, duration=1.05 * bound)) is None
     assert search._enough(replace(near, violation=5e-3)) is None
+
+
+def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
+    robot = tm.load_robot("planar3r")
+    problem = tm.Problem(robot, START, tm.PositionGoal("tip", (1.5, 3.0, 0.0)))
+    options = resolve_options(problem, tm.Options())
+    system, progress = ProblemFunctions.of(problem), Progress(options)
+    search = CoarseSearch(system, options, progress, torques=True)
+    lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
+    best = search.rough(lines[0])
+    search.rough(lines[1])
+    monkeypatch.setattr(search, "_known", lambda shape: False)
+
+    def judged(before, now):
+        progress.records = [
+            record(search, duration=factor * best.duration) for factor in (before, now)
+        ]
+        return search._enough(progress.records[-1])
+
+    assert judged(1.3, 1.2) is None  # it still falls fast enough to get there
+    assert judged(1.21, 1.2) is Status.STALLED
+    assert judged(1.0, 0.99) is None
+    assert judged(1.0, 1.0) is Status.STALLED
 
 
 def test_the_history_tells_of_each_iteration_once():

@@ -128,14 +128,14 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
         np.testing.assert_allclose(a.q[0], problem.q_start, atol=1e-9)
 
 
-def test_guesses_for_a_frame_begin_at_rest_and_reach_the_goal_after():
+def test_guesses_for_a_frame_are_lines_to_the_goal_then_one_at_rest():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    first, *others = initial_guesses(system, 4, np.random.default_rng(5))
-    np.testing.assert_array_equal(first.q, np.tile(problem.q_start, (2, 1)))
-    assert len(others) == 3
-    for guess in others:
+    *lines, last = initial_guesses(system, 4, np.random.default_rng(5))
+    np.testing.assert_array_equal(last.q, np.tile(problem.q_start, (2, 1)))
+    assert len(lines) == 3
+    for guess in lines:
         error, _ = problem.goal.place_residual(system.kinematics, guess.q[-1])
         assert np.linalg.norm(error) < 1e-6
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.goals import Goal
+from tominpmp.initial_guess.at_goal import AtGoal
+from tominpmp.initial_guess.nearest import led_nearer
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.stopping import check
@@ -27,9 +28,8 @@ PATIENCE = 12
 DISTINCT = 1e-2
 # Solutions at least this far apart go before those near to one of them [rad].
 SPREAD = 0.5
-# Configurations in collision that are led out of it at most, and how far beyond what
-# is asked for [m].
-LED_OUT, BEYOND = 10, 1e-3
+# Configurations in collision that are led out of it at most.
+LED_OUT = 10
 # Starts are drawn from all that is within reach, and as often from this share of it
 # around the start of the motion: what is reached from there is mostly reached soonest.
 # Of 60 goals 12 had nothing within 3 % of the nearest configuration without it, 2 with.
@@ -50,61 +50,6 @@ class GoalSearch(NamedTuple):
     free: list[Array]
     blocked: list[Array]
     least: float
-
-
-class AtGoal:
-    """What is asked of the configuration in which a segment ends.
-
-    Args:
-        system: Kinematics and limits.
-        goal: The goal.
-        alone: Whether nothing but the goal is asked for.
-        beyond: Constraints on positions that hold from there on.
-        apart: Whether bodies are to keep their distances, too.
-    """
-
-    def __init__(
-        self,
-        system: ProblemFunctions,
-        goal: Goal,
-        *,
-        alone: bool = False,
-        beyond: Sequence[PathConstraint] = (),
-        apart: bool = False,
-    ) -> None:
-        self.system, self.goal = system, goal
-        self.clearance = system.clearance if apart else None
-        rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
-        self.constraints = tuple(
-            item
-            for item in (*system.problem.ready_constraints, *beyond)
-            if not alone
-            and (item.order == 0 or rests)
-            and (item.window is None or np.isinf(item.window.end))
-        )
-
-    def residual(self, q: Array) -> tuple[Array, Array]:
-        """How far a configuration is from all of it, and the Jacobian of that.
-
-        Returns:
-            Shapes (k,) and (k, n); zero where it is met.
-        """
-        value, by_q = self.goal.place_residual(self.system.kinematics, q)
-        every = [item.excess_at_rest(q) for item in self.constraints]
-        if self.clearance is not None:
-            every.append(self._overlap(self.clearance, q))
-        if not every:
-            return value, by_q
-        values, slopes = zip((value, by_q), *every, strict=True)
-        return np.concatenate(values), np.concatenate(slopes)
-
-    def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
-        """What bodies lack of their distances [m], of those that lack anything."""
-        lack = clearance.length * clearance.values(q[None])[0] + BEYOND
-        near = np.flatnonzero(lack > 0.0)
-        first = np.zeros(near.size, dtype=np.int64)
-        found = clearance.derivatives_at(q[None], first, near)
-        return lack[near], clearance.length * found.gradients
 
 
 def solve_inverse_kinematics(
@@ -204,6 +149,8 @@ def find_configurations(
         least = min(least, error)
         if error < REACHED and not _near(q, found, DISTINCT):
             found.append(q)
+    if not alone:
+        found += _nearer(system, goal, found, beyond)
     weights = speed_weights(limits.velocity)
     found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
     clear = [is_free(system, q) for q in found]
@@ -212,6 +159,25 @@ def find_configurations(
     if not free:
         free = _led_out(system, goal, blocked[:LED_OUT], alone=alone, beyond=beyond)
     return GoalSearch(free, blocked, 0.0 if found else least)
+
+
+def _nearer(
+    system: ProblemFunctions,
+    goal: Goal,
+    found: Sequence[Array],
+    beyond: Sequence[PathConstraint],
+) -> list[Array]:
+    """Configurations that reach a goal nearer to the start than those found."""
+    asked, nearer = AtGoal(system, goal, beyond=beyond), list[Array]()
+    for q in found:
+        if isolated(system, goal, q):
+            continue
+        moved, error = solve_inverse_kinematics(
+            system, goal, led_nearer(system, asked, q), beyond=beyond
+        )
+        if error < REACHED and not _near(moved, [*found, *nearer], DISTINCT):
+            nearer.append(moved)
+    return nearer
 
 
 def _led_out(

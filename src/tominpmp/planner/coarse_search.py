@@ -65,6 +65,8 @@ SAME = 0.05
 # What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
 # what a motion has to promise beyond the best one to be finished.
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
+# What further iterations may gain altogether, in gains of the last one.
+LEFT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,13 +191,27 @@ class CoarseSearch:
             return Status.ITERATION_LIMIT
         if far:
             return Status.STALLED if record.radius < STUCK else None
-        if self._unbeaten(record):
+        if self._unbeaten(record) or self._outdone():
             return Status.STALLED
         if not self.known:
             return None
         program, iterate, _ = self.progress.kept[-1]
         shape = shape_of(self.system, program.trajectory(iterate.z))
         return Status.STALLED if self._known(shape) else None
+
+    def _outdone(self) -> bool:
+        """Whether a start will end no faster than one that went before.
+
+        Iterations gain less and less: this one, several times more.
+        """
+        if self.system.final_configuration is not None or not self.system.alone:
+            return False
+        best = min((one.duration for one in self.known), default=np.inf)
+        if best == np.inf or len(self.progress.records) < 2:
+            return False
+        before, now = (record.duration for record in self.progress.records[-2:])
+        left = LEFT * max(before - now, 0.0)
+        return now - left > (1.0 - PROMISE) * best
 
     def _unbeaten(self, record: IterationRecord) -> bool:
         """Whether next to no motion is faster, once rows between the nodes have joined.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.guess import FEW_LINES, Guess, initial_guesses
 from tominpmp.initial_guess.parallel import (
     asked_to_stop,
     available_processes,
@@ -42,8 +42,9 @@ from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Guesses for a goal on a frame, whose final configuration is free.
-FRAME_STARTS = 4
+# Guesses for a goal on a frame, whose final configuration is free: straight lines alone
+# in free space, unless few joints may have to swing.
+LONE_FRAME_STARTS, FRAME_STARTS = FEW_LINES, 4
 # Guesses for several segments whose accelerations are continuous.
 SEGMENTED_STARTS = 2
 # Guesses where obstacles move, which may be let pass or be passed, and those that are
@@ -94,7 +95,9 @@ class Count(NamedTuple):
         moving = bool(system.problem.scene.moving)
         usual = 1
         if options.objective == "time":
-            usual = FRAME_STARTS if system.final_configuration is None else 1
+            if system.final_configuration is None:
+                many = system.alone and system.n > FEW_MOTORS
+                usual = LONE_FRAME_STARTS if many else FRAME_STARTS
             usual = max(usual, MOVING_STARTS) if moving else usual
             if system.parts:
                 usual = SEGMENTED_STARTS if options.control in DEGREES else 1
