@@ -65,6 +65,30 @@ class Contacts(NamedTuple):
         )
 
 
+class Nearest(NamedTuple):
+    """Where pairs are nearest in a motion, k times in all.
+
+    Attributes:
+        times: When [s], shape (k,).
+        pairs: Which, shape (k,).
+        slopes: Derivatives of what the least distances lack, as shares of the reach, by
+            the configuration, shape (k, n). Where a corner passes, which has others
+            before and after, they are those of the least distance of all.
+        rates: Derivatives by time, of what moves by itself [1/s], shape (k,).
+    """
+
+    times: Array
+    pairs: IntArray
+    slopes: Array
+    rates: Array
+
+    @classmethod
+    def none(cls, n: int) -> Nearest:
+        """Nothing near an arm of so many joints."""
+        index = np.zeros(0, dtype=np.int64)
+        return cls(np.zeros(0), index, np.zeros((0, n)), np.zeros(0))
+
+
 def clearances(motion: Motion) -> list[LimitRows]:
     """Distances that are near their margins, as shares of the reach."""
     if motion.task.room is None:
@@ -78,17 +102,20 @@ def clearances(motion: Motion) -> list[LimitRows]:
     return rows
 
 
-def nearest_instants(motion: Motion) -> tuple[Array, IntArray]:
-    """When pairs that come close are nearest [s], and which pairs, shape (k,) each."""
+def nearest_instants(motion: Motion) -> Nearest:
+    """When pairs that come close are nearest, and how the least distances change."""
     if motion.task.room is None:
-        return np.zeros(0), np.zeros(0, dtype=np.int64)
+        return Nearest.none(motion.changes.n)
     found = _Approaches(motion, motion.task.room, CLOSE).contacts()
     close = [item.kept(item.missing > -CLOSE) for item in found]
-    times = [item.at.times(motion.changes) for item in close]
-    pairs = [item.pair for item in close]
-    if not times:
-        return np.zeros(0), np.zeros(0, dtype=np.int64)
-    return np.concatenate(times), np.concatenate(pairs)
+    if not close:
+        return Nearest.none(motion.changes.n)
+    return Nearest(
+        np.concatenate([item.at.times(motion.changes) for item in close]),
+        np.concatenate([item.pair for item in close]),
+        np.concatenate([item.slopes for item in close]),
+        np.concatenate([item.rates for item in close]),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.clearances import nearest_instants
+from tominpmp.certificate.clearances import Nearest, nearest_instants
 from tominpmp.certificate.task import Task
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
@@ -26,7 +26,7 @@ from tominpmp.solvers.merit import WEIGHT_MARGIN, Merit
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.anchoring import anchored, padding_left
+from tominpmp.transcription.anchoring import anchored, padding_left, unanchored
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import Gridded
 from tominpmp.transcription.program import NonlinearProgram
@@ -78,19 +78,26 @@ class Following:
         options: Options of the plan; the smoothing is a share of T.
         budget: Time limit and callback, and how many iterations there may be.
         padding: Share of the padding of distances that is left.
+        squares: Whether the variation of torques counts by its squares.
     """
 
     def __init__(
-        self, of: Gridded, options: Options, budget: Budget, padding: float
+        self,
+        of: Gridded,
+        options: Options,
+        budget: Budget,
+        padding: float,
+        squares: bool,
     ) -> None:
         self.of, self.budget, self.padding = of, budget, padding
         self.task = Task.of(of.system.problem)
         self.lp = make_solver(options.lp_solver)
         self.options, self.radius = options, RADIUS
+        self.squares = squares
 
     def run(self, z: Array) -> tuple[NonlinearProgram, SlpResult]:
         """Follow a motion, then settle it with the rows that it has in the end."""
-        self.padding = padding_left(self.of, z, *self._nearest(z), self.padding)
+        self.padding = padding_left(self.of, z, self._nearest(z), self.padding)
         program, gains = self.anchored(z), [np.inf] * WINDOW
         for _ in range(STEPS):
             result = self._solve(program, z, None, 1)
@@ -108,7 +115,7 @@ class Following:
             little = sum(gains) < LITTLE * T or self.radius < SMALLEST
             if little or self.budget.spent:
                 break
-        return self.settled(program, z, LAST)
+        return self.settled(unanchored(program), z, LAST)
 
     def settled(
         self, program: NonlinearProgram, z: Array, iterations: int
@@ -125,16 +132,16 @@ class Following:
 
     def anchored(self, z: Array) -> NonlinearProgram:
         """The program with rows of distances where pairs are nearest in an iterate."""
-        return anchored(self.plain(z), z, *self._nearest(z), self.padding)
+        return anchored(self.plain(z), z, self._nearest(z), self.padding)
 
     def plain(self, z: Array) -> NonlinearProgram:
         """The program with rows where a grid has them, and where the motion rests."""
         program = NonlinearProgram.of(self.of).at(z)
         return exchanged(program, z, -NEARLY) or program
 
-    def _nearest(self, z: Array) -> tuple[Array, IntArray]:
+    def _nearest(self, z: Array) -> Nearest:
         if self.of.system.clearance is None:
-            return np.zeros(0), np.zeros(0, dtype=np.int64)
+            return Nearest.none(self.of.system.n)
         return nearest_instants(Motion.of(self.task, self.of.trajectory(z)))
 
     def _solve(
@@ -149,7 +156,7 @@ class Following:
         # A single iteration is shown by whoever asked for it.
         callback = go_on if most == 1 else self.budget
         solver = SlpSolver(program, few, smoothing, self.lp, callback, keep=keep)
-        return solver.run(z, after=former)
+        return replace(solver, squares=self.squares).run(z, after=former)
 
 
 def _weighted(iterate: Iterate) -> Merit:

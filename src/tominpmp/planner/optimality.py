@@ -24,7 +24,7 @@ from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.direct_solve import SMOOTHING_SHARE
+from tominpmp.planner.direct_solve import SMOOTHING_SHARE, by_squares
 from tominpmp.planner.following import Budget, Following
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import SHORTEST_MOTION
@@ -182,6 +182,7 @@ class Settling:
         smoothing = options.smoothing
         if smoothing is None:
             smoothing = min(SMOOTHING_SHARE, SMOOTHING * tolerance)
+        self.squares = by_squares(system, options)
         self.options = replace(options, smoothing=smoothing)
 
     def run(self, attempt: Attempt) -> Attempt:
@@ -230,7 +231,8 @@ class Settling:
         Motions of several segments are not followed.
         """
         of, z = layout.taken_up(self.system, best.trajectory)
-        following = Following(of, self.options, self.budget, self.padding)
+        own = self.budget, self.padding, self.squares
+        following = Following(of, self.options, *own)
         if follow and not self.system.problem.segments:
             program, result = following.run(z)
         else:

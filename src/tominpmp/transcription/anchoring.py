@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints.clearance import ClearanceConstraint
+from tominpmp.certificate.clearances import Nearest
+from tominpmp.constraints.clearance import ClearanceConstraint, Slopes
 from tominpmp.transcription.base import Motion, Transcription
 from tominpmp.transcription.blocks import Block, Sampled
 from tominpmp.transcription.instants import Instants
@@ -32,19 +33,19 @@ ALMOST, LEAST = 0.95, 0.3
 
 
 def anchored(
-    program: NonlinearProgram, z: Array, times: Array, pairs: IntArray, padding: float
+    program: NonlinearProgram, z: Array, nearest: Nearest, padding: float
 ) -> NonlinearProgram:
     """The program with rows of distances at the nearest instants of pairs.
 
     Args:
         program: The program.
         z: Its iterate.
-        times: When pairs are nearest in it [s], shape (k,).
-        pairs: The pair of each, shape (k,).
+        nearest: Where pairs are nearest in it.
         padding: Share of the padding of the distances that is left.
 
     Returns:
-        The program; rows that came to it between the nodes are left out.
+        The program, with the slopes of the least distances of this iterate; rows that
+        came to it between the nodes are left out.
     """
     of = program.transcription
     motion = of.motion(z)
@@ -55,7 +56,7 @@ def anchored(
         ):
             constraint = block.constraint.tightened(padding)
             block = replace(block, constraint=constraint)
-            block = _anchored(block, of, motion, times, pairs)
+            block = _anchored(block, of, motion, nearest)
         blocks.append(block)
     return replace(program, blocks=tuple(blocks))
 
@@ -64,18 +65,24 @@ def _anchored(
     block: Sampled,
     of: Transcription[Any],
     motion: Motion,
-    times: Array,
-    pairs: IntArray,
+    nearest: Nearest,
 ) -> Sampled:
-    constraint = block.constraint
+    constraint, (times, pairs, slopes, rates) = block.constraint, nearest
+    assert isinstance(constraint, ClearanceConstraint)  # noqa: S101
     regular = of.instants(constraint.order, constraint.field)
     beside = _beside(constraint, of, motion, regular, times, pairs)
     distinct, index = np.unique(times, return_inverse=True)
-    nearest = Instants.at_times(distinct, motion.h, of.delays)
+    own = Instants.at_times(distinct, motion.h, of.delays)
     others = np.ones((distinct.size, constraint.count), dtype=bool)
     others[index, pairs] = False
     ignored = np.concatenate([beside, others])
-    return replace(block, fixed=regular.joined(nearest), ignored=ignored)
+    known = Slopes(regular.size + index, pairs, slopes, rates)
+    return replace(
+        block,
+        constraint=constraint.knowing(known),
+        fixed=regular.joined(own),
+        ignored=ignored,
+    )
 
 
 def _beside(
@@ -109,19 +116,34 @@ def _beside(
     return out
 
 
+def unanchored(program: NonlinearProgram) -> NonlinearProgram:
+    """The program with all its rows, wherever iterates lead.
+
+    The nearest instants of another iterate are others: those of the grid are rows, too,
+    and all have the derivatives that they have there.
+    """
+    blocks = tuple(
+        replace(block, constraint=block.constraint.knowing(None), ignored=None)
+        if isinstance(block, Sampled)
+        and isinstance(block.constraint, ClearanceConstraint)
+        else block
+        for block in program.blocks
+    )
+    return replace(program, blocks=blocks)
+
+
 def padding_left(
-    of: Transcription[Any], z: Array, times: Array, pairs: IntArray, most: float
+    of: Transcription[Any], z: Array, nearest: Nearest, most: float
 ) -> float:
     """Share of the padding that pairs have left where they are nearest.
 
     Args:
         of: The parameterisation.
         z: An iterate of it.
-        times: When pairs are nearest in it [s], shape (k,).
-        pairs: The pair of each, shape (k,).
+        nearest: Where pairs are nearest in it.
         most: What is not exceeded.
     """
-    constraint = of.system.clearance
+    constraint, times, pairs = of.system.clearance, nearest.times, nearest.pairs
     if constraint is None or not times.size:
         return most
     motion = of.motion(z)
