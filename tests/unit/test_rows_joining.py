@@ -13,8 +13,9 @@ from test_slp import Program
 import tominpmp as tm
 from tominpmp.linear_programs import USUALLY, Nearly, PiqpSolver, make_solver
 from tominpmp.options import Options
-from tominpmp.solvers.exchange import ITERATIONS, RowExchange
+from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, RowExchange
 from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.trust_region import GROWTH
 from tominpmp.status import Status
 
 
@@ -83,9 +84,33 @@ def test_trust_region_goes_on():
 
     result = solve(RowExchange(revise=revise))
     assert len(seen) >= 2
-    radii = [record.radius for record in result.history]
-    # A restart would begin with the radius of a warm start each time.
-    assert max(abs(np.diff(np.log(radii)))) < 4.0
+    radii = np.array([record.radius for record in result.history])
+    # A restart would begin with the radius of a warm start each time: it neither falls
+    # nor grows faster than steps alone make it, but for the least that rows may need.
+    change = radii[1:] / radii[:-1]
+    assert np.all(change > 0.3 - 1e-9)
+    assert np.all((change < GROWTH + 1e-9) | (radii[1:] <= GROWTH * LEAST_RADIUS))
+
+
+def test_rows_are_looked_for_again_once_those_that_joined_are_done():
+    exchange = RowExchange(revise=worst_angle)
+    iterate = at_rest([1.0, 1.0, 2.0**0.5])
+    still = replace(exchange, level=0.0)
+    assert not still.due(iterate, None)
+    done, _ = still.extended(iterate, 10, 5)
+    assert done.due(iterate, None)
+    assert not done.looked.due(iterate, None)
+    moved = at_rest([1.2, 1.2, 1.2 * 2.0**0.5])
+    assert not done.due(moved, None)
+    broken = at_rest([1.1, 1.0, 2.0**0.5])
+    assert not done.due(broken, None)
+
+
+def at_rest(z):
+    """An iterate whose merit has not changed lately."""
+    program = shadow([0.0, np.pi / 4])
+    solver = SlpSolver(program, Options(), 0.0, make_solver("highs"))
+    return replace(solver.init(np.array(z)), gains=(1e-9,))
 
 
 def test_rows_that_join_bring_iterations_of_their_own():

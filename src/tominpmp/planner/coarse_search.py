@@ -46,6 +46,8 @@ PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
 NEARLY = 1e-2
 # Violation of one that is gone on with at once, as no motion is faster by much.
 SMALL = 1e-3
+# Change of the duration that is none, as a share of it, in so many iterations.
+AT_REST, REST = 3e-4, 2
 # While a motion violates more than this share it stands still where its trust region
 # has come down to this share.
 STUCK = 0.02
@@ -193,11 +195,25 @@ class CoarseSearch:
             return Status.STALLED if record.radius < STUCK else None
         if self._unbeaten(record) or self._outdone():
             return Status.STALLED
+        if self._at_rest:
+            return Status.ITERATION_LIMIT
         if not self.known:
             return None
         program, iterate, _ = self.progress.kept[-1]
         shape = shape_of(self.system, program.trajectory(iterate.z))
         return Status.STALLED if self._known(shape) else None
+
+    @property
+    def _at_rest(self) -> bool:
+        """Whether the duration hardly changes any more: the asked grid does the rest.
+
+        Among obstacles rows between the nodes have to join first.
+        """
+        last = self.progress.records[-REST - 1 :]
+        if not self.system.alone or len(last) <= REST or last[-2].violation > NEARLY:
+            return False
+        durations = np.array([record.duration for record in last])
+        return bool(np.all(np.abs(np.diff(durations)) < AT_REST * durations[1:]))
 
     def _outdone(self) -> bool:
         """Whether a start will end no faster than one that went before.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import (
     SegmentedGuess,
@@ -22,7 +24,7 @@ from tominpmp.planner.attempt import REFINEMENTS, Attempt
 from tominpmp.planner.judges import FAR, ever_slower, stagnating
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import refine, unrefined
-from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.exchange import RowExchange, with_missing_rows
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.restoration import LIGHT
 from tominpmp.solvers.rounds import Solve, solve_in_rounds
@@ -54,6 +56,9 @@ NEARLY = 1e-2
 GUESS_STRETCH = 1.02
 # Iterations for a motion whose accelerations jump, from which a smooth one begins.
 FIRST_ITERATIONS = 10
+# Excess of torques between the rows of coarse grids that is let pass: finer ones see to
+# it, and the motion is next to the same.
+COARSE_OVERLOAD = 3e-2
 # Gap of programs, as a share of T, where the final configuration is free: looser ones
 # lead to more iterations there.
 FREE_ACCURACY = 1e-6
@@ -183,13 +188,15 @@ def solve_from_guess(
     squares = not coarse and by_squares(system, options)
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
+    overload = COARSE_OVERLOAD if coarse else OVERLOAD
+    missing = partial(with_missing_rows, overload=overload)
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         solver = make_slp(program, options, smoothing, lp, progress)
-        exchange = RowExchange(longest=LONGEST, light=light)
+        exchange = RowExchange(longest=LONGEST, light=light, revise=missing)
         solver = replace(solver, exchange=exchange, squares=squares, accuracy=accuracy)
         return solver.run(z, after=after)
 
@@ -203,6 +210,7 @@ def solve_from_guess(
         rough=False,
         light=light,
         over=lambda: progress.let_go,
+        overload=overload,
     )
     if smooth and options.method != "collocation":
         found: tuple[Program, SlpResult]

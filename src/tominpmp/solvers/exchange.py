@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.restoration import cured
 from tominpmp.status import Status
@@ -24,6 +25,9 @@ from tominpmp.transcription.program import NonlinearProgram
 # Rows are looked for when the duration changes by less than such a share of it in an
 # iteration; after each time, by less than this share of what it was then.
 ROUGH, FINER = 1e-2, 0.1
+# Or once rows have joined, when what they asked for is done but for this, and duration
+# has not changed by more than this share of it: they seldom move the motion.
+DONE, UNMOVED = 1e-3, 1e-3
 # Where rows are violated by so much, more of them between the nodes would not help.
 FAR = 1e-2
 # Iterations that rows give to what they have joined, and how often.
@@ -34,13 +38,21 @@ LEAST_RADIUS = 0.1
 Revise = Callable[[Program, Array], tuple[Program, Array] | None]
 
 
-def with_missing_rows(program: Program, z: Array) -> tuple[Program, Array] | None:
+def with_missing_rows(
+    program: Program, z: Array, overload: float = OVERLOAD
+) -> tuple[Program, Array] | None:
     """A program with the rows that an iterate shows to be missing, and the iterate.
 
-    None if nothing is missing.
+    Args:
+        program: The program.
+        z: Its iterate.
+        overload: Relative excess of torques that is let pass.
+
+    Returns:
+        Both; None if nothing is missing.
     """
     assert isinstance(program, NonlinearProgram)  # noqa: S101
-    changed = revised(program, z)
+    changed = revised(program, z, overload)
     return None if changed is None else (changed[0].at(changed[1]), changed[1])
 
 
@@ -52,6 +64,7 @@ class RowExchange:
         level: Change of the duration in an iteration, as a share of it, below which the
             motion is looked at.
         extensions: How often rows have joined and given it more iterations.
+        joined_at: Duration when rows joined last [s]; None while none have.
         longest: Motions that last longer are not looked at [s].
         light: Once the iteration has settled violations of rows that join are left to
             slowing down, if they are no larger than this.
@@ -61,6 +74,7 @@ class RowExchange:
 
     level: float = ROUGH
     extensions: int = 0
+    joined_at: float | None = None
     longest: float = np.inf
     light: float = 0.0
     revise: Revise = with_missing_rows
@@ -76,13 +90,20 @@ class RowExchange:
             return False
         if iterate.violation > FAR or not iterate.gains:
             return False
-        settled = status is Status.CONVERGED
-        return settled or iterate.gains[-1] < self.level * iterate.duration
+        if status is Status.CONVERGED or self._done(iterate):
+            return True
+        return iterate.gains[-1] < self.level * iterate.duration
+
+    def _done(self, iterate: Iterate) -> bool:
+        """Whether what rows asked for that have joined is done."""
+        if self.joined_at is None or iterate.violation > DONE:
+            return False
+        return abs(iterate.duration - self.joined_at) <= UNMOVED * self.joined_at
 
     @property
     def looked(self) -> RowExchange:
         """The same once the motion was looked at."""
-        return replace(self, level=FINER * self.level)
+        return replace(self, level=FINER * self.level, joined_at=None)
 
     def enough(
         self, program: Program, iterate: Iterate, status: Status | None, limit: float
@@ -98,16 +119,20 @@ class RowExchange:
         settled = status is Status.CONVERGED and self.light > 0.0
         return settled and cured(program, iterate, self.light, limit) is not None
 
-    def extended(self, limit: int, count: int) -> tuple[RowExchange, int]:
+    def extended(
+        self, iterate: Iterate, limit: int, count: int
+    ) -> tuple[RowExchange, int]:
         """The same once rows have joined, and the limit on the iterations.
 
         Args:
+            iterate: Where the iteration stands.
             limit: The limit by now.
             count: Iterations that were made.
         """
+        more = replace(self, joined_at=iterate.duration)
         if self.extensions == EXTENSIONS:
-            return self, limit
-        more = replace(self, extensions=self.extensions + 1)
+            return more, limit
+        more = replace(more, extensions=self.extensions + 1)
         return more, max(limit, count + ITERATIONS)
 
     def joined(

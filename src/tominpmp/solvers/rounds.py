@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import cast
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.restoration import cured
@@ -36,6 +37,7 @@ def solve_in_rounds(
     rough: bool = True,
     light: float = 0.0,
     over: Callable[[], bool] = lambda: False,
+    overload: float = OVERLOAD,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """Solve until the motion keeps its limits between the rows too.
 
@@ -48,6 +50,7 @@ def solve_in_rounds(
         light: Violations between the rows that are no larger than this are cured by
             slowing down.
         over: Tells whether what was solved is not gone on with.
+        overload: Relative excess of torques between the rows that is let pass.
 
     Returns:
         The last program and its outcome.
@@ -66,7 +69,7 @@ def solve_in_rounds(
             break
         z = result.iterate.z
         if not far:
-            changed = revised(program, z)
+            changed = revised(program, z, overload)
             if changed is None and settled:
                 break
             program, z = changed or (program, z)
@@ -79,7 +82,8 @@ def solve_in_rounds(
         program = _last(program, result)
         settled = True
     else:
-        if result.status is Status.CONVERGED and revised(program, result.iterate.z):
+        last = result.iterate.z
+        if result.status is Status.CONVERGED and revised(program, last, overload):
             # It has settled on rows that are not all that it needs.
             result = replace(result, status=Status.ITERATION_LIMIT)
     return program, result

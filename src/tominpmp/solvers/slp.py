@@ -155,7 +155,7 @@ class SlpSolver:
                         solver, best = replace(solver, nlp=program), None
                         if exchange.enough(program, iterate, status, limit):
                             continue
-                        exchange, most = exchange.extended(most, len(history))
+                        exchange, most = exchange.extended(iterate, most, len(history))
                         status = None if status is Status.CONVERGED else status
         except (Stop, KeyboardInterrupt):
             with grace(RESTORING), contextlib.suppress(Stop):
