@@ -39,7 +39,7 @@ FASTER = 4.0
 LEAST_RATE = 20.0
 # Share of what is tolerated of excess over the limits that the feedback may take.
 TRACE = 0.2
-# Relative tolerance of its integration: the feedback takes errors away, and what is left
+# Relative tolerance of its integration: feedback takes errors away, and what is left
 # at the end is below 1e-10 rad (docs/verification.md).
 TRACKING_RTOL = 1e-7
 # Errors of the integration that amplified come to less than this share of what is
