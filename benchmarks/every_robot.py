@@ -4,7 +4,8 @@ Each description that is known by name is loaded as it is, with all joints that 
 limits, and moved by a tenth of a radian (or a tenth of its range) of every joint from a
 configuration near the middle of the ranges, links of the robot itself in the way.
 Joints whose motors are no stronger than their own dry friction, as those of TALOS'
-grippers (1 N m each), cannot be moved by them: they are locked.
+grippers (1 N m each), cannot be moved by them: they are locked. All times are those of
+the processor, and so is the limit: what else a machine does is not measured.
 
     python -m benchmarks.every_robot
     python -m benchmarks.every_robot --robots icub_reduced,g1 --limit 60
@@ -39,7 +40,6 @@ COLUMNS = (
     "bound",
     "seconds",
     "load_seconds",
-    "processor_seconds",
     "iterations",
     "programs",
     "program_seconds",
@@ -52,6 +52,11 @@ STEP, SHARE = 0.1, 0.1
 PLACES = (None, 0.5, 0.45, 0.55, 0.4, 0.6, 0.3, 0.7)
 # Ranges beyond this are no ranges.
 WIDE = 10.0
+
+
+def count_processor_time() -> None:
+    """Let clocks and limits, the planner's too, count what this process computes."""
+    time.perf_counter = time.process_time
 
 
 def ends(robot: Any, place: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -111,10 +116,9 @@ def measure(name: str, limit: float) -> dict[str, object]:
         return row | {"status": type(error).__name__, "message": str(error)[:300]}
     row["pairs"] = len(problem.checker.pairs)
     row["load_seconds"] = time.perf_counter() - begin
-    begin, used = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
     solution = tm.plan(problem, max_planning_time=limit)
     row["seconds"] = time.perf_counter() - begin
-    row["processor_seconds"] = time.process_time() - used
     bound = solution.lower_bound
     judged = solution.verification
     return row | {
@@ -133,9 +137,12 @@ def main() -> int:
     """Measure, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", default=",".join(robot_names()))
-    parser.add_argument("--limit", type=float, default=20.0, help="seconds a robot")
+    parser.add_argument(
+        "--limit", type=float, default=20.0, help="seconds of the processor a robot"
+    )
     parser.add_argument("--csv", type=Path, default=Path("out/every_robot.csv"))
     arguments = parser.parse_args()
+    count_processor_time()
     sheet = Sheet(arguments.csv, COLUMNS)
     for name in arguments.robots.split(","):
         sheet.add(measure(name, arguments.limit))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from sample_arms import DOWNWARD, describe
 
 import tominpmp as tm
 from tominpmp.collision import CollisionChecker
+from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.multistart import torques_may_lead
+from tominpmp.planner.touching import links_touch
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The straight line between these leads the wrist of a Panda through its base.
@@ -53,6 +56,41 @@ def test_a_motion_through_itself_is_not_verified() -> None:
     assert found.worst["clearance"].violated
     assert "panda_link" in found.message
     assert found.min_clearance < -0.04
+
+
+def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Eight times as fast, so that torques rule, and the search begins on coarse grids.
+    ur5 = tm.load_robot("ur5")
+    fast = ur5.with_changes(velocity=8.0 * ur5.limits.velocity)
+    start, goal = [-1.2, 0.3, 0.9, 2.3, 2.3, -1.5], [1.5, 0.8, -0.7, 1.7, 2.4, -0.1]
+    problem = tm.Problem(fast, start, tm.JointGoal(goal))
+    replays: list[bool] = []
+    usual = Attempt.verified
+
+    def verified(self: Attempt, *arguments: Any, **changes: Any) -> Attempt:
+        attempt = usual(self, *arguments, **changes)
+        replays.append(attempt.touches)
+        return attempt
+
+    monkeypatch.setattr(Attempt, "verified", verified)
+    solution = tm.plan(problem, effort="quick", refine=None, intervals=24)
+    assert solution.success, solution.message
+    assert replays
+    assert not any(replays)
+
+
+def test_links_touch_where_their_meshes_do() -> None:
+    problem = through_itself()
+    way = np.array(TURNED) - FOLDED
+    q = FOLDED + np.linspace(0.0, 1.0, 9)[:, None] * way
+    t = np.linspace(0.0, 1.0, 9)
+    line = tm.Trajectory(problem.robot.joint_names, t, q, 0.0 * q, 0.0 * q)
+    assert links_touch(problem, line)
+    assert meshes_touch(problem, line)
+    still = tm.Trajectory(problem.robot.joint_names, t, 0.0 * q + FOLDED, 0 * q, 0 * q)
+    assert not links_touch(problem, still)
 
 
 def test_an_arm_alone_is_as_fast_as_if_its_links_could_touch() -> None:

@@ -40,6 +40,7 @@ class Attempt:
         unconfirmed: Whether there was no time left for the replay.
         layout: How the motion was parameterised; None where only torques are.
         taken_over: Whether it is on the finer grid of a former motion.
+        apart: Whether rows kept bodies, or links, from touching.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Attempt:
     unconfirmed: bool = False
     layout: Layout | None = None
     taken_over: bool = False
+    apart: bool = False
 
     @classmethod
     def of(
@@ -72,9 +74,10 @@ class Attempt:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
-        layout = None
+        layout, apart = None, False
         if isinstance(program, NonlinearProgram):
             layout = Layout.of(program.transcription, iterate.z)
+            apart = program.system.clearance is not None
         return cls(
             name,
             result.status,
@@ -85,6 +88,7 @@ class Attempt:
             result.history,
             remark=result.remark,
             layout=layout,
+            apart=apart,
         )
 
     @property

@@ -30,6 +30,7 @@ from tominpmp.planner.coarse_grids import ITERATIONS, Grids
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
 from tominpmp.planner.progress import Kept, Progress
 from tominpmp.planner.rescue import guarded
+from tominpmp.planner.touching import links_touch
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
@@ -252,6 +253,9 @@ class CoarseSearch:
         early = self._secured(rough)
         progress.begin()
         former = rough.attempt
+        # A finer motion would touch, too: once is enough.
+        touch = system.alone and links_touch(system.problem, former.trajectory)
+        progress.links_touched = touch
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
         solve = partial(solve_and_verify, system, fine, guess, progress)
@@ -263,7 +267,8 @@ class CoarseSearch:
         if self.stopped and not attempt.found and progress.best == np.inf:
             early = early or self._replayed(rough)
         if early is not None and early.found and not attempt.found:
-            attempt = replace(early, status=attempt.status)
+            status, history = attempt.status, attempt.history
+            attempt = replace(early, status=status, history=history)
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
         return attempt

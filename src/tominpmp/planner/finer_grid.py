@@ -182,13 +182,13 @@ def refined(
 
     Args:
         system: The functions of the problem; those of an arm alone let its links touch
-            at first.
+            at first, unless the motion came of rows that keep them apart.
         options: Options of the plan.
         attempt: What led to the motion.
         progress: Time limit and callback.
         work: What may be done.
     """
-    first = system.first_tried
+    first = system if attempt.apart else system.first_tried
     found = _refined(first, options, attempt, progress, work)
     if first is system or found is None or not found.touches:
         return found

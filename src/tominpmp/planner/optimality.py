@@ -92,10 +92,9 @@ def certified(
         yield replace(best, status=Status.CONVERGED, history=())
         return
     progress.share(1)
-    touched = progress.links_touched
     progress.begin()
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    system = system if touched else system.first_tried
+    system = system if best.apart else system.first_tried
     # As many iterations as the search has had, some at least, and none too many.
     had = sum(len(attempt.history) for attempt in attempts)
     limit = min(max(had, FEWEST), options.max_iterations)

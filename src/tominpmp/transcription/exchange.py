@@ -16,12 +16,18 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Constraint, PathConstraint
 from tominpmp.constraints.friction import OVERLOAD
-from tominpmp.constraints.torque import MotorLimit
 from tominpmp.transcription.base import Motion, Transcription
-from tominpmp.transcription.blocks import Block, Sampled, assumed
+from tominpmp.transcription.blocks import Block, Sampled
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.missing_rows import (
+    Missing,
+    excess_at,
+    jumping,
+    listed,
+    rising,
+    with_rows,
+)
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.turning import turning
 
 # What is continuous is looked at this often [s], and this often an interval at least.
 STEP = 2e-3
@@ -44,14 +50,6 @@ SPLIT = 4
 # table of instants by values has more numbers: they take memory, and the verification
 # looks again.
 MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
-# Torque rates are taken between such pairs of instants of each interval.
-RATES_INSPECTED = (
-    *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
-    *(0.6, 0.65, 0.73, 0.78, 0.85, 0.9),
-)
-# Where one torque is beyond its limit by more than is let pass, all that are beyond by
-# this share of it become rows: most would be found one after the other.
-WITH_IT = 0.5
 # Where nothing is padded, a trace may be missing.
 LEAST = 1e-5
 
@@ -118,114 +116,31 @@ def _exchanged(
         beside = of.states(motion, at.middles, 1).v
         constraint, count = constraint.corrected(states, beside, overload)
     more = _violated(block, of, motion, overload)
-    if more.size and isinstance(constraint, PathConstraint) and constraint.window:
-        times = more.times(motion.h) + of.delays[more.interval]
-        return replace(block, constraint=constraint.with_times(times)), more.size
-    if more.size:
-        constraint = constraint.joined(assumed(constraint, of, motion, more))
-    block = replace(block, constraint=constraint, fixed=block.fixed.joined(more))
-    return block, count + more.size
+    if more.at.size and isinstance(constraint, PathConstraint) and constraint.window:
+        times = more.at.times(motion.h) + of.delays[more.at.interval]
+        return replace(block, constraint=constraint.with_times(times)), more.at.size
+    block, joined = with_rows(replace(block, constraint=constraint), of, motion, more)
+    return block, count + joined
 
 
 def _violated(
     block: Sampled, of: Transcription[Any], motion: Motion, overload: float
-) -> Instants:
+) -> Missing:
     """Instants between the rows of a constraint at which it is violated."""
     constraint = block.constraint
     if constraint.usable is None:
-        return Instants.none()
+        return Missing(Instants.none())
     if constraint.order >= 3:
-        return _rising(constraint, of, motion, overload)
+        return Missing(rising(constraint, of, motion, overload))
     if constraint.order >= 2:
-        return _jumping(constraint, of, motion, overload, block.within)
+        return jumping(constraint, of, motion, overload, block.within)
     known = block.instants(of, motion.h)
     if block.ignored is not None:
         # Where not all values are rows a new one may be beside.
         whole = np.ones(known.size, dtype=bool)
         whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
         known = Instants(known.interval[whole], known.share[whole])
-    return _Continuous(constraint, of, motion, block.within).violated(known)
-
-
-def _excess(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    at: Instants,
-    attention: float = np.inf,
-) -> Array:
-    """What values are beyond their bounds at other instants than the rows', (m, p)."""
-    states = of.states(motion, at, constraint.order)
-    constraint = assumed(constraint, of, motion, at)
-    values = constraint.evaluate(states, attention)
-    lower, upper = constraint.bounds(at.size)
-    if isinstance(constraint, PathConstraint) and constraint.window is not None:
-        holds = constraint.window.asked(states.t)[:, None]
-        values = np.where(holds, values, np.clip(values, lower, upper))
-    if np.all(np.isinf(lower)):
-        return np.asarray(values - upper)
-    return np.maximum(values - upper, lower - values)
-
-
-def _jumping(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    tolerance: float,
-    within: tuple[int, int] | None,
-) -> Instants:
-    """Instants for what may jump at the nodes: torques, and what depends on them.
-
-    For each part of an interval and value the worst of the instants that are looked at,
-    without repetitions, and those beside which joints with dry friction turn.
-    """
-    found: set[tuple[int, float]] = set()
-    first, end = within or (0, of.intervals)
-    for shares in of.inspected:
-        at = Instants.spread(of.intervals, shares).within(first, end)
-        excess = _excess(constraint, of, motion, at)
-        excess = excess.reshape(end - first, len(shares), -1)
-        worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
-        if not np.any(largest > tolerance):
-            continue
-        over = largest > (WITH_IT if tolerance > 0.0 else 1.0) * tolerance
-        found |= {(first + int(k), shares[worst[k, j]]) for k, j in np.argwhere(over)}
-    if isinstance(constraint, MotorLimit) and constraint.motors.friction is not None:
-        joints = constraint.motors.friction > 0.0
-        at = turning(of, motion, joints, (first, end))
-        if at.size:
-            over = np.any(_excess(constraint, of, motion, at) > tolerance, axis=1)
-            shares = at.share[over].tolist()
-            found |= set(zip(at.interval[over].tolist(), shares, strict=True))
-    return _listed(sorted(found))
-
-
-def _rising(
-    constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
-) -> Instants:
-    """Pairs of instants between which rates are too large, the worst of each interval.
-
-    One pair for each interval and value, without repetitions.
-    """
-    pairs = Instants.spread(of.intervals, RATES_INSPECTED)
-    excess = _excess(constraint, of, motion, pairs)
-    excess = excess.reshape(of.intervals, len(RATES_INSPECTED) // 2, -1)
-    worst, over = np.argmax(excess, axis=1), np.max(excess, axis=1) > tolerance
-    found = {(int(k), int(worst[k, j])) for k, j in np.argwhere(over)}
-    return _listed(
-        [
-            (k, share)
-            for k, pair in sorted(found)
-            for share in RATES_INSPECTED[2 * pair : 2 * pair + 2]
-        ]
-    )
-
-
-def _listed(found: list[tuple[int, float]]) -> Instants:
-    return Instants(
-        np.array([k for k, _ in found], dtype=np.int64),
-        np.array([share for _, share in found]),
-    )
+    return Missing(_Continuous(constraint, of, motion, block.within).violated(known))
 
 
 class _Continuous:
@@ -273,11 +188,11 @@ class _Continuous:
                 if all(abs(share - other) > apart for other in near):
                     near.append(share)
                     found.append((k, share))
-        return _listed(found)
+        return listed(found)
 
     def _missing(self, at: Instants, attention: float) -> Array:
         """What is beyond the bounds and what may be used beyond them, shape (m, p)."""
-        excess = _excess(self._constraint, self._of, self._motion, at, attention)
+        excess = excess_at(self._constraint, self._of, self._motion, at, attention)
         return np.asarray(excess - self._usable)
 
     def _closer(self, at: Instants) -> tuple[Instants, Array]:

@@ -1,0 +1,74 @@
+"""Rows that join between the nodes: those that are missing, and none of them twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, rod
+from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.options import Options
+from tominpmp.planner.direct_solve import first_program
+from tominpmp.transcription.blocks import Sampled
+from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.missing_rows import ROOM
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# The second joint is so strong that it never comes near its limit.
+EFFORT = (12.0, 4.0e3)
+
+
+@pytest.fixture(scope="module", params=["constant", "linear"])
+def hasty(request: pytest.FixtureRequest):
+    """A program, and a motion of it that is much too fast for one joint of two."""
+    arm = make_arm(rod(4.0, 0.6), rod(2.0, 0.5), effort=EFFORT)
+    problem = tm.Problem(arm, [0.0, 0.0], tm.JointGoal([0.9, 0.4]))
+    system = ProblemFunctions.of(problem).first_tried
+    options = Options(method="inverse", intervals=6, control=request.param)
+    guess = straight_guess(system, problem.goal.configuration)
+    program, z = first_program(system, options, guess)
+    z = program.stretch(z, 0.4)
+    return program.at(z), z
+
+
+def torques(program) -> Sampled:
+    return next(block for block in program.blocks if block.name == "torque")
+
+
+def test_an_instant_that_has_its_rows_does_not_join_again(hasty) -> None:
+    program, z = hasty
+    more = exchanged(program, z)
+    assert more is not None
+    assert torques(more).fixed.size > torques(program).fixed.size
+    # The motion is as it was: its rows are there, and broken as before.
+    assert exchanged(more, z) is None
+
+
+def test_joints_with_room_to_spare_get_no_rows_for_others(hasty) -> None:
+    program, z = hasty
+    more = exchanged(program, z)
+    assert more is not None
+    before, block = torques(program), torques(more)
+    new = slice(before.fixed.size, None)
+    of = more.transcription
+    value = block.values(of, of.motion(z)).reshape(block.lower.shape)[new]
+    assert np.all(np.abs(value[:, 1]) < 1.0 - ROOM)
+    assert np.all(np.isinf(block.upper[new, 1]) & np.isinf(block.lower[new, 1]))
+    assert np.all(block.upper[new, 0] == 1.0)
+    assert np.max(np.abs(value[:, 0])) > 1.0
+
+
+def test_they_get_rows_once_they_have_none_left(hasty) -> None:
+    program, z = hasty
+    more = exchanged(program, z)
+    assert more is not None
+    known = torques(more).fixed.size
+    faster = more.stretch(z, 0.03)
+    again = exchanged(more.at(faster), faster)
+    assert again is not None
+    block = torques(again)
+    new = slice(torques(program).fixed.size, known)
+    assert np.any(np.isfinite(block.upper[new, 1]))
+    pairs = list(zip(block.fixed.interval, block.fixed.share, strict=True))
+    assert len(set(pairs)) == len(pairs)
