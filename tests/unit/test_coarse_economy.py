@@ -119,3 +119,30 @@ def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
         options = resolve_options(problem, tm.Options(**changes))
         assert Grids.of(system, options, torques).fine.smoothing == smoothing
         assert Grids.of(system, options, torques).coarse.smoothing == options.smoothing
+
+
+def test_a_motion_that_was_finished_is_not_finished_again(caplog):
+    robot = tm.load_robot("planar3r")
+    ends = (2.5, -0.5, 2.3), (0.7, 1.7, 1.6)
+    problem = tm.Problem(robot, ends[0], tm.JointGoal(ends[1]), self_collision=False)
+    with caplog.at_level("INFO", logger="tominpmp.planner.coarse_search"):
+        solution = tm.plan(problem)
+    finished = sorted(entry.args[1] for entry in caplog.records if entry.args)
+    assert solution.success
+    assert finished
+    assert solution.T <= 1.477
+    assert np.all(np.diff(finished) > 1e-4 * finished[0])
+
+
+def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
+    search, _ = coarse
+    monkeypatch.setattr(search, "ends", [search.known[-1].shape])
+    T = search.progress.kept[-1].iterate.duration
+    monkeypatch.setattr(search.progress, "best", T)
+    assert search._comes_back(record(search)) is Status.STALLED
+    assert search._comes_back(record(search, violation=0.01)) is None
+    monkeypatch.setattr(search.progress, "best", 1.01 * T)
+    assert search._comes_back(record(search)) is None
+    monkeypatch.setattr(search.progress, "best", T)
+    monkeypatch.setattr(search, "ends", [search.known[-1].shape + 0.1])
+    assert search._comes_back(record(search)) is None

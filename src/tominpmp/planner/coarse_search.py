@@ -133,6 +133,7 @@ class CoarseSearch:
     Attributes:
         known: Motions on coarse grids, all different.
         tried: What they and others began with.
+        ends: Shapes of the motions that were finished.
         loss: What the coarse grid costs, as a share of T.
         stopped: Whether it was time to stop.
     """
@@ -149,6 +150,7 @@ class CoarseSearch:
         self.grids = Grids.of(system, options, torques)
         self.known: list[Rough] = []
         self.tried: list[Guess] = []
+        self.ends: list[Array] = []
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.stopped = False
 
@@ -259,9 +261,12 @@ class CoarseSearch:
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
         solve = partial(solve_and_verify, system, fine, guess, progress)
-        attempt = guarded(system.problem, fine, progress, former.name, solve)
+        with progress.judged(self._comes_back if self.ends else None):
+            attempt = guarded(system.problem, fine, progress, former.name, solve)
         if attempt is None:
             return early if early is not None and early.found else None
+        if progress.let_go and self.ends:
+            return None
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
         if self.stopped and not attempt.found and progress.best == np.inf:
@@ -269,9 +274,22 @@ class CoarseSearch:
         if early is not None and early.found and not attempt.found:
             status, history = attempt.status, attempt.history
             attempt = replace(early, status=status, history=history)
+        if attempt.found:
+            self.ends.append(shape_of(system, attempt.trajectory))
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
         return attempt
+
+    def _comes_back(self, record: IterationRecord) -> Status | None:
+        """End one that comes to a motion which was finished before, or near it."""
+        progress = self.progress
+        faster = record.duration < (1.0 - PROMISE) * progress.best
+        if faster or record.violation > SMALL:
+            return None
+        program, iterate, _ = progress.kept[-1]
+        shape = shape_of(self.system, program.trajectory(iterate.z))
+        near = any(np.max(np.abs(shape - end)) < SAME for end in self.ends)
+        return Status.STALLED if near else None
 
     def _secured(self, rough: Rough) -> Attempt | None:
         """The coarse motion, replayed, where there may be no time to go on from it.

@@ -117,7 +117,9 @@ def _solve_and_verify(
 ) -> Attempt:
     problem = system.problem
     attempt = solve_from_guess(system, options, guess, progress)
-    attempt = attempt.verified(problem, options, later=progress.puts_off)
+    # One that was let go is not gone on with.
+    later = progress.puts_off or progress.let_go
+    attempt = attempt.verified(problem, options, later=later)
     unwatched = system.clearance is None
     for _ in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
