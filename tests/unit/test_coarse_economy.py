@@ -137,6 +137,9 @@ def test_a_motion_that_was_finished_is_not_finished_again(caplog):
 def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
     search, _ = coarse
     monkeypatch.setattr(search, "ends", [search.known[-1].shape])
+    assert search._comes_back(record(search)) is None  # among obstacles
+    alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
+    monkeypatch.setattr(search, "system", alone)
     T = search.progress.kept[-1].iterate.duration
     monkeypatch.setattr(search.progress, "best", T)
     assert search._comes_back(record(search)) is Status.STALLED

@@ -281,10 +281,13 @@ class CoarseSearch:
         return attempt
 
     def _comes_back(self, record: IterationRecord) -> Status | None:
-        """End one that comes to a motion which was finished before, or near it."""
+        """End one that comes to a motion which was finished before, or near it.
+
+        Among obstacles it may still get away from there, and past them.
+        """
         progress = self.progress
         faster = record.duration < (1.0 - PROMISE) * progress.best
-        if faster or record.violation > SMALL:
+        if faster or record.violation > SMALL or not self.system.alone:
             return None
         program, iterate, _ = progress.kept[-1]
         shape = shape_of(self.system, program.trajectory(iterate.z))
