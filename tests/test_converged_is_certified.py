@@ -291,7 +291,7 @@ def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
     from tominpmp.solvers.slp import SlpSolver
 
     monkeypatch.setattr(rounds, "ROUNDS", 1)
-    monkeypatch.setattr(rounds, "revised", lambda program, z: (program, z))
+    monkeypatch.setattr(rounds, "revised", lambda program, z, overload: (program, z))
     options = resolve_options(around.problem, OPTIONS)
     of, z = Layout.of_motion(around.trajectory).taken_up(
         ProblemFunctions.of(around.problem), around.trajectory

@@ -23,6 +23,7 @@ from tominpmp.planner.finer_grid import (
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.restoration import restored
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.bends import BENDS
@@ -31,9 +32,12 @@ from tominpmp.transcription.grid import (
     interval_shares,
     segmented_shares,
 )
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.kept_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.rows import Rows
 
 START, GOAL = (0.5, 1.7, -1.7), (0.5, 1.0, 1.0)
@@ -293,3 +297,59 @@ def test_an_iteration_goes_on_while_slowing_down_is_no_cure(curable):
     # It has kept all that it promised, but for what is violated.
     record = replace(record, actual=record.predicted, duration=1.0)
     assert promise(record) == (Status.CONVERGED if curable else None)
+
+
+def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
+    """It took eight looks, each at all distances."""
+    program, z = Slow(True), np.ones(1)
+    merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
+    iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
+    looks = []
+    evaluate = program.evaluate
+    program.evaluate = lambda z: looks.append(z) or evaluate(z)
+    slower = restored(program, iterate, 1e-6)
+    assert slower.violation <= 1e-6
+    assert 1.0 < slower.duration <= 1.0 + 1.05e-4
+    assert len(looks) <= 3
+
+
+def test_nothing_is_slowed_down_where_that_cures_nothing():
+    options, program, z = tm.Options(), Slow(False), np.ones(1)
+    promise = Promise(Progress(options), 1.0, 1.0, Work(1e9, USUAL), 40, options)
+    merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
+    iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
+    promise.keep(program, iterate)
+    program.evaluate = None  # not asked
+    assert not promise.cured_by_time
+
+
+# -- rows of distances that a motion rests on ------------------------------------------
+
+
+def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
+    """Without them it passed through what is between the nodes, and found them anew."""
+    box = tm.Box("box", size=(0.3, 0.3, 1.0), position=(-2.0, -2.0, 0.0))
+    problem = planar(scene=tm.Scene([box]))
+    motion = tm.plan(problem, control="constant", refine=None, starts=1).trajectory
+    of, z = Layout.of_motion(motion).taken_up(ProblemFunctions.of(problem), motion)
+    plain = NonlinearProgram.of(of).at(z)
+    (index,) = (k for k, b in enumerate(plain.blocks) if b.name == "clearance")
+    between = Instants(np.array([3, 20]), np.array([0.3, 0.85]))
+    block = plain.blocks[index]
+    blocks = list(plain.blocks)
+    blocks[index] = replace(block, fixed=block.fixed.joined(between))
+    times = times_of_rows(replace(plain, blocks=tuple(blocks)), z)
+    wanted = between.times(of.motion(z).h)
+    assert np.all(np.isin(np.round(wanted, 12), np.round(times["clearance"], 12)))
+
+    split = np.zeros(of.intervals, dtype=bool)
+    split[[3, 19, 20]] = True
+    finer, there = split_intervals(of, z, split)
+    regular = NonlinearProgram.of(finer).at(there)
+    found = with_rows_at(regular, there, times)
+    count = found.blocks[index].fixed.size - regular.blocks[index].fixed.size
+    assert count == between.size  # those of the grid are rows already
+    own = found.blocks[index].fixed.times(finer.motion(there).h)
+    for time in wanted:
+        assert np.min(np.abs(own - time)) < 1e-9
+    assert with_rows_at(found, there, times).rows.size == found.rows.size

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
+from tominpmp.transcription.kept_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.nearest import keeps_clear
@@ -41,6 +43,7 @@ class Attempt:
         layout: How the motion was parameterised; None where only torques are.
         taken_over: Whether it is on the finer grid of a former motion.
         apart: Whether rows kept bodies, or links, from touching.
+        rows: Times of its rows of distances [s], by what they are called.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Attempt:
     layout: Layout | None = None
     taken_over: bool = False
     apart: bool = False
+    rows: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -74,10 +78,11 @@ class Attempt:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
-        layout, apart = None, False
+        layout, apart, times = None, False, {}
         if isinstance(program, NonlinearProgram):
             layout = Layout.of(program.transcription, iterate.z)
             apart = program.system.clearance is not None
+            times = times_of_rows(program, iterate.z)
         return cls(
             name,
             result.status,
@@ -89,6 +94,7 @@ class Attempt:
             remark=result.remark,
             layout=layout,
             apart=apart,
+            rows=times,
         )
 
     @property

@@ -11,7 +11,7 @@ of it, and the next round looks where controls bend now.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -37,6 +37,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.kept_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import (
     QUADRATIC,
     Gridded,
@@ -209,24 +210,30 @@ def _refined(
     of, z = layout.taken_up(system, attempt.trajectory)
     T, lp = attempt.duration, make_solver(options.lp_solver)
     best: tuple[NonlinearProgram, SlpResult] | None = None
-    reached, thrift = T, work.thrift
+    thrift, rows, lean = work.thrift, attempt.rows, False
+    reached = kept = T
     for _ in range(thrift.rounds):
         split = to_be_split(of, z, thrift.bends)
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
         promise = Promise(progress, T, reached, work, of.intervals, options)
-        program, result = _solve(of, z, options, lp, promise)
+        program, result = _solve(of, z, rows, options, lp, promise)
         found = result.best
         logger.info("%d intervals: promise %.1e", of.intervals, promise.first)
-        if found is None or found.duration >= reached or promise.broken:
+        if found is None or found.duration >= reached or (lean and promise.broken):
             break
-        best, reached = (program, result), found.duration
+        # What the first grid does not bring the next one may, which knows more bends.
+        lean = promise.broken
+        best, kept = (best, kept) if lean else ((program, result), found.duration)
         assert isinstance(program.transcription, Gridded)  # noqa: S101
-        if promise.first < _falls(of) * thrift.worth or work.spent:
+        reached = found.duration
+        little = promise.first < _falls(of) * thrift.worth
+        if little or work.spent:
             break
         of, z = program.transcription, found.z
-    if best is None or reached > (1.0 - thrift.gain) * T:
+        rows = times_of_rows(program, z)
+    if best is None or kept > (1.0 - thrift.gain) * T:
         return None
     return _attempt(system, options, attempt, best, progress)
 
@@ -300,7 +307,7 @@ class Promise:
         thrift = self.work.thrift
         enough = left < thrift.enough or self.work.spent
         enough = enough or self.iterations >= self.most
-        enough = enough and record.violation <= CURABLE and self._cured_by_time
+        enough = enough and record.violation <= CURABLE and self.cured_by_time
         enough = enough or self.first < thrift.worth
         return status or (Status.CONVERGED if enough else None)
 
@@ -319,19 +326,28 @@ class Promise:
         self.progress.keep(program, iterate)
 
     @property
-    def _cured_by_time(self) -> bool:
+    def cured_by_time(self) -> bool:
         """Whether slowing down cures all that is violated: it parts nothing."""
         if self.latest is None:
             return True
         program, iterate = self.latest
+        rows = program.rows
+        violation = rows.violation(iterate.values)
+        if np.any(violation[~rows.curable[rows.kind]] > self.feasibility):
+            return False
         slower = restored(program, iterate, self.feasibility)
         return slower.violation <= self.feasibility
 
 
 def _solve(
-    of: Gridded, z: Array, options: Options, lp: LpSolver, promise: Promise
+    of: Gridded,
+    z: Array,
+    rows: Mapping[str, Array],
+    options: Options,
+    lp: LpSolver,
+    promise: Promise,
 ) -> tuple[NonlinearProgram, SlpResult]:
-    """A few programs on a new grid."""
+    """A few programs on a new grid, with the rows of distances that there were."""
     smoothing = options.smoothing
     if smoothing is None:
         smoothing = 0.0 if of.system.alone else SMOOTHING_SHARE * float(of.cost @ z)
@@ -341,7 +357,7 @@ def _solve(
         trust_region=RADIUS * options.trust_region,
         max_iterations=min(options.max_iterations, MOST_ITERATIONS),
     )
-    program = NonlinearProgram.of(of).at(z)
+    program = with_rows_at(NonlinearProgram.of(of).at(z), z, rows)
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None

@@ -16,6 +16,9 @@ from tominpmp.transcription.base import Program
 # Violations below this are removed by slowing down at the end.
 RESTORABLE = 1e-2
 RESTORATIONS = 8
+# Share of a violation that cures it, as torques go with the square of the pace, and
+# how much more than what is needed is tried.
+HALF, MORE = 0.5, 1.02
 # Violations between the rows below this are cured so, where the grid is to be refined
 # anyway: programs with rows for them bring less than it costs.
 LIGHT = 5e-4
@@ -51,17 +54,25 @@ def restored(nlp: Program, iterate: Iterate, limit: float) -> Iterate:
     """
     if iterate.violation <= limit or not restorable(nlp, iterate, limit):
         return iterate
-    best, low, high = iterate, 1.0, 1.0 + iterate.violation
+    best, low, high = iterate, 1.0, np.inf
+    left, falls = iterate.violation, 0.0
+    factor = 1.0 + HALF * left
     for _ in range(RESTORATIONS):
-        factor = high if best is iterate else 0.5 * (low + high)
         z = nlp.stretch(iterate.z, factor)
         trial = replace(iterate, z=z, values=nlp.evaluate(z))
         if trial.violation <= limit:
             best, high = trial, factor
-        elif best is iterate:
-            high = 1.0 + 2.0 * (high - 1.0)
+            if falls > 0.0:
+                break
         else:
-            low = factor
+            falls = max((left - trial.violation) / (factor - low), 0.0)
+            low, left = factor, trial.violation
+        # Where what is left falls as evenly as it did, there is none a little beyond.
+        beyond = low + MORE * left / falls if falls > 0.0 else np.inf
+        if np.isinf(high):
+            factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
+        else:
+            factor = beyond if beyond < high else 0.5 * (low + high)
     return best
 
 
