@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 
 TURN = 2.0 * math.pi
 
@@ -73,16 +73,31 @@ class Interval(NamedTuple):
             np.maximum(self.low, other.low), np.minimum(self.high, other.high)
         )
 
-    def part(self, some: slice) -> Interval:
-        """Some of them."""
-        return Interval(self.low[some], self.high[some])
-
-    def followed_by(self, other: Interval) -> Interval:
-        """These and others."""
+    def hull(self, other: Interval) -> Interval:
+        """The least intervals that have both in them."""
         return Interval(
-            np.concatenate([self.low, other.low]),
-            np.concatenate([self.high, other.high]),
+            np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         )
+
+    def of_rows(self, rows: IntArray) -> Interval:
+        """Those of some rows."""
+        return Interval(self.low[rows], self.high[rows])
+
+    @property
+    def over_rows(self) -> Interval:
+        """One row that holds all rows."""
+        return Interval(
+            self.low.min(axis=0, keepdims=True), self.high.max(axis=0, keepdims=True)
+        )
+
+    def reversed(self) -> Interval:
+        """Those of each row from last to first."""
+        return Interval(self.low[:, ::-1], self.high[:, ::-1])
+
+    @property
+    def none(self) -> BoolArray:
+        """Which rows have one that is empty, but for rounding."""
+        return np.asarray(np.any(self.low > self.high + 1e-6, axis=1))
 
     def cosine(self) -> Interval:
         """The cosine."""
@@ -132,12 +147,14 @@ class Table:
             width *= 2
 
     def ranges(self, over: Interval) -> list[Interval]:
-        """Ranges of the functions over intervals, shape (j,) each.
+        """Ranges of the functions over intervals, of any shape.
 
         Intervals that leave the arguments are cut off at their ends.
         """
-        begin = self._place(np.floor((over.low - self.first) / self.h))
-        end = np.maximum(self._place(np.ceil((over.high - self.first) / self.h)), begin)
+        shape = over.low.shape
+        low, high = over.low.ravel(), over.high.ravel()
+        begin = self._place(np.floor((low - self.first) / self.h))
+        end = np.maximum(self._place(np.ceil((high - self.first) / self.h)), begin)
         level = np.floor(np.log2(end - begin + 1)).astype(np.intp)
         count = self._levels[0][0].shape[0]
         out = np.empty((2, count, begin.size))
@@ -147,7 +164,10 @@ class Table:
             least, most = self._levels[k]
             out[0][:, mine] = np.minimum(least[:, left], least[:, right])
             out[1][:, mine] = np.maximum(most[:, left], most[:, right])
-        return [Interval(out[0, i], out[1, i]) for i in range(count)]
+        return [
+            Interval(out[0, i].reshape(shape), out[1, i].reshape(shape))
+            for i in range(count)
+        ]
 
     def _place(self, share: Array) -> IntArray:
         return np.asarray(np.clip(share, 0, self.size - 1).astype(np.intp))

@@ -13,9 +13,11 @@ first one is free, :math:`s = \int \sqrt m \, dq_2` and its rate y,
     \dot y = \Big( u_2 - g_2 - \frac{M_{12}}{M_{11}} (u_1 - g_1)
         + \frac{M_{11}'}{2 M_{11}^2} p^2 \Big) / \sqrt m.
 
-Both have no other velocity in them but for friction. From the start on, and back from
-the goal, intervals enclose all that p, y and both positions can be at each time; where
-they have nothing in common, no motion takes that long, nor less.
+Both have no other velocity in them but for friction. The momentum of the second joint,
+:math:`M_{12} v_1 + M_{22} v_2 = M_{12} p / M_{11} + \sqrt m \, y`, takes no torque of
+the first one, which may not drive p and y as it likes in both at once. From the start
+on, and back from the goal, intervals enclose all that these and both positions can be
+at each time; where they have nothing in common, no motion takes that long, nor less.
 """
 
 from __future__ import annotations
@@ -41,6 +43,19 @@ FAR = 2.0 * math.pi
 BEYOND = 1e-2
 
 
+class Row:
+    """Rows of the table: functions of the position of the second joint.
+
+    M11, M12 / M11, the root of m, M11' / (2 M11^2), the integral of M12 / M11, the
+    parts of gravity on both joints that go with 1, the cosine and the sine of the first
+    one, and M11' / 2 and M12'.
+    """
+
+    MASS, RATIO, ROOT, BENT, TURNED = range(5)
+    WEIGHT_1, WEIGHT_2 = 5, 8
+    SLOPE, CROSS = 11, 12
+
+
 @dataclass(frozen=True, eq=False)
 class TwoJoints:
     """An arm with two joints on its way from one state to another.
@@ -48,9 +63,7 @@ class TwoJoints:
     Attributes:
         x: Positions of the second joint, shape (m,).
         arc: Integral of the root of m over them, shape (m,).
-        table: M11, M12 / M11, root of m, M11' / (2 M11^2), the integral of M12 / M11,
-            and the parts of gravity on both joints that go with 1, the cosine and the
-            sine of the first joint, over x.
+        table: Functions over x, see :class:`Row`.
         shift: What M12 / M11 adds up to at start and goal.
         effort: Bounds on the torques, dry friction in them.
         damping: Viscous friction.
@@ -60,6 +73,7 @@ class TwoJoints:
         s: Arc there.
         p: Momentum of the first joint there.
         y: Rate of s there.
+        p2: Momentum of the second joint there.
         weighty: Whether gravity acts.
         open: Whether the second joint can leave x.
     """
@@ -76,6 +90,7 @@ class TwoJoints:
     s: tuple[float, float]
     p: tuple[float, float]
     y: tuple[float, float]
+    p2: tuple[float, float]
     weighty: bool
     open: bool
 
@@ -108,7 +123,8 @@ class TwoJoints:
         bent = np.gradient(M[:, 0, 0], x) / (2.0 * M[:, 0, 0] ** 2)
         gravity = _gravity(robot, x)
         turned, arc = _integral(ratio, x), _integral(root, x)
-        rows = [M[:, 0, 0], ratio, root, bent, turned, *gravity]
+        slopes = [0.5 * np.gradient(M[:, 0, 0], x), np.gradient(M[:, 0, 1], x)]
+        rows = [M[:, 0, 0], ratio, root, bent, turned, *gravity, *slopes]
 
         def at(values: Array) -> tuple[float, float]:
             found = np.interp(q[:, 1], x, values)
@@ -116,6 +132,7 @@ class TwoJoints:
 
         p = np.array(at(M[:, 0, 0])) * v[:, 0] + np.array(at(M[:, 0, 1])) * v[:, 1]
         y = np.array(at(root)) * v[:, 1]
+        second = np.array(at(M[:, 0, 1])) * v[:, 0] + np.array(at(M[:, 1, 1])) * v[:, 1]
         effort = effort_bounds(robot, problem.motion_limits)
         lower, upper = effort[0] - robot.friction, effort[1] + robot.friction
         if not np.all(np.isfinite(upper - lower)):
@@ -134,6 +151,7 @@ class TwoJoints:
             at(arc),
             (float(p[0]), float(p[1])),
             (float(y[0]), float(y[1])),
+            (float(second[0]), float(second[1])),
             bool(np.any(gravity)),
             low < x[0] or high > x[-1],
         )

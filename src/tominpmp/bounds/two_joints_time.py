@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import math
 
-from tominpmp.bounds.narrowing import Halfway, Narrowing
+import numpy as np
+
+from tominpmp.bounds.enclosures import Enclosures
+from tominpmp.bounds.narrowing import all_motions, narrowed
 from tominpmp.bounds.two_joints import TwoJoints
 from tominpmp.stopping import check
 
 # Steps of the search for the time.
 BISECTIONS = 8
-# How much longer times are that are looked at with ranges halfway, at first and at
-# last, how many ranges, and how often one is cut in halves at most.
-FIRST_STRIDE = 1.16
-LAST_STRIDE = 1.02
-MOST_PARTS = 60
-MOST_SPLITS = 8
+# How often all motions are narrowed, and those that were cut in halves.
+ROUNDS, MORE_ROUNDS = 5, 2
+# How much longer times are that are looked at with motions told apart, and how near to
+# one that is not excluded is near enough.
+STRIDE, LAST_STRIDE = 1.2, 1.04
+# How many sets of motions there may be for a time, and how many are looked at at once.
+MOST_SETS, AT_ONCE = 4000, 256
+# After this share of them it is known how many more there would have to be.
+EARLY = 0.15
+# Slices of a range, how often each range is cut into them at most, and what share of
+# one must be left for none to be worth another time.
+SLICES, SHAVINGS, LITTLE = 16, 8, 0.9
 # Longest time looked at [s].
 LONGEST = 1e4
 # Relative rounding, and errors of quadrature, that are granted.
@@ -27,7 +36,7 @@ def two_joints_time(arm: TwoJoints, *, quick: bool = False) -> float:
 
     Args:
         arm: The arm.
-        quick: Whether not to tell motions apart by where they are halfway.
+        quick: Whether not to tell motions apart by where they are on the way.
     """
     low, high = 0.0, 1e-2
     while excluded(arm, high):
@@ -37,17 +46,15 @@ def two_joints_time(arm: TwoJoints, *, quick: bool = False) -> float:
     for _ in range(BISECTIONS):
         T = 0.5 * (low + high)
         low, high = (T, high) if excluded(arm, T) else (low, T)
-    # Beyond that, motions are told apart by where they are halfway.
-    stride = 1.0 if quick else FIRST_STRIDE
-    while low > 0.0 and stride > LAST_STRIDE:
-        if excluded(arm, stride * low, MOST_PARTS):
-            low *= stride
-        else:
-            stride = math.sqrt(stride)
+    # Beyond that, motions are told apart by where they are on the way.
+    high = math.inf
+    while not quick and low > 0.0 and high > LAST_STRIDE * low:
+        T = min(STRIDE * low, math.sqrt(low * high))
+        low, high = (T, high) if excluded(arm, T, MOST_SETS) else (low, T)
     return low * (1.0 - ROUNDING)
 
 
-def excluded(arm: TwoJoints, T: float, parts: int = 1) -> bool:
+def excluded(arm: TwoJoints, T: float, most: int = 1) -> bool:
     """Whether no motion takes so little time, nor less.
 
     All bounds allow to wait, so that shorter motions are among the longer ones.
@@ -55,17 +62,52 @@ def excluded(arm: TwoJoints, T: float, parts: int = 1) -> bool:
     Args:
         arm: The arm.
         T: The time.
-        parts: How many ranges of the state halfway are looked at one by one.
+        most: How many sets of motions are looked at at most.
     """
-    left = [Halfway()]
-    for _ in range(parts):
+    sets, _ = narrowed(arm, T, all_motions(arm, T), ROUNDS)
+    if not sets.rows or most == 1:
+        return not sets.rows
+    sets = shaved(arm, T, sets)
+    if not sets.rows:
+        return True
+    width = np.maximum(sets.high - sets.low, 1e-12)[0]
+    left, seen, share = [(sets, 1.0)], 0, 1.0
+    while left:
         check()
-        halfway = left.pop()
-        narrowing = Narrowing(arm, T, halfway)
-        if not narrowing.empty():
-            if parts == 1 or halfway.splits >= MOST_SPLITS:
-                return False
-            left += narrowing.split()
-        if not left:
-            return True
-    return False
+        sets, part = left.pop()
+        if sets.rows > AT_ONCE:
+            left.append((sets.taken(np.arange(AT_ONCE, sets.rows)), part))
+            sets = sets.taken(np.arange(AT_ONCE))
+        seen += 2 * sets.rows
+        share -= sets.rows * part
+        # What is done so far tells how much there is to do.
+        if seen > most or (seen > EARLY * most and seen > (1.0 - share) * most):
+            return False
+        sets, _ = narrowed(arm, T, sets.halved(width), MORE_ROUNDS)
+        part *= 0.5
+        share += sets.rows * part
+        if sets.rows:
+            left.append((sets, part))
+    return True
+
+
+def shaved(arm: TwoJoints, T: float, sets: Enclosures) -> Enclosures:
+    """One row without the slices of its ranges in which nothing is left.
+
+    Those that are left of each range are enclosed anew, so that it narrows all others.
+    """
+    for _ in range(SHAVINGS):
+        before = sets
+        slices, which = narrowed(arm, T, sets.sliced(SLICES), MORE_ROUNDS)
+        for number in range(sets.low.size):
+            mine = np.flatnonzero(which // SLICES == number)
+            if not mine.size:
+                return slices.taken(mine)
+            sets = sets.cut(slices.taken(mine).hull)
+        if np.any(sets.low > sets.high):
+            return sets.taken(np.zeros(0, dtype=np.intp))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            left = (sets.high - sets.low) / (before.high - before.low)
+        if not np.any(left < LITTLE):
+            break
+    return sets
