@@ -29,6 +29,14 @@ def through_itself(**changes: object) -> tm.Problem:
     return tm.Problem(panda, FOLDED, tm.JointGoal(TURNED), **changes)
 
 
+def colliding_on_the_way() -> tm.Problem:
+    # Eight times as fast, so that torques rule, and the search begins on coarse grids.
+    ur5 = tm.load_robot("ur5")
+    fast = ur5.with_changes(velocity=8.0 * ur5.limits.velocity)
+    start, goal = [-1.2, 0.3, 0.9, 2.3, 2.3, -1.5], [1.5, 0.8, -0.7, 1.7, 2.4, -0.1]
+    return tm.Problem(fast, start, tm.JointGoal(goal))
+
+
 def meshes_touch(problem: tm.Problem, motion: tm.Trajectory) -> bool:
     meshes = CollisionChecker(
         problem.robot, tm.Scene(), self_collision=True, geometry="mesh"
@@ -61,11 +69,7 @@ def test_a_motion_through_itself_is_not_verified() -> None:
 def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # Eight times as fast, so that torques rule, and the search begins on coarse grids.
-    ur5 = tm.load_robot("ur5")
-    fast = ur5.with_changes(velocity=8.0 * ur5.limits.velocity)
-    start, goal = [-1.2, 0.3, 0.9, 2.3, 2.3, -1.5], [1.5, 0.8, -0.7, 1.7, 2.4, -0.1]
-    problem = tm.Problem(fast, start, tm.JointGoal(goal))
+    problem = colliding_on_the_way()
     replays: list[bool] = []
     usual = Attempt.verified
 
@@ -79,6 +83,19 @@ def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
     assert solution.success, solution.message
     assert replays
     assert not any(replays)
+
+
+def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
+    problem = colliding_on_the_way()
+    records: list[int] = []
+
+    def late(record: tm.IterationRecord) -> bool:
+        records.append(record.start)
+        return records.count(records[-1]) > 1 and records[-1] != records[0]
+
+    solution = tm.plan(problem, callback=late, max_planning_time=60.0)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success, solution.message
 
 
 def test_links_touch_where_their_meshes_do() -> None:

@@ -29,7 +29,7 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_grids import ITERATIONS, Grids
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
 from tominpmp.planner.progress import Kept, Progress
-from tominpmp.planner.rescue import guarded
+from tominpmp.planner.rescue import guarded, slowed_down
 from tominpmp.planner.touching import links_touch
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
@@ -81,12 +81,16 @@ class Rough:
         guess: What that began with.
         shape: Configurations at even shares of its duration, shape (SAMPLES, n).
         kept: Its program and iterate.
+        begun: What its iteration began with.
+        touches: Whether links are known to touch in it.
     """
 
     attempt: Attempt
     guess: Guess
     shape: Array
     kept: Kept
+    begun: Kept
+    touches: bool = False
 
     @property
     def duration(self) -> float:
@@ -171,7 +175,9 @@ class CoarseSearch:
         if attempt is None:
             return None
         shape = shape_of(system, attempt.trajectory)
-        rough = Rough(attempt, guess, shape, progress.kept[-1])
+        touches = self.system.alone and links_touch(system.problem, attempt.trajectory)
+        first, last = progress.kept[0], progress.kept[-1]
+        rough = Rough(attempt, guess, shape, last, first, touches)
         if attempt.status in STOPPED:
             self.stopped = True
             self.known.append(rough)
@@ -255,9 +261,7 @@ class CoarseSearch:
         early = self._secured(rough)
         progress.begin()
         former = rough.attempt
-        # A finer motion would touch, too: once is enough.
-        touch = system.alone and links_touch(system.problem, former.trajectory)
-        progress.links_touched = touch
+        progress.links_touched = rough.touches  # a finer motion would touch, too
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
         solve = partial(solve_and_verify, system, fine, guess, progress)
@@ -297,11 +301,14 @@ class CoarseSearch:
     def _secured(self, rough: Rough) -> Attempt | None:
         """The coarse motion, replayed, where there may be no time to go on from it.
 
-        A plan that takes long is known by what it took so far; without a limit for the
-        time there is enough of it. None where that is not so.
+        A plan that takes long is known by what it took so far, or by links that have to
+        be parted, which takes several times as long; without a limit for the time there
+        is enough of it. None where that is not so.
         """
         progress = self.progress
-        if progress.share_used < LATE or progress.best < np.inf:
+        long = progress.share_used >= LATE
+        long = long or (rough.touches and progress.left is not None)
+        if not long or progress.best < np.inf:
             return None
         early = self._replayed(rough)
         if early.verification is not None:
@@ -318,16 +325,24 @@ class CoarseSearch:
         yield replace(self._replayed(best), status=ended)
 
     def _replayed(self, rough: Rough) -> Attempt:
-        """A coarse motion, as slow as it has to be for its replay to be all right."""
+        """A coarse motion, as slow as it has to be for its replay to be all right.
+
+        Where links touch in it that is none: then what it began with is slowed down.
+        """
         program, iterate, _ = rough.kept
         attempt = rough.attempt
         if attempt.verification is not None and attempt.found:
             return attempt
+        factors: tuple[float, ...] = TIME_SCALINGS
+        if rough.touches:
+            program, iterate, _ = slower = slowed_down(rough.begun) or rough.kept
+            attempt = replace(attempt, feasible=slower is not rough.kept)
+            factors = (1.0,)
         with self.progress.saving(), contextlib.suppress(Stop):
-            for factor in TIME_SCALINGS:
+            for factor in factors:
                 motion = program.trajectory(program.stretch(iterate.z, factor))
-                slower = replace(attempt, trajectory=motion, layout=None)
-                attempt = slower.verified(self.system.problem, self.options)
+                slow = replace(attempt, trajectory=motion, layout=None)
+                attempt = slow.verified(self.system.problem, self.options)
                 if attempt.found:
                     break
             return attempt

@@ -98,9 +98,10 @@ def rescued(
     feasible = [item for item in reversed(progress.kept) if item.feasible]
     last: Attempt | None = None
     with progress.saving():
-        if not feasible and progress.best == np.inf:
+        if not feasible and progress.best == np.inf and progress.begun is not None:
             with contextlib.suppress(Stop, *NUMERICAL):
-                feasible = slowed_down(progress)
+                slow = slowed_down(progress.begun)
+                feasible = [] if slow is None else [slow]
         for item in feasible or progress.kept[-1:]:
             best = item.iterate if item.feasible else None
             result = SlpResult(status, item.iterate, best, tuple(progress.records))
@@ -121,14 +122,12 @@ def rescued(
     return last
 
 
-def slowed_down(progress: Progress) -> list[Kept]:
-    """What an attempt began with, as slow as it has to be; nothing if that won't do."""
-    if progress.begun is None:
-        return []
-    program, iterate, _ = progress.begun
+def slowed_down(begun: Kept) -> Kept | None:
+    """What an attempt began with, as slow as it has to be; None if that is no cure."""
+    program, iterate, _ = begun
     for factor in SLOWER:
         z = program.stretch(iterate.z, factor)
         slow = replace(iterate, z=z, values=program.evaluate(z))
         if slow.violation <= SLOW_ENOUGH:
-            return [Kept(program, slow, True)]
-    return []
+            return Kept(program, slow, True)
+    return None
