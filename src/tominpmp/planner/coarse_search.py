@@ -15,7 +15,7 @@ import contextlib
 import itertools
 import logging
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,14 +26,14 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import ITERATIONS, Grids
+from tominpmp.planner.coarse_grids import ITERATIONS, RADIUS, Grids
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
-from tominpmp.planner.progress import Kept, Progress
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded, slowed_down
+from tominpmp.planner.rough_motions import NEARLY, SAME, Rough, shape_of
 from tominpmp.planner.touching import links_touch
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
@@ -43,8 +43,6 @@ LEAST_INTERVALS = 24
 # Iterations after which a guess is let go that has led to no motion, and before that to
 # nothing that is at all near one.
 PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
-# Largest violation of a coarse motion that is gone on with.
-NEARLY = 1e-2
 # Violation of one that is gone on with at once, as no motion is faster by much.
 SMALL = 1e-3
 # Change of the duration that is none, as a share of it, in so many iterations.
@@ -61,43 +59,11 @@ TOO_SLOW = 1.4
 TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
 # Share of the time that is allowed after which the first motion is replayed at once.
 LATE = 0.2
-# Instants at which motions are compared, and how near to each other the same ones are
-# [rad, or shares of the reach].
-SAMPLES = 12
-SAME = 0.05
 # What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
 # what a motion has to promise beyond the best one to be finished.
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
 # What further iterations may gain altogether, in gains of the last one.
 LEFT = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class Rough:
-    """A motion on a coarse grid.
-
-    Attributes:
-        attempt: What led to it.
-        guess: What that began with.
-        shape: Configurations at even shares of its duration, shape (SAMPLES, n).
-        kept: Its program and iterate.
-        begun: What its iteration began with.
-        touches: Whether links are known to touch in it.
-    """
-
-    attempt: Attempt
-    guess: Guess
-    shape: Array
-    kept: Kept
-    begun: Kept
-    touches: bool = False
-
-    @property
-    def duration(self) -> float:
-        """T on the coarse grid [s]; infinite if it is far from a motion."""
-        if self.attempt.violation > NEARLY:
-            return np.inf
-        return self.attempt.trajectory.duration
 
 
 def suits(system: ProblemFunctions, options: Options) -> bool:
@@ -118,12 +84,6 @@ def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
     v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
     used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
     return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
-
-
-def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
-    """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
-    shares = np.linspace(0.0, 1.0, SAMPLES)
-    return np.asarray(motion(shares * motion.duration).q / system.step_scale)
 
 
 class CoarseSearch:
@@ -165,18 +125,20 @@ class CoarseSearch:
         if any(guess is one for one in self.tried):
             return None
         self.tried.append(guess)
-        options, progress = self.grids.coarse, self.progress
+        progress = self.progress
         progress.deadline.check()
-        progress.begin()
         system = self.system.first_tried
-        solve = partial(solve_from_guess, system, options, guess, progress, coarse=True)
-        with progress.judged(self._enough):
-            attempt = guarded(system.problem, options, progress, guess.name, solve)
+        attempt = self._coarse(system, guess)
         if attempt is None:
             return None
-        shape = shape_of(system, attempt.trajectory)
-        touches = self.system.alone and links_touch(system.problem, attempt.trajectory)
         first, last = progress.kept[0], progress.kept[-1]
+        touches = self._touches(attempt)
+        if touches and attempt.status not in STOPPED:
+            apart = self._parted(attempt, guess)
+            if apart is not None:
+                attempt, last = apart, progress.kept[-1]
+                touches = self._touches(attempt)
+        shape = shape_of(system, attempt.trajectory)
         rough = Rough(attempt, guess, shape, last, first, touches)
         if attempt.status in STOPPED:
             self.stopped = True
@@ -186,6 +148,35 @@ class CoarseSearch:
             return None
         self.known.append(rough)
         return rough
+
+    def _coarse(
+        self, system: ProblemFunctions, guess: Guess, radius: float = 1.0
+    ) -> Attempt | None:
+        """A guess, improved on the coarse grid with a share of the trust region."""
+        options, progress = self.grids.coarse, self.progress
+        options = replace(options, trust_region=radius * options.trust_region)
+        progress.begin()
+        solve = partial(solve_from_guess, system, options, guess, progress, coarse=True)
+        with progress.judged(self._enough):
+            return guarded(system.problem, options, progress, guess.name, solve)
+
+    def _touches(self, attempt: Attempt) -> bool:
+        """Whether links of an arm that is alone are known to touch in a motion."""
+        alone = self.system.alone
+        return alone and links_touch(self.system.problem, attempt.trajectory)
+
+    def _parted(self, attempt: Attempt, guess: Guess) -> Attempt | None:
+        """A motion in which links touch, gone on with with rows for them.
+
+        On the coarse grid: the fine one begins with links that are clear then. None if
+        that leads nowhere.
+        """
+        former = warm_start(self.system, attempt.trajectory)
+        former = replace(former, name=attempt.name, blocked=guess.blocked)
+        apart = self._coarse(self.system, former, RADIUS)
+        if apart is None or apart.violation > NEARLY:
+            return None
+        return apart.after(attempt)
 
     def _known(self, shape: Array) -> bool:
         return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
@@ -261,7 +252,8 @@ class CoarseSearch:
         early = self._secured(rough)
         progress.begin()
         former = rough.attempt
-        progress.links_touched = rough.touches  # a finer motion would touch, too
+        # A finer motion would touch, too.
+        progress.links_touched = rough.touches or former.apart
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
         solve = partial(solve_and_verify, system, fine, guess, progress)
@@ -307,7 +299,8 @@ class CoarseSearch:
         """
         progress = self.progress
         long = progress.share_used >= LATE
-        long = long or (rough.touches and progress.left is not None)
+        apart = self.system.alone and (rough.touches or rough.attempt.apart)
+        long = long or (apart and progress.left is not None)
         if not long or progress.best < np.inf:
             return None
         early = self._replayed(rough)

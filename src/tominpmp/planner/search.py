@@ -16,8 +16,9 @@ from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import NEARLY, CoarseSearch, torques_rule
+from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
 from tominpmp.planner.progress import Progress
+from tominpmp.planner.rough_motions import NEARLY
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
