@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from tominpmp.initial_guess.constrained import speed_used
+from tominpmp.initial_guess.guess import Guess
 from tominpmp.options import Options
 from tominpmp.planner.direct_solve import by_squares
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
+# Intervals of grids from which on a coarser one pays.
+LEAST_INTERVALS = 24
+# A guess is held by speed limits where a joint is at one for this share of the time,
+# from this share of it on: torques do not rule it then.
+SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # Intervals of a coarse grid.
 INTERVALS = 16
 # How exactly a coarse motion is found, and in how many iterations: it is gone on with.
@@ -19,6 +28,26 @@ RADIUS = 0.5
 # Intervals at once, at most, where torques rule and the grid may follow the motion, and
 # joints times intervals: programs of thirty joints take a second each.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
+
+
+def suits(system: ProblemFunctions, options: Options) -> bool:
+    """Whether coarse grids are for a problem, and for these options."""
+    return (
+        options.method == "inverse"
+        and options.objective == "time"
+        and options.intervals >= LEAST_INTERVALS
+        and not system.parts
+        and not system.problem.scene.moving
+    )
+
+
+def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
+    """Whether torques rule a motion along a guess, rather than speed limits."""
+    if not guess.timed:
+        return True
+    v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
+    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
+    return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,6 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
@@ -38,8 +37,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Intervals of grids from which on a coarser one pays.
-LEAST_INTERVALS = 24
 # Iterations after which a guess is let go that has led to no motion, and before that to
 # nothing that is at all near one.
 PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
@@ -50,9 +47,6 @@ AT_REST, REST = 3e-4, 2
 # While a motion violates more than this share it stands still where its trust region
 # has come down to this share.
 STUCK = 0.02
-# A guess is held by speed limits where a joint is at one for this share of the time,
-# from this share of it on: torques do not rule it then.
-SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.4
 # How much slower a coarse motion may have to be, where it is all that there is.
@@ -64,26 +58,6 @@ LATE = 0.2
 TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
 # What further iterations may gain altogether, in gains of the last one.
 LEFT = 3.0
-
-
-def suits(system: ProblemFunctions, options: Options) -> bool:
-    """Whether coarse grids are for a problem, and for these options."""
-    return (
-        options.method == "inverse"
-        and options.objective == "time"
-        and options.intervals >= LEAST_INTERVALS
-        and not system.parts
-        and not system.problem.scene.moving
-    )
-
-
-def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
-    """Whether torques rule a motion along a guess, rather than speed limits."""
-    if not guess.timed:
-        return True
-    v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
-    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
-    return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 
 class CoarseSearch:

@@ -29,7 +29,7 @@ from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import suits
+from tominpmp.planner.coarse_grids import suits
 from tominpmp.planner.continuation import outdone, solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.progress import Judge, Progress

@@ -16,7 +16,8 @@ from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
+from tominpmp.planner.coarse_grids import torques_rule
+from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rough_motions import NEARLY
 from tominpmp.planner.torque_starts import SHOOTING, shots

@@ -24,7 +24,8 @@ from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import CoarseSearch, suits, torques_rule
+from tominpmp.planner.coarse_grids import suits, torques_rule
+from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.continuation import WARM_START_RADIUS
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.finer_grid import LAVISH, on_finer_grid
