@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tominpmp.bounds import LowerBound
+from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
@@ -80,11 +81,16 @@ def conclude(
 
 
 def _bound(problem: Problem, progress: Progress) -> LowerBound | None:
-    """A lower bound on the duration, if there is time for it."""
-    try:
+    """A lower bound on the duration, the best one if there is time for it.
+
+    Arms with two joints alone have a better one than the quick one of the search.
+    """
+    if problem.robot.n == 2:
+        with contextlib.suppress(Stop):
+            return lower_bound(problem)
+    with contextlib.suppress(Stop):
         return progress.lower_bound(problem)
-    except Stop:
-        return None
+    return None
 
 
 def _message(

@@ -57,8 +57,8 @@ GUESS_STRETCH = 1.02
 # Iterations for a motion whose accelerations jump, from which a smooth one begins.
 FIRST_ITERATIONS = 10
 # Excess of torques between the rows of coarse grids that is let pass: finer ones see to
-# it, and the motion is next to the same.
-COARSE_OVERLOAD = 3e-2
+# it, and the motion is next to the same; with 3e-2 it would be too much to slow down.
+COARSE_OVERLOAD = 1e-2
 # Gap of programs, as a share of T, where the final configuration is free: looser ones
 # lead to more iterations there.
 FREE_ACCURACY = 1e-6

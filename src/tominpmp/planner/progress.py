@@ -163,6 +163,8 @@ class Progress:
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Time that no motion can beat, found once for each goal and start.
 
+        The quick one: a better one tells a search little more than it costs.
+
         Raises:
             Stop: If it is time to stop.
         """
@@ -170,7 +172,7 @@ class Progress:
             same = np.array_equal(known.q_start, problem.q_start)
             if same and known.goal is problem.goal:
                 return bound
-        self._bounds.append((problem, lower_bound(problem)))
+        self._bounds.append((problem, lower_bound(problem, quick=True)))
         return self._bounds[-1][1]
 
     # -- what was found ----------------------------------------------------------------
