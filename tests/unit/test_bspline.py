@@ -10,6 +10,7 @@ from scipy.interpolate import BSpline
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
+from tominpmp.constraints import Partials
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -219,3 +220,14 @@ def test_methods_that_cannot_keep_the_limits_say_so():
         plan_quickly(problem, tm.Options(method="collocation"))
     with pytest.raises(OptionsError, match="continuous"):
         plan_quickly(problem, tm.Options(control="constant"))
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_what_depends_on_the_time_alone_is_pulled_back(degree):
+    nlp, z = build(planar(), degree)
+    of = nlp.transcription
+    at = of.instants(2, "")
+    partials = Partials(np.arange(at.size), by_t=np.ones(at.size))
+    matrix = of.pull_back(of.motion(z), at, partials).toarray()
+    np.testing.assert_array_equal(matrix[:, :-1], 0.0)
+    np.testing.assert_allclose(matrix[:, -1], of.shares_of(at))

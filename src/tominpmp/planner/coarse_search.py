@@ -21,6 +21,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
@@ -44,6 +45,10 @@ PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
 SMALL = 1e-3
 # Change of the duration that is none, as a share of it, in so many iterations.
 AT_REST, REST = 3e-4, 2
+# Excess of torques between the rows of coarse grids that is let pass, where the asked
+# grid is refined by what is left; 3e-2 would be too much to slow down. Exact switching
+# begins with what the coarse grid leads to.
+COARSE_OVERLOAD = 1e-2
 # While a motion violates more than this share it stands still where its trust region
 # has come down to this share.
 STUCK = 0.02
@@ -130,7 +135,16 @@ class CoarseSearch:
         options, progress = self.grids.coarse, self.progress
         options = replace(options, trust_region=radius * options.trust_region)
         progress.begin()
-        solve = partial(solve_from_guess, system, options, guess, progress, coarse=True)
+        overload = COARSE_OVERLOAD if self.options.refine == "auto" else OVERLOAD
+        solve = partial(
+            solve_from_guess,
+            system,
+            options,
+            guess,
+            progress,
+            coarse=True,
+            overload=overload,
+        )
         with progress.judged(self._enough):
             return guarded(system.problem, options, progress, guess.name, solve)
 

@@ -56,9 +56,6 @@ NEARLY = 1e-2
 GUESS_STRETCH = 1.02
 # Iterations for a motion whose accelerations jump, from which a smooth one begins.
 FIRST_ITERATIONS = 10
-# Excess of torques between the rows of coarse grids that is let pass: finer ones see to
-# it, and the motion is next to the same; with 3e-2 it would be too much to slow down.
-COARSE_OVERLOAD = 1e-2
 # Gap of programs, as a share of T, where the final configuration is free: looser ones
 # lead to more iterations there.
 FREE_ACCURACY = 1e-6
@@ -171,6 +168,7 @@ def solve_from_guess(
     progress: Progress,
     *,
     coarse: bool = False,
+    overload: float = OVERLOAD,
 ) -> Attempt:
     """Improve a guess with the transcription that the options ask for.
 
@@ -180,6 +178,7 @@ def solve_from_guess(
         guess: The guess.
         progress: Sees and keeps the motions.
         coarse: Whether what comes of it is gone on with on another grid.
+        overload: Excess of torques between the rows that is let pass.
     """
     smoothing = options.smoothing
     if smoothing is None:
@@ -190,7 +189,6 @@ def solve_from_guess(
     squares = not coarse and by_squares(system, options)
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
-    overload = COARSE_OVERLOAD if coarse else OVERLOAD
     missing = partial(with_missing_rows, overload=overload)
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
 

@@ -181,7 +181,7 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
                 by_time -= order * np.einsum("kj,kj->k", scaled, here) / T
         if partials.by_t is not None:
             by_time += partials.by_t * self.shares_of(at)[which]
-        return self.by_unknowns(by_points(first, parts, len(motion.points)), by_time)
+        return self.by_unknowns(by_points(first, parts, motion.points.shape), by_time)
 
     def by_unknowns(self, by_points: sp.csr_matrix, by_time: Array) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by control points and by T alone."""

@@ -119,21 +119,22 @@ def places(first: IntArray, width: int) -> IntArray:
 
 
 def by_points(
-    first: IntArray, parts: Sequence[tuple[Array, Array]], count: int
+    first: IntArray, parts: Sequence[tuple[Array, Array]], shape: tuple[int, ...]
 ) -> sp.csr_matrix:
-    """Derivatives of values by control points, shape (k, count n).
+    """Derivatives of values by control points, shape (k, M n).
 
     Args:
         first: The first control point that matters for each value, shape (k,).
         parts: Weights of the control points in a derivative of the curve, shape
-            (k, p + 1), and derivatives of the values by that, shape (k, n).
-        count: Number of control points.
+            (k, p + 1), and derivatives of the values by that, shape (k, n); none for
+            values that depend on the time alone.
+        shape: Number M of control points, and n of joints.
     """
-    weights, part = parts[0]
-    data = weights[:, :, None] * part[:, None, :]
-    for weights, part in parts[1:]:
-        data += weights[:, :, None] * part[:, None, :]
-    k, width, n = data.shape
+    k, (count, n) = first.size, shape
+    if not parts:
+        return sp.csr_matrix((k, count * n))
+    each = [weights[:, :, None] * part[:, None, :] for weights, part in parts]
+    data, width = np.sum(each, axis=0), parts[0][0].shape[1]
     columns = places(n * first, width * n)
     ends = np.arange(k + 1) * (width * n)
     matrix = data.ravel(), columns.ravel(), ends

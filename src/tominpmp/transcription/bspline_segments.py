@@ -237,7 +237,7 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
             over = at.over(which, self.intervals) @ self.shares
             by_eta += partials.by_t[:, None] * over
         first = motion.first[at.interval[which]]
-        return self.by_unknowns(by_points(first, parts, len(motion.points)), by_eta)
+        return self.by_unknowns(by_points(first, parts, motion.points.shape), by_eta)
 
     def by_unknowns(self, by_points: sp.csr_matrix, by_eta: Array) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by points and durations alone."""
