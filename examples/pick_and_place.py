@@ -83,7 +83,7 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     solution.plot(arguments.out / "pick_and_place.png")
     solution.play(arguments.out / "pick_and_place.html")
-    solution.export(arguments.out / "pick_and_place.csv", dt=0.001)
+    solution.export(arguments.out / "pick_and_place.csv")
     for ending in ("png", "html", "csv"):
         print(arguments.out / f"pick_and_place.{ending}")
     return 0 if solution.success else 1

@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 # those that do not follow it.
 ROUNDS, ITERATIONS = 4, 25
 # Iterations that there may be in any case.
-FEWEST = 30
+FEWEST = 60
 # Iterations at most for a motion that is longer than any by this share of T at most.
 FEW, NEARLY_THERE = 10, 0.03
 # Where the padding of distances is worth this share of the promise, this much of it is
