@@ -30,6 +30,7 @@ from tominpmp.planner.progress import Progress
 from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
+from tominpmp.solvers.slp import ACCURACY
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -139,7 +140,9 @@ def clearly(
         return False
     before, last = attempt.history[-2:]
     radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
-    promised = last.predicted / max(radius * last.duration, 1e-300)
+    # Its solution promises as little as that less than there is.
+    gap = ACCURACY * options.tolerance
+    promised = (last.predicted / last.duration + gap) / max(radius, 1e-300)
     return last.accepted and promised <= CLEARLY * tolerance
 
 
