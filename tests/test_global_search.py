@@ -73,7 +73,7 @@ def test_a_start_that_leads_to_a_known_motion_is_let_go_early():
     near = bumped(coarse.system, guess, np.full((1, 3), 1e-3))
     assert coarse.rough(near) is None
     assert len(coarse.progress.records) <= count
-    assert coarse.known == [first]
+    assert coarse.judge.known == [first]
 
 
 def test_a_coarse_motion_promises_what_the_finished_one_keeps():

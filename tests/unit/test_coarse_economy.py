@@ -51,16 +51,16 @@ def record(search, **changes):
 
 def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(coarse, monkeypatch):
     search, _ = coarse
-    monkeypatch.setattr(search, "known", [])
+    monkeypatch.setattr(search.judge, "known", [])
     far = record(search, violation=0.1)
-    assert search._enough(far) is None
-    assert search._enough(replace(far, radius=1e-3)) is Status.STALLED
-    assert search._enough(record(search, radius=1e-3)) is None
+    assert search.judge.enough(far) is None
+    assert search.judge.enough(replace(far, radius=1e-3)) is Status.STALLED
+    assert search.judge.enough(record(search, radius=1e-3)) is None
 
 
 def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypatch):
     search, _ = coarse
-    monkeypatch.setattr(search, "known", [])
+    monkeypatch.setattr(search.judge, "known", [])
     progress = search.progress
     bound = progress.lower_bound(search.system.problem).T
     near = record(search, duration=1.005 * bound)
@@ -69,9 +69,9 @@ def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypat
     for rows, status in ((fewer + 1, None), (fewer, Status.STALLED)):
         first = last._replace(program=type("Fewer", (), {"rows": np.zeros(rows)})())
         monkeypatch.setattr(progress, "begun", first)
-        assert search._enough(near) is status
-    assert search._enough(replace(near, duration=1.05 * bound)) is None
-    assert search._enough(replace(near, violation=5e-3)) is None
+        assert search.judge.enough(near) is status
+    assert search.judge.enough(replace(near, duration=1.05 * bound)) is None
+    assert search.judge.enough(replace(near, violation=5e-3)) is None
 
 
 def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
@@ -83,13 +83,13 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
     best = search.rough(lines[0])
     search.rough(lines[1])
-    monkeypatch.setattr(search, "_known", lambda shape: False)
+    monkeypatch.setattr(search.judge, "knows", lambda shape: False)
 
     def judged(before, now):
         progress.records = [
             record(search, duration=factor * best.duration) for factor in (before, now)
         ]
-        return search._enough(progress.records[-1])
+        return search.judge.enough(progress.records[-1])
 
     assert judged(1.3, 1.2) is None  # it still falls fast enough to get there
     assert judged(1.21, 1.2) is Status.STALLED
@@ -136,16 +136,16 @@ def test_a_motion_that_was_finished_is_not_finished_again(caplog):
 
 def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
     search, _ = coarse
-    monkeypatch.setattr(search, "ends", [search.known[-1].shape])
-    assert search._comes_back(record(search)) is None  # among obstacles
+    monkeypatch.setattr(search.judge, "ends", [search.judge.known[-1].shape])
+    assert search.judge.comes_back(record(search)) is None  # among obstacles
     alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
-    monkeypatch.setattr(search, "system", alone)
+    monkeypatch.setattr(search.judge, "system", alone)
     T = search.progress.kept[-1].iterate.duration
     monkeypatch.setattr(search.progress, "best", T)
-    assert search._comes_back(record(search)) is Status.STALLED
-    assert search._comes_back(record(search, violation=0.01)) is None
+    assert search.judge.comes_back(record(search)) is Status.STALLED
+    assert search.judge.comes_back(record(search, violation=0.01)) is None
     monkeypatch.setattr(search.progress, "best", 1.01 * T)
-    assert search._comes_back(record(search)) is None
+    assert search.judge.comes_back(record(search)) is None
     monkeypatch.setattr(search.progress, "best", T)
-    monkeypatch.setattr(search, "ends", [search.known[-1].shape + 0.1])
-    assert search._comes_back(record(search)) is None
+    monkeypatch.setattr(search.judge, "ends", [search.judge.known[-1].shape + 0.1])
+    assert search.judge.comes_back(record(search)) is None

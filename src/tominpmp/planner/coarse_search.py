@@ -20,49 +20,36 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import ITERATIONS, RADIUS, Grids
+from tominpmp.planner.coarse_grids import RADIUS, Grids
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded, slowed_down
-from tominpmp.planner.rough_motions import NEARLY, SAME, Rough, shape_of
+from tominpmp.planner.rough_motions import NEARLY, Rough, shape_of
+from tominpmp.planner.start_judge import PROMISE, SPEED_LOSS, StartJudge
 from tominpmp.planner.touching import links_touch
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Iterations after which a guess is let go that has led to no motion, and before that to
-# nothing that is at all near one.
-PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
-# Violation of one that is gone on with at once, as no motion is faster by much.
-SMALL = 1e-3
-# Change of the duration that is none, as a share of it, in so many iterations.
-AT_REST, REST = 3e-4, 2
 # Excess of torques between the rows of coarse grids that is let pass, where the asked
 # grid is refined by what is left; 3e-2 would be too much to slow down. Exact switching
 # begins with what the coarse grid leads to.
 COARSE_OVERLOAD = 1e-2
-# While a motion violates more than this share it stands still where its trust region
-# has come down to this share.
-STUCK = 0.02
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.4
 # How much slower a coarse motion may have to be, where it is all that there is.
 TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
 # Share of the time that is allowed after which the first motion is replayed at once.
 LATE = 0.2
-# What a coarse grid costs, as a share of T, where torques rule and where speeds do; and
-# what a motion has to promise beyond the best one to be finished.
-TORQUE_LOSS, SPEED_LOSS, PROMISE = 0.06, 0.01, 0.003
-# What further iterations may gain altogether, in gains of the last one.
-LEFT = 3.0
+# What a coarse grid costs where torques rule, as a share of T.
+TORQUE_LOSS = 0.06
 
 
 class CoarseSearch:
@@ -74,9 +61,8 @@ class CoarseSearch:
         progress: Time limit and callback, and the duration of the best motion so far.
 
     Attributes:
-        known: Motions on coarse grids, all different.
-        tried: What they and others began with.
-        ends: Shapes of the motions that were finished.
+        judge: What lets starts go, and remembers the motions that were found.
+        tried: What these and others began with.
         loss: What the coarse grid costs, as a share of T.
         stopped: Whether it was time to stop.
     """
@@ -91,9 +77,8 @@ class CoarseSearch:
     ) -> None:
         self.system, self.options, self.progress = system, options, progress
         self.grids = Grids.of(system, options, torques)
-        self.known: list[Rough] = []
+        self.judge = StartJudge(system, progress)
         self.tried: list[Guess] = []
-        self.ends: list[Array] = []
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.stopped = False
 
@@ -121,11 +106,11 @@ class CoarseSearch:
         rough = Rough(attempt, guess, shape, last, first, touches)
         if attempt.status in STOPPED:
             self.stopped = True
-            self.known.append(rough)
+            self.judge.known.append(rough)
             return None
-        if rough.duration == np.inf or self._known(rough.shape):
+        if rough.duration == np.inf or self.judge.knows(rough.shape):
             return None
-        self.known.append(rough)
+        self.judge.known.append(rough)
         return rough
 
     def _coarse(
@@ -145,7 +130,7 @@ class CoarseSearch:
             coarse=True,
             overload=overload,
         )
-        with progress.judged(self._enough):
+        with progress.judged(self.judge.enough):
             return guarded(system.problem, options, progress, guess.name, solve)
 
     def _touches(self, attempt: Attempt) -> bool:
@@ -166,77 +151,12 @@ class CoarseSearch:
             return None
         return apart.after(attempt)
 
-    def _known(self, shape: Array) -> bool:
-        return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
-
-    def _enough(self, record: IterationRecord) -> Status | None:
-        """End a start that takes too long, or comes to a motion which is known.
-
-        Or to one that next to none can beat: what is left is done on the asked grid.
-        """
-        far, most = record.violation > NEARLY, ITERATIONS
-        if far:
-            most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
-        if len(self.progress.records) >= most:
-            return Status.ITERATION_LIMIT
-        if far:
-            return Status.STALLED if record.radius < STUCK else None
-        if self._unbeaten(record) or self._outdone():
-            return Status.STALLED
-        if self._at_rest:
-            return Status.ITERATION_LIMIT
-        if not self.known:
-            return None
-        program, iterate, _ = self.progress.kept[-1]
-        shape = shape_of(self.system, program.trajectory(iterate.z))
-        return Status.STALLED if self._known(shape) else None
-
-    @property
-    def _at_rest(self) -> bool:
-        """Whether the duration hardly changes any more: the asked grid does the rest.
-
-        Among obstacles rows between the nodes have to join first.
-        """
-        last = self.progress.records[-REST - 1 :]
-        if not self.system.alone or len(last) <= REST or last[-2].violation > NEARLY:
-            return False
-        durations = np.array([record.duration for record in last])
-        return bool(np.all(np.abs(np.diff(durations)) < AT_REST * durations[1:]))
-
-    def _outdone(self) -> bool:
-        """Whether a start will end no faster than one that went before.
-
-        Iterations gain less and less: this one, several times more.
-        """
-        if self.system.final_configuration is not None or not self.system.alone:
-            return False
-        best = min((one.duration for one in self.known), default=np.inf)
-        if best == np.inf or len(self.progress.records) < 2:
-            return False
-        before, now = (record.duration for record in self.progress.records[-2:])
-        left = LEFT * max(before - now, 0.0)
-        return now - left > (1.0 - PROMISE) * best
-
-    def _unbeaten(self, record: IterationRecord) -> bool:
-        """Whether next to no motion is faster, once rows between the nodes have joined.
-
-        Before that it may pass through what is between the nodes.
-        """
-        progress = self.progress
-        if record.violation > SMALL or progress.begun is None:
-            return False
-        if self.system.final_configuration is None or self.system.alone:
-            return False
-        first, last = progress.begun.program, progress.kept[-1].program
-        bound = progress.lower_bound(self.system.problem).T
-        joined = last.rows.size > first.rows.size
-        return joined and record.duration <= (1.0 + SPEED_LOSS) * bound
-
     # -- on the grid that is asked for -------------------------------------------------
 
     def finished(self, rough: Rough) -> Attempt | None:
         """Go on from a coarse motion on the grid that is asked for."""
         system, fine, progress = self.system, self.grids.fine, self.progress
+        judge = self.judge
         early = self._secured(rough)
         progress.begin()
         former = rough.attempt
@@ -245,11 +165,11 @@ class CoarseSearch:
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
         solve = partial(solve_and_verify, system, fine, guess, progress)
-        with progress.judged(self._comes_back if self.ends else None):
+        with progress.judged(judge.comes_back if judge.ends else None):
             attempt = guarded(system.problem, fine, progress, former.name, solve)
         if attempt is None:
             return early if early is not None and early.found else None
-        if progress.let_go and self.ends:
+        if progress.let_go and judge.ends:
             return None
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
@@ -259,24 +179,10 @@ class CoarseSearch:
             status, history = attempt.status, attempt.history
             attempt = replace(early, status=status, history=history)
         if attempt.found:
-            self.ends.append(shape_of(system, attempt.trajectory))
+            judge.ends.append(shape_of(system, attempt.trajectory))
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
         return attempt
-
-    def _comes_back(self, record: IterationRecord) -> Status | None:
-        """End one that comes to a motion which was finished before, or near it.
-
-        Among obstacles it may still get away from there, and past them.
-        """
-        progress = self.progress
-        faster = record.duration < (1.0 - PROMISE) * progress.best
-        if faster or record.violation > SMALL or not self.system.alone:
-            return None
-        program, iterate, _ = progress.kept[-1]
-        shape = shape_of(self.system, program.trajectory(iterate.z))
-        near = any(np.max(np.abs(shape - end)) < SAME for end in self.ends)
-        return Status.STALLED if near else None
 
     def _secured(self, rough: Rough) -> Attempt | None:
         """The coarse motion, replayed, where there may be no time to go on from it.
@@ -298,11 +204,12 @@ class CoarseSearch:
 
     def saved(self) -> Iterator[Attempt]:
         """What there is when it is time to stop: the best coarse motion, replayed."""
-        if not self.known or self.progress.best < np.inf:
+        known = self.judge.known
+        if not known or self.progress.best < np.inf:
             return
-        last = self.known[-1].attempt
+        last = known[-1].attempt
         ended = last.status if last.status in STOPPED else Status.TIME_LIMIT
-        best = min(self.known, key=lambda one: (one.attempt.duration, one.duration))
+        best = min(known, key=lambda one: (one.attempt.duration, one.duration))
         yield replace(self._replayed(best), status=ended)
 
     def _replayed(self, rough: Rough) -> Attempt:
@@ -339,7 +246,7 @@ class CoarseSearch:
         """
         source = iter(guesses)
         for guess in itertools.islice(source, wanted):
-            best = min((one.duration for one in self.known), default=np.inf)
+            best = min((one.duration for one in self.judge.known), default=np.inf)
             if guess.timed and guess.duration > TOO_SLOW * best:
                 continue
             self.rough(guess)
@@ -347,7 +254,7 @@ class CoarseSearch:
                 break
         tried: list[Rough] = []
         while not self.stopped:
-            left = [rough for rough in self.known if rough not in tried]
+            left = [rough for rough in self.judge.known if rough not in tried]
             for rough in sorted(left, key=lambda one: one.duration):
                 tried.append(rough)
                 attempt = self.finished(rough)

@@ -1,0 +1,131 @@
+"""Judge of starts: when one is let go, on the coarse grid and on the one asked for.
+
+It remembers the motions that were found, and tells of an iteration whether it comes to
+one of them, to nothing, or to one that is not faster.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.planner.coarse_grids import ITERATIONS
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.rough_motions import NEARLY, SAME, Rough, shape_of
+from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Iterations after which a guess is let go that has led to no motion, and before that to
+# nothing that is at all near one.
+PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
+# Violation of one that is gone on with at once, as no motion is faster by much.
+SMALL = 1e-3
+# Change of the duration that is none, as a share of it, in so many iterations.
+AT_REST, REST = 3e-4, 2
+# While a motion violates more than this share it stands still where its trust region
+# has come down to this share.
+STUCK = 0.02
+# What further iterations may gain altogether, in gains of the last one.
+LEFT = 3.0
+# What a coarse grid costs where speeds rule, as a share of T, and what a motion has to
+# promise beyond the best one to be finished.
+SPEED_LOSS, PROMISE = 0.01, 0.003
+
+
+class StartJudge:
+    """Lets starts go that lead nowhere that is new, or faster.
+
+    Args:
+        system: The problem.
+        progress: Records of the present start, and the best duration so far.
+
+    Attributes:
+        known: Motions on coarse grids, all different.
+        ends: Shapes of the motions that were finished.
+    """
+
+    def __init__(self, system: ProblemFunctions, progress: Progress) -> None:
+        self.system, self.progress = system, progress
+        self.known: list[Rough] = []
+        self.ends: list[Array] = []
+
+    def knows(self, shape: Array) -> bool:
+        """Whether there is a motion of that shape on the coarse grid."""
+        return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
+
+    def enough(self, record: IterationRecord) -> Status | None:
+        """End a start that takes too long, or comes to a motion which is known.
+
+        Or to one that next to none can beat: what is left is done on the asked grid.
+        """
+        far, most = record.violation > NEARLY, ITERATIONS
+        if far:
+            most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
+        if len(self.progress.records) >= most:
+            return Status.ITERATION_LIMIT
+        if far:
+            return Status.STALLED if record.radius < STUCK else None
+        if self._unbeaten(record) or self._outdone():
+            return Status.STALLED
+        if self._at_rest:
+            return Status.ITERATION_LIMIT
+        if not self.known:
+            return None
+        program, iterate, _ = self.progress.kept[-1]
+        shape = shape_of(self.system, program.trajectory(iterate.z))
+        return Status.STALLED if self.knows(shape) else None
+
+    @property
+    def _at_rest(self) -> bool:
+        """Whether the duration hardly changes any more: the asked grid does the rest.
+
+        Among obstacles rows between the nodes have to join first.
+        """
+        last = self.progress.records[-REST - 1 :]
+        if not self.system.alone or len(last) <= REST or last[-2].violation > NEARLY:
+            return False
+        durations = np.array([record.duration for record in last])
+        return bool(np.all(np.abs(np.diff(durations)) < AT_REST * durations[1:]))
+
+    def _outdone(self) -> bool:
+        """Whether a start will end no faster than one that went before.
+
+        Iterations gain less and less: this one, several times more.
+        """
+        if self.system.final_configuration is not None or not self.system.alone:
+            return False
+        best = min((one.duration for one in self.known), default=np.inf)
+        if best == np.inf or len(self.progress.records) < 2:
+            return False
+        before, now = (record.duration for record in self.progress.records[-2:])
+        left = LEFT * max(before - now, 0.0)
+        return now - left > (1.0 - PROMISE) * best
+
+    def _unbeaten(self, record: IterationRecord) -> bool:
+        """Whether next to no motion is faster, once rows between the nodes have joined.
+
+        Before that it may pass through what is between the nodes.
+        """
+        progress = self.progress
+        if record.violation > SMALL or progress.begun is None:
+            return False
+        if self.system.final_configuration is None or self.system.alone:
+            return False
+        first, last = progress.begun.program, progress.kept[-1].program
+        bound = progress.lower_bound(self.system.problem).T
+        joined = last.rows.size > first.rows.size
+        return joined and record.duration <= (1.0 + SPEED_LOSS) * bound
+
+    def comes_back(self, record: IterationRecord) -> Status | None:
+        """End one that comes to a motion which was finished before, or near it.
+
+        Among obstacles it may still get away from there, and past them.
+        """
+        progress = self.progress
+        faster = record.duration < (1.0 - PROMISE) * progress.best
+        if faster or record.violation > SMALL or not self.system.alone:
+            return None
+        program, iterate, _ = progress.kept[-1]
+        shape = shape_of(self.system, program.trajectory(iterate.z))
+        near = any(np.max(np.abs(shape - end)) < SAME for end in self.ends)
+        return Status.STALLED if near else None
