@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -124,15 +125,17 @@ def test_the_same_motion_at_another_time_is_refused(through):
     assert not verify(problem(gate(50.0)), through.trajectory, Tolerances()).ok
 
 
-def test_what_passes_far_away_costs_nothing(alone):
+def test_what_passes_far_away_costs_nothing():
     ball = tm.Sphere(
         "ball",
         radius=0.5,
         position=(-9.0, -9.0, 0.0),
         motion=tm.ConstantVelocity(velocity=(3.0, 0.0, 0.0)),
     )
-    # Programs are solved to a gap of 1e-5 of T, however many rows there are.
-    assert plan_quickly(problem(ball), QUICK).T == pytest.approx(alone.T, rel=1e-5)
+    # Rounding may decide which rows join; what iterations settle to is the same.
+    exact = replace(QUICK, tolerance=1e-5)
+    alone, beside = plan_quickly(problem(), exact), plan_quickly(problem(ball), exact)
+    assert beside.T == pytest.approx(alone.T, rel=1e-5)
 
 
 def test_one_motion_given_in_three_ways(alone):

@@ -39,9 +39,6 @@ FASTER = 4.0
 LEAST_RATE = 20.0
 # Share of what is tolerated of excess over the limits that the feedback may take.
 TRACE = 0.2
-# Relative tolerance of its integration: feedback takes errors away, and what is left
-# at the end is below 1e-10 rad (docs/verification.md).
-TRACKING_RTOL = 1e-7
 # Errors of the integration that amplified come to less than this share of what is
 # tolerated at the goal are none of the reasons why it is missed.
 NEGLIGIBLE = 0.1
@@ -134,7 +131,6 @@ class Tracking(Integration):
             pieces,
             integrator,
             plant=plant_of(stages, self._plants),
-            rtol=TRACKING_RTOL,
         )
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:

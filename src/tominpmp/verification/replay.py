@@ -27,7 +27,7 @@ from tominpmp.verification.plant import CREEP, Plant
 from tominpmp.verification.polynomials import Pieces
 
 RTOL = 1e-9
-ABSOLUTE = 1e-2  # of it, the tolerance in rad, m, rad/s and m/s
+ATOL = 1e-11  # [rad, m, rad/s, m/s]
 # The motion is looked at this often at least [s].
 TIME_STEP = 1e-3
 # But no oftener than this in all: longer motions are looked at less often.
@@ -178,7 +178,6 @@ class Integration:
         plant: What moves under the torques, if not the robot alone.
         tightness: How many times tighter than usual its tolerances are, and sharper
             the law of dry friction.
-        rtol: Relative tolerance as usual; the absolute one is a hundredth of it.
 
     Attributes:
         pieces: The torques.
@@ -194,7 +193,6 @@ class Integration:
         integrator: Integrator | None = None,
         plant: Plant | None = None,
         tightness: float = 1.0,
-        rtol: float = RTOL,
     ) -> None:
         known = isinstance(integrator, str) and integrator in get_args(Integrator)
         if integrator is not None and not known:
@@ -203,7 +201,7 @@ class Integration:
                 f"{', '.join(get_args(Integrator))}",
                 "integrator",
             )
-        self._tolerance = rtol / tightness, ABSOLUTE * rtol / tightness
+        self._tolerance = RTOL / tightness, ATOL / tightness
         self._trajectory = trajectory
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self._plant = Plant(robot) if plant is None else plant
