@@ -20,6 +20,8 @@ LEAST_INTERVALS = 24
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # Intervals of a coarse grid.
 INTERVALS = 16
+# What it costs, as a share of T, where torques rule and where speeds do.
+TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
 # How exactly a coarse motion is found, and in how many iterations: it is gone on with.
 TOLERANCE = 2e-3
 ITERATIONS = 30

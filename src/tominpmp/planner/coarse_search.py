@@ -22,15 +22,15 @@ import numpy as np
 
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import RADIUS, Grids
+from tominpmp.planner.coarse_grids import RADIUS, SPEED_LOSS, TORQUE_LOSS, Grids
 from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded, slowed_down
 from tominpmp.planner.rough_motions import NEARLY, Rough, shape_of
-from tominpmp.planner.start_judge import PROMISE, SPEED_LOSS, StartJudge
+from tominpmp.planner.start_judge import PROMISE, StartJudge
 from tominpmp.planner.touching import links_touch
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
@@ -48,8 +48,6 @@ TOO_SLOW = 1.4
 TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
 # Share of the time that is allowed after which the first motion is replayed at once.
 LATE = 0.2
-# What a coarse grid costs where torques rule, as a share of T.
-TORQUE_LOSS = 0.06
 
 
 class CoarseSearch:
@@ -144,12 +142,16 @@ class CoarseSearch:
         On the coarse grid: the fine one begins with links that are clear then. None if
         that leads nowhere.
         """
-        former = warm_start(self.system, attempt.trajectory)
-        former = replace(former, name=attempt.name, blocked=guess.blocked)
+        former = self._former(attempt, guess)
         apart = self._coarse(self.system, former, RADIUS)
         if apart is None or apart.violation > NEARLY:
             return None
         return apart.after(attempt)
+
+    def _former(self, attempt: Attempt, guess: Guess) -> WarmStart:
+        """What a guess has led to, to go on from."""
+        former = warm_start(self.system, attempt.trajectory)
+        return replace(former, name=attempt.name, blocked=guess.blocked)
 
     # -- on the grid that is asked for -------------------------------------------------
 
@@ -162,8 +164,7 @@ class CoarseSearch:
         former = rough.attempt
         # A finer motion would touch, too.
         progress.links_touched = rough.touches or former.apart
-        guess = warm_start(system, former.trajectory)
-        guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
+        guess = self._former(former, rough.guess)
         solve = partial(solve_and_verify, system, fine, guess, progress)
         with progress.judged(judge.comes_back if judge.ends else None):
             attempt = guarded(system.problem, fine, progress, former.name, solve)

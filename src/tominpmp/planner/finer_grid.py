@@ -29,7 +29,7 @@ from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.solvers.restoration import LIGHT, restored
+from tominpmp.solvers.restoration import LIGHT, cured
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -331,12 +331,7 @@ class Promise:
         if self.latest is None:
             return True
         program, iterate = self.latest
-        rows = program.rows
-        violation = rows.violation(iterate.values)
-        if np.any(violation[~rows.curable[rows.kind]] > self.feasibility):
-            return False
-        slower = restored(program, iterate, self.feasibility)
-        return slower.violation <= self.feasibility
+        return cured(program, iterate, np.inf, self.feasibility) is not None
 
 
 def _solve(

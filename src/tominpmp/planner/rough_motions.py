@@ -53,3 +53,8 @@ def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
     """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
     shares = np.linspace(0.0, 1.0, SAMPLES)
     return np.asarray(motion(shares * motion.duration).q / system.step_scale)
+
+
+def same(one: Array, other: Array) -> bool:
+    """Whether shapes are those of one motion."""
+    return bool(np.max(np.abs(one - other)) < SAME)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.planner.coarse_grids import ITERATIONS
+from tominpmp.planner.coarse_grids import ITERATIONS, SPEED_LOSS
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rough_motions import NEARLY, SAME, Rough, shape_of
+from tominpmp.planner.rough_motions import NEARLY, Rough, same, shape_of
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -27,9 +27,8 @@ AT_REST, REST = 3e-4, 2
 STUCK = 0.02
 # What further iterations may gain altogether, in gains of the last one.
 LEFT = 3.0
-# What a coarse grid costs where speeds rule, as a share of T, and what a motion has to
-# promise beyond the best one to be finished.
-SPEED_LOSS, PROMISE = 0.01, 0.003
+# What a motion has to promise beyond the best one to be finished, as a share of T.
+PROMISE = 0.003
 
 
 class StartJudge:
@@ -51,7 +50,7 @@ class StartJudge:
 
     def knows(self, shape: Array) -> bool:
         """Whether there is a motion of that shape on the coarse grid."""
-        return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
+        return any(same(shape, one.shape) for one in self.known)
 
     def enough(self, record: IterationRecord) -> Status | None:
         """End a start that takes too long, or comes to a motion which is known.
@@ -71,9 +70,13 @@ class StartJudge:
             return Status.ITERATION_LIMIT
         if not self.known:
             return None
+        return Status.STALLED if self.knows(self._shape) else None
+
+    @property
+    def _shape(self) -> Array:
+        """Shape of the motion that the present start has come to."""
         program, iterate, _ = self.progress.kept[-1]
-        shape = shape_of(self.system, program.trajectory(iterate.z))
-        return Status.STALLED if self.knows(shape) else None
+        return shape_of(self.system, program.trajectory(iterate.z))
 
     @property
     def _at_rest(self) -> bool:
@@ -125,7 +128,6 @@ class StartJudge:
         faster = record.duration < (1.0 - PROMISE) * progress.best
         if faster or record.violation > SMALL or not self.system.alone:
             return None
-        program, iterate, _ = progress.kept[-1]
-        shape = shape_of(self.system, program.trajectory(iterate.z))
-        near = any(np.max(np.abs(shape - end)) < SAME for end in self.ends)
+        shape = self._shape
+        near = any(same(shape, end) for end in self.ends)
         return Status.STALLED if near else None

@@ -57,13 +57,24 @@ class Basis:
         known = self._derivatives
         if order not in known:
             k = order - 1
-            p, t = self.degree - k, self.knots[k : self.knots.size - k]
-            m = t.size - p - 1  # control points before this differentiation
-            along = slopes(p, t[p + 1 : p + m] - t[1:m])
+            along = self.slopes(order)
+            m = along.size + 1  # control points before this differentiation
             difference = sp.diags([-1.0, 1.0], [0, 1], shape=(m - 1, m))
             matrix = sp.diags(along) @ difference @ self.derivative(k)
             known[order] = matrix.tocsr()
         return known[order]
+
+    def slopes(self, order: int) -> Array:
+        """What differences of control points one order below are multiplied by.
+
+        That makes the control points of a derivative; 0 where a curve jumps.
+        """
+        k = order - 1
+        p, t = self.degree - k, self.knots[k : self.knots.size - k]
+        m = t.size - p - 1
+        spans = t[p + 1 : p + m] - t[1:m]
+        wide = spans > 0.0
+        return np.where(wide, p / np.where(wide, spans, 1.0), 0.0)
 
     @cached_property
     def _derivatives(self) -> dict[int, sp.csr_matrix]:
@@ -86,10 +97,8 @@ class Basis:
         found = self.functions(times, first, order)
         for k in range(order, 0, -1):
             # A control point of a derivative is a difference of two one order below.
-            p, t = self.degree - k + 1, self.knots[k - 1 : self.knots.size - k + 1]
-            m = t.size - p - 1
-            along = slopes(p, t[p + 1 : p + m] - t[1:m])
-            found = found * along[first[:, None] + np.arange(p)]
+            along = self.slopes(k)
+            found = found * along[places(first, found.shape[1])]
             found = np.pad(found, ((0, 0), (1, 0))) - np.pad(found, ((0, 0), (0, 1)))
         return found
 
@@ -206,12 +215,6 @@ class Elimination:
 def _ends(system: ProblemFunctions) -> tuple[ProblemFunctions, ProblemFunctions]:
     """The functions of the first and of the last segment."""
     return system.segments[0], system.segments[-1]
-
-
-def slopes(degree: int, spans: Array) -> Array:
-    """What differences of control points are multiplied by; 0 where a curve jumps."""
-    wide = spans > 0.0
-    return np.where(wide, degree / np.where(wide, spans, 1.0), 0.0)
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:

@@ -24,7 +24,6 @@ from tominpmp.transcription.bspline_basis import (
     Elimination,
     by_points,
     places,
-    slopes,
 )
 from tominpmp.transcription.control_points import (
     TORQUE_SHARES,
@@ -99,11 +98,8 @@ class SegmentedCurve:
         """Control points of a derivative, shape (M - order, n)."""
         known = self._derivatives
         if order not in known:
-            p, t = self.degree - order + 1, self.basis.knots
-            t = t[order - 1 : t.size - order + 1]
-            m = t.size - p - 1
             before = np.diff(self.derivative(order - 1), axis=0)
-            known[order] = slopes(p, t[p + 1 : p + m] - t[1:m])[:, None] * before
+            known[order] = self.basis.slopes(order)[:, None] * before
         return known[order]
 
     @cached_property

@@ -58,8 +58,10 @@ class Instants:
         return int(self.interval.size)
 
     def within(self, first: int, end: int) -> Instants:
-        """Those in the intervals from one to before another."""
+        """Those in the intervals from one to before another; these if they all are."""
         mine = (self.interval >= first) & (self.interval < end)
+        if np.all(mine):
+            return self
         return Instants(self.interval[mine], self.share[mine])
 
     def joined(self, other: Instants) -> Instants:
