@@ -91,12 +91,15 @@ def test_obstacles_are_those_of_the_segment() -> None:
     arm = tm.load_robot("planar3r").with_changes(gravity=(0, 0, 0))
     first, second = (0.9, 1.5, -1.5), (0.5, 1.7, -1.7)
     ball = tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))
-    goal, options = tm.PositionGoal("tip", (4, 1, 0)), {**FINE, "intervals": 40}
+    # Coarser grids end where small changes still promise one to three per cent of T,
+    # and multipliers of such a motion are not unique.
+    goal, options = tm.PositionGoal("tip", (4, 1, 0)), {**FINE, "intervals": 100}
     segments = [
         tm.Segment(tm.JointGoal(second), scene=[], stop=True),
         tm.Segment(goal, scene=[ball]),
     ]
     solution = tm.plan(tm.Problem(arm, first, segments=segments, margin=0.1), **options)
+    assert solution.status is tm.Status.CONVERGED
     part = solution.segments[1].trajectory
     one = analyse(tm.Problem(arm, second, goal, [ball], 0.1), part)
     share = part.duration / solution.T

@@ -96,14 +96,12 @@ def test_free_pendulum_keeps_its_energy(integrator: str) -> None:
     np.testing.assert_allclose(energy, 0.0, atol=2e-7)
 
 
-def test_stiff_friction_calls_for_an_implicit_integrator() -> None:
-    quick = make_arm(slide(MASS), effort=FORCE, damping=1.0)
+def test_stiff_friction_is_no_matter() -> None:
     stiff = make_arm(slide(MASS), effort=FORCE, damping=2e4)
     goal = JointGoal(np.ones(1))
     motion = rail_motion()
-    assert replay(Problem(quick, np.zeros(1), goal), motion).integrator == "DOP853"
     found = replay(Problem(stiff, np.zeros(1), goal), motion)
-    assert found.integrator == "LSODA"
+    assert found.evaluations < 5000
     # Forth and back at the speed that friction leaves.
     half = found.nodes[4]
     np.testing.assert_allclose(found.q[half, 0], 5e-4 * RAIL_TIME / 2, rtol=1e-3)

@@ -42,9 +42,6 @@ TRACE = 0.2
 # Errors of the integration that amplified come to less than this share of what is
 # tolerated at the goal are none of the reasons why it is missed.
 NEGLIGIBLE = 0.1
-# Errors at the end of replays, in shares of the growth times the tolerance of the
-# integrator: at most 0.005 and 0.5 on 30 motions of five arms (docs/verification.md).
-ERRORS = {"DOP853": 0.02}
 # How many times tighter the tolerances are that must change nothing.
 TIGHTER = 10.0
 
@@ -52,45 +49,53 @@ TIGHTER = 10.0
 class TrackingPlant(Plant):
     """A robot under the torque of a plan and a feedback of its position and velocity.
 
-    The polynomials are those of torques, positions and velocities, 3n in all. The
-    feedback acts on the accelerations: a double pole at ``-rate``.
+    Its state is how far it is off the plan. An explicit method guesses ahead within its
+    steps, and a fast feedback resists that; what stays next to nothing is integrated
+    with steps many times as long. The polynomials are those of the torques of the plan,
+    of its states and of their derivatives, 5n in all. The feedback acts on the
+    accelerations: a double pole at ``-rate``.
     """
 
     def __init__(self, robot: Robot, rate: float) -> None:
         super().__init__(robot)
         self.rate_of_feedback = rate
-        self._plan = np.zeros(2 * robot.n)
+        self._torque = np.zeros(robot.n)
 
     def torque(self, t: float) -> Array:
-        """Torque of the plan, shape (n,)."""
-        rows, n = super().torque(t), self.robot.n
-        self._plan = rows[n:]
-        return rows[:n]
+        """Torque of the plan at the time that was looked at last, shape (n,)."""
+        return self._torque
 
-    def demand(self, x: Array, plan: Array) -> Array:
+    def plan(self, t: float) -> tuple[Array, Array]:
+        """State of the plan and its derivative, shape (2n,) each."""
+        rows, n = super().torque(t), self.robot.n
+        self._torque = rows[:n]
+        return rows[n : 3 * n], rows[3 * n :]
+
+    def demand(self, off: Array) -> Array:
         """Acceleration that the feedback asks for, shape (..., n)."""
         n, rate = self.robot.n, self.rate_of_feedback
-        off = plan - x
-        return np.asarray(rate * (rate * off[..., :n] + 2.0 * off[..., n:]))
+        return np.asarray(-rate * (rate * off[..., :n] + 2.0 * off[..., n:]))
 
     def slope(self) -> Slope:
-        """dx/dt as a function of t and x = (q, v)."""
+        """Derivative of what it is off by, as a function of t and that."""
         free, n = super().slope(), self.robot.n
 
-        def tracked(t: float, x: Array) -> Array:
-            out = free(t, x)
-            out[n:] += self.demand(x, self._plan)
+        def tracked(t: float, off: Array) -> Array:
+            state, rate = self.plan(t)
+            out = free(t, state + off) - rate
+            out[n:] += self.demand(off)
             return out
 
         return tracked
 
     def jacobian(self) -> Slope:
-        """Derivative of dx/dt with respect to x, shape (2n, 2n), likewise."""
+        """Derivative of that with respect to what it is off by, shape (2n, 2n)."""
         free, n, rate = super().jacobian(), self.robot.n, self.rate_of_feedback
         diagonal = np.arange(n)
 
-        def tracked(t: float, x: Array) -> Array:
-            out = free(t, x)
+        def tracked(t: float, off: Array) -> Array:
+            state, _ = self.plan(t)
+            out = free(t, state + off)
             out[n + diagonal, diagonal] -= rate * rate
             out[n + diagonal, n + diagonal] -= 2.0 * rate
             return out
@@ -123,6 +128,9 @@ class Tracking(Integration):
             return np.concatenate([found.u, found.q, found.v], axis=1)
 
         pieces = Pieces.of(curve, breaks)
+        rates = pieces.derivatives()[:, robot.n :]
+        both = np.concatenate([pieces.coefficients, rates], axis=1)
+        pieces = replace(pieces, coefficients=both)
         self._stages = stages
         self._plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
         super().__init__(
@@ -136,13 +144,20 @@ class Tracking(Integration):
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u has the feedback too."""
         found = super().run(start, time_step)
-        return replace(found, u=found.u[:, : found.q.shape[1]] + self.feedback(found))
+        return replace(found, u=found.u[:, : found.q.shape[1]] + self._feedback(found))
 
-    def feedback(self, found: Replay) -> Array:
+    def _piece(self, k: int, x: Array, ticks: Array) -> Array:
+        """Integrate over a piece what the motion is off by, on top of the plan."""
+        times = np.concatenate([self.pieces.t[k : k + 1], ticks])
+        plan = self.pieces.on(k, times)[:, x.size // 2 : 3 * x.size // 2]
+        rows = super()._piece(k, x - plan[0], ticks)
+        return rows + plan[1 : 1 + len(rows)]
+
+    def _feedback(self, found: Replay) -> Array:
         """Torque of the feedback at the times of a replay, shape (m, n) [N m or N]."""
         n = found.q.shape[1]
-        plan = self.pieces(found.t)[:, n:]
-        demand = self._plants[0].demand(np.hstack([found.q, found.v]), plan)
+        plan = self.pieces(found.t)[:, n : 3 * n]
+        demand = self._plants[0].demand(np.hstack([found.q, found.v]) - plan)
         out = np.zeros_like(demand)
         for plant, stage in zip(self._plants, self._stages, strict=True):
             rows = (found.t >= stage.begin) & (found.t <= stage.end)
@@ -201,15 +216,14 @@ def lost_to_rounding(growth: float, tolerance: float) -> bool:
     return not growth * float(np.finfo(float).eps) < tolerance
 
 
-def doubtful(growth: float, tolerance: float, integrator: str) -> bool:
+def doubtful(growth: float, tolerance: float, error: float) -> bool:
     """Whether errors of the integration may matter at the goal.
 
     Args:
         growth: See :func:`amplification`.
         tolerance: What is tolerated at the goal [rad or m].
-        integrator: What integrated the torques.
+        error: Of the integration, as a share of the growth.
     """
-    error = ERRORS.get(integrator, 1.0) * RTOL
     return not growth * error < NEGLIGIBLE * tolerance
 
 

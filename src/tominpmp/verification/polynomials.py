@@ -94,6 +94,20 @@ class Pieces:
         signs = np.vander([-1.0, 1.0], self.coefficients.shape[2], increasing=True)
         return np.swapaxes(self.coefficients @ signs.T, 1, 2)
 
+    def derivatives(self) -> Array:
+        """Coefficients of the derivatives with respect to time, shape (P, n, K)."""
+        order = np.arange(1.0, self.coefficients.shape[2])
+        out = np.zeros_like(self.coefficients)
+        out[:, :, :-1] = order * self.coefficients[:, :, 1:]
+        return out * (2.0 / np.diff(self.t))[:, None, None]
+
+    def on(self, piece: int, times: Array) -> Array:
+        """Values of one piece at times of shape (m,), its ends among them, (m, n)."""
+        begin, end = self.t[piece], self.t[piece + 1]
+        s = (2.0 * times - begin - end) / (end - begin)
+        powers = np.vander(s, self.coefficients.shape[2], increasing=True)
+        return np.asarray(powers @ self.coefficients[piece].T)
+
     def __call__(self, times: Array) -> Array:
         """Values at times of shape (m,), shape (m, n); just after a jump."""
         out = np.empty((times.size, self.coefficients.shape[1]))

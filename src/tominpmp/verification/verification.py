@@ -184,7 +184,7 @@ def verify(
         if rate is not None:
             tracking = Tracking(stages, trajectory, rate, integrator)
             tracked = tracking.run(start)
-            trace = tracking.feedback(tracked)
+            trace = tracked.u - torque(tracked.t)
             feedback = frozen_array(np.max(np.abs(trace), axis=0))
             findings = judge(stages, tracked, torque, tolerances, checkers)
             findings.limits.append(needed(robot, tracked.t, trace, tolerances.limits))
@@ -255,7 +255,7 @@ def _counts(
     """
     if alone.violations:
         return False
-    if not doubtful(growth, tolerances.goal, first.integrator):
+    if not doubtful(growth, tolerances.goal, first.error):
         return True
     replay = alone.replay
     start = np.concatenate([replay.q[0], replay.v[0]])
