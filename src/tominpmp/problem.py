@@ -138,8 +138,7 @@ class Problem(Record):
         for number, part in enumerate(self.segments):
             check_window(part.constraints, True, f"segments[{number}].constraints")
         snapped = self._snap_start()
-        self._checks.clear(self.q_start, "start")
-        self._checks.kept(self.q_start, self.v_start, "start", "q_start")
+        self._checks.start(self.q_start, self.v_start)
         if self.segments:
             _, of_goal = self._phases
         else:
@@ -375,8 +374,7 @@ class Problem(Record):
         for name, value in (("q_start", q_start), ("v_start", None), ("goal", goal)):
             object.__setattr__(other, name, value)
         other._snap_start()
-        other._checks.clear(other.q_start, "start")
-        other._checks.kept(other.q_start, other.v_start, "start", "q_start")
+        other._checks.start(other.q_start, other.v_start)
         object.__setattr__(other, "goal", other._checks.goal(goal)[0])
         return other
 

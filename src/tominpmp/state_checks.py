@@ -11,6 +11,8 @@ from tominpmp.arrays import Array, real_array
 from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.description.joint_table import example_values
+from tominpmp.description.model import singular_directions
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import AnyGoal, Goal
@@ -50,6 +52,12 @@ class StateChecks:
         """Distance to keep by pair of the checker [m]."""
         return self.checker.margins(self.margin)
 
+    def start(self, q: Array, v: Array | None) -> None:
+        """Check a start: positions, and velocities, None for rest; shape (n,) each."""
+        self.clear(q, "start")
+        self.moves_mass(q, "start")
+        self.kept(q, v, "start", "q_start")
+
     def goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
         """Check a goal that belongs to the robot; what to warn of is returned too."""
         if goal.alternatives[0] is not goal:
@@ -59,6 +67,7 @@ class StateChecks:
             q, of_q = self.snap("position", goal.configuration, "goal.q")
             v, of_v = self.snap("velocity", v, "goal.v")
             self.clear(q, "goal")
+            self.moves_mass(q, "goal")
             if rests:
                 self._hold(q, v)
             self.kept(q, v, "goal", "goal")
@@ -194,6 +203,29 @@ class StateChecks:
             if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
                 why = contradiction(item, self.constraints, self.robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", name)
+
+    def moves_mass(self, q: Array, which: str) -> None:
+        """Check that no torque would accelerate joints without bound.
+
+        Args:
+            q: The configuration, shape (n,).
+            which: Whether it is the "start" or the "goal".
+
+        Raises:
+            ProblemError: Naming the joints that move while the mass matrix is singular.
+        """
+        state = np.asarray(q)[None]
+        rest = np.zeros_like(state)
+        mass = RobotDynamics(self.robot).inverse_jacobians(state, rest, rest).tau_a[0]
+        light = np.flatnonzero(singular_directions(mass)).tolist()
+        if light:
+            joints = [self.robot.joint_names[i] for i in light]
+            raise ProblemError(
+                f"{which}: {' and '.join(joints)} can move without any inertia there, "
+                "so that any torque would accelerate them without bound: give "
+                f"armature={example_values(joints)} [kg m^2 or kg], or lock one",
+                "q_start" if which == "start" else "goal",
+            )
 
     def _hold(self, q: Array, v: Array) -> None:
         """Check that the motors can hold an arm that is to come to rest."""

@@ -24,9 +24,12 @@ from robot_samples import (
 from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,
+    ProblemError,
     RobotLoadError,
     TominpmpWarning,
 )
+from tominpmp.goals import JointGoal
+from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 
 FINGER = {"panda_finger_joint1": 0.03}
@@ -342,6 +345,33 @@ def test_joints_that_share_an_inertia_are_both_told_of(tmp_path: Path) -> None:
     )
     with pytest.raises(RobotLoadError, match="links that j2, j3 move"):
         load(tmp_path, text)
+
+
+def test_joints_that_share_an_inertia_somewhere_are_told_of_there(
+    tmp_path: Path,
+) -> None:
+    # A wrist without inertia but at its end, whose outer joints are in line at q2 = 0.
+    text = robot(
+        link("base"),
+        link("l1", ""),
+        link("l2", ""),
+        link("l3"),
+        joint("j1", "base", "l1"),
+        joint("j2", "l1", "l2", axis="1 0 0").replace("1 0 0", "0 0 0", 1),
+        joint("j3", "l2", "l3").replace("1 0 0", "0 0 0"),
+    )
+    arm = load(tmp_path, text)
+    bent, straight = np.array([0.1, 0.8, 0.2]), np.array([0.1, 0.0, 0.2])
+    away = JointGoal(np.array([0.3, 0.9, 0.1]))
+    told = r"j1 and j3 can move without any inertia there.*armature={'j1'"
+    with pytest.raises(ProblemError, match="start: " + told) as start:
+        Problem(arm, straight, away)
+    with pytest.raises(ProblemError, match="goal: " + told) as goal:
+        Problem(arm, bent, JointGoal(straight))
+    assert (start.value.field, goal.value.field) == ("q_start", "goal")
+    heavier = arm.with_changes(armature=0.01)
+    assert Problem(heavier, straight, away).robot.n == 3
+    assert Problem(arm, bent, away).robot.n == 3
 
 
 def test_armature_adds_to_the_mass_matrix(tmp_path: Path) -> None:

@@ -261,7 +261,7 @@ def check_inertia(
         mass = upper + np.triu(upper, 1).T
         if matrix is not None:
             mass = matrix.T @ mass @ matrix
-        singular = np.flatnonzero(_singular_directions(mass))
+        singular = np.flatnonzero(singular_directions(mass))
         if singular.size:
             joints = [table.joint_names[i] for i in singular]
             raise RobotLoadError(
@@ -273,8 +273,15 @@ def check_inertia(
             )
 
 
-def _singular_directions(mass: Array) -> NDArray[np.bool_]:
-    """Find the joints that move where a mass matrix is singular; none if it is not."""
+def singular_directions(mass: Array) -> NDArray[np.bool_]:
+    """Find the joints that move where a mass matrix is singular; none if it is not.
+
+    Args:
+        mass: The matrix, shape (n, n).
+
+    Returns:
+        Which joints do, shape (n,).
+    """
     own = np.diag(mass)
     if (own < MIN_INERTIA).any():
         return np.asarray(own < MIN_INERTIA)
