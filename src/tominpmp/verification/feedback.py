@@ -21,6 +21,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
+from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.plant import Plant, Slope
@@ -160,6 +161,7 @@ class Tracking(Integration):
         demand = self._plants[0].demand(np.hstack([found.q, found.v]) - plan)
         out = np.zeros_like(demand)
         for plant, stage in zip(self._plants, self._stages, strict=True):
+            check()
             rows = (found.t >= stage.begin) & (found.t <= stage.end)
             q, v, inverse = found.q[rows], found.v[rows], plant.dynamics.inverse
             rest = inverse(q, v, np.zeros_like(q))

@@ -13,6 +13,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
+from tominpmp.stopping import check
 from tominpmp.verification.plant import CREEP
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
@@ -119,6 +120,7 @@ def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
 ) -> list[LimitViolation]:
     """The worst of each kind of limit on joints; the tolerance is relative."""
+    check()
     return _Limits(problem, replay, torque, tolerance).all()
 
 

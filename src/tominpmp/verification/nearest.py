@@ -11,7 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.selection import links_of
 from tominpmp.problem import Problem
-from tominpmp.stopping import Stop
+from tominpmp.stopping import Stop, check
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.closest_approach import Approach, Closest, Course
 from tominpmp.verification.limit_violations import LimitViolation
@@ -56,6 +56,7 @@ def closest(
     Returns:
         The pair; None without pairs.
     """
+    check()
     if checker.lone:
         if not checker.with_cut(frozenset()).pairs:
             return None

@@ -8,6 +8,8 @@ jump.
 
 from __future__ import annotations
 
+import contextlib
+import threading
 import warnings
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
@@ -22,7 +24,7 @@ from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.plant import CREEP, Plant
+from tominpmp.verification.plant import CREEP, Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 
 RTOL = 1e-9
@@ -43,6 +45,10 @@ GROWTH = 1.5
 LSODA_STEPS = 20_000
 # An integration that takes more evaluations than this is given up.
 MAX_EVALUATIONS = 500_000
+# After so many evaluations it is looked whether it is time to stop.
+WATCH = 256
+# LSODA of SciPy before 1.17 keeps what it works on in one place for all threads.
+LSODA_AT_WORK = threading.Lock()
 # Numbers beyond this are no positions or velocities of an arm any more.
 MAX_STATE = 1e6
 
@@ -156,6 +162,10 @@ def _start_velocity(problem: Problem) -> Array:
     return np.zeros(problem.robot.n) if given is None else np.asarray(given)
 
 
+class _GivenUp(Exception):
+    """Ends an integration that takes too many evaluations."""
+
+
 class Integration:
     """The means to integrate the torques of one trajectory.
 
@@ -195,7 +205,7 @@ class Integration:
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self._plant = Plant(robot) if plant is None else plant
         self._plant.creep = CREEP / tightness
-        self._slope = self._plant.slope()
+        self._slope = self._watched(self._plant.slope())
         self._jacobian = self._plant.jacobian()
         self.integrator: Integrator = integrator or "LSODA"
         smooth = self._plant.friction is None
@@ -238,6 +248,22 @@ class Integration:
             complete,
         )
 
+    def _watched(self, slope: Slope) -> Slope:
+        """A slope that counts its evaluations, and ends what takes too long.
+
+        A piece of a slow motion may take minutes, and nobody else can end it.
+        """
+
+        def watched(t: float, x: Array) -> Array:
+            self.evaluations += 1
+            if self.evaluations % WATCH == 0:
+                check()
+                if self.evaluations > MAX_EVALUATIONS:
+                    raise _GivenUp
+            return slope(t, x)
+
+        return watched
+
     def defects(self) -> Array:
         """How far each interval ends from the next node when begun at its own.
 
@@ -275,10 +301,10 @@ class Integration:
     def _fortran(self, x: Array, begin: float, ticks: Array) -> Array:
         """Integrate with LSODA; no rows if the motion was lost."""
         times = np.concatenate([[begin], ticks])
-        with warnings.catch_warnings():
+        with LSODA_AT_WORK, warnings.catch_warnings():
             warnings.simplefilter("error", ODEintWarning)
             try:
-                rows, outcome = odeint(
+                rows = odeint(
                     self._slope,
                     x,
                     times,
@@ -288,39 +314,37 @@ class Integration:
                     atol=self._tolerance[1],
                     tcrit=ticks[-1:],  # the torque must not be asked for beyond it
                     mxstep=LSODA_STEPS,
-                    full_output=True,
                 )
-            except ODEintWarning:
+            except (ODEintWarning, _GivenUp):
                 return np.empty((0, x.size))
-        self.evaluations += int(outcome["nfe"][-1])
         inside = np.all(np.abs(rows) < MAX_STATE, axis=1)
         end = inside.size if inside.all() else int(np.argmin(inside))
         return np.asarray(rows[1:end])
 
     def _steps(self, x: Array, begin: float, ticks: Array) -> Array:
         """Integrate step by step with a solver of SciPy's newer kind."""
-        end = float(ticks[-1])
+        end, done = float(ticks[-1]), 0
         rtol, atol = self._tolerance
         settings: dict[str, Any] = {"rtol": rtol, "atol": atol}
-        if self.integrator != "DOP853":
-            # Newton's method begins without a guess in the first step.
-            settings |= {"jac": self._jacobian, "first_step": 0.1 * (end - begin)}
-            solver = Radau(self._slope, begin, x, end, **settings)
-        else:
-            settings["first_step"] = min(end - begin, self._stride)
-            solver = DOP853(self._slope, begin, x, end, **settings)
         rows = np.empty((ticks.size, x.size))
-        done, spent = 0, self.evaluations
-        while solver.status == "running":
-            solver.step()
-            self.evaluations = spent + solver.nfev
-            lost = not np.all(np.abs(solver.y) < MAX_STATE)
-            if solver.status == "failed" or lost or self.evaluations > MAX_EVALUATIONS:
-                return rows[:done]
-            behind = int(np.searchsorted(ticks, solver.t, side="right"))
-            if behind > done:
-                rows[done:behind] = solver.dense_output()(ticks[done:behind]).T
-                done = behind
-        self._stride = GROWTH * float(solver.step_size)
-        rows[-1] = solver.y
-        return rows
+        solver: DOP853 | Radau
+        with contextlib.suppress(_GivenUp):
+            if self.integrator != "DOP853":
+                # Newton's method begins without a guess in the first step.
+                settings |= {"jac": self._jacobian, "first_step": 0.1 * (end - begin)}
+                solver = Radau(self._slope, begin, x, end, **settings)
+            else:
+                settings["first_step"] = min(end - begin, self._stride)
+                solver = DOP853(self._slope, begin, x, end, **settings)
+            while solver.status == "running":
+                solver.step()
+                lost = not np.all(np.abs(solver.y) < MAX_STATE)
+                if solver.status == "failed" or lost:
+                    return rows[:done]
+                behind = int(np.searchsorted(ticks, solver.t, side="right"))
+                if behind > done:
+                    rows[done:behind] = solver.dense_output()(ticks[done:behind]).T
+                    done = behind
+            self._stride = GROWTH * float(solver.step_size)
+            rows[-1] = solver.y
+        return rows[:done]

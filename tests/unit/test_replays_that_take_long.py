@@ -1,0 +1,77 @@
+"""Replays of slow motions end in time, and several threads may replay at once."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import threading
+
+import numpy as np
+import pytest
+from optimum_cases import HANGING, ROD
+from sample_arms import DOWNWARD, make_arm
+
+import tominpmp as tm
+from tominpmp.stopping import Stop
+
+# The module, beside which there is a function of its name.
+REPLAYS = importlib.import_module("tominpmp.verification.replay")
+INTEGRATORS = ("LSODA", "DOP853", "Radau")
+
+
+@pytest.fixture(scope="module")
+def swinging() -> tuple[tm.Problem, tm.Trajectory]:
+    """A pendulum let go, for ten seconds that are one piece of torque."""
+    robot = make_arm(ROD, effort=1.0, gravity=DOWNWARD)
+    problem = tm.Problem(robot, [HANGING + 2.0], tm.JointGoal([HANGING]))
+    t, none = np.array([0.0, 10.0]), np.zeros((2, 1))
+    return problem, tm.Trajectory(("joint1",), t, none, none, none)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_replay_stops_within_a_piece(swinging, integrator, monkeypatch) -> None:
+    asked = []
+
+    def check() -> None:
+        asked.append(1)
+        if len(asked) > 2:
+            raise Stop(requested=False)
+
+    monkeypatch.setattr(REPLAYS, "check", check)
+    with pytest.raises(Stop):
+        REPLAYS.replay(*swinging, integrator=integrator)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_replay_is_given_up_within_a_piece(swinging, integrator, monkeypatch) -> None:
+    most = 2 * REPLAYS.WATCH
+    monkeypatch.setattr(REPLAYS, "MAX_EVALUATIONS", most)
+    found = REPLAYS.replay(*swinging, integrator=integrator)
+    assert not found.complete
+    assert np.all(np.isfinite(found.q))
+    assert most < found.evaluations <= most + REPLAYS.WATCH
+
+
+def test_one_thread_at_a_time_is_in_lsoda(swinging, monkeypatch) -> None:
+    inside, most = [], []
+    odeint = REPLAYS.odeint
+
+    def watched(slope, *args, **kwargs):
+        inside.append(1)
+        most.append(len(inside))
+        found = odeint(slope, *args, **kwargs)
+        inside.pop()
+        return found
+
+    monkeypatch.setattr(REPLAYS, "odeint", watched)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        many = [threading.Thread(target=tm.verify, args=swinging) for _ in range(4)]
+        for one in many:
+            one.start()
+        for one in many:
+            one.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert max(most) == 1
