@@ -412,6 +412,14 @@ def test_set_of_goals() -> None:
     assert found.ok, found.message
 
 
+def test_goals_of_a_set_have_rows_of_their_own() -> None:
+    """Of a frame and of a joint: another number of rows each."""
+    problem = rail()
+    goals = AnyGoal([PositionGoal("tip", (-0.5, 0.0, 0.0)), JointGoal([1.0])])
+    found = certify(Problem(problem.robot, [0.0], goals), bang_bang_rail())
+    assert found.ok, found.message
+
+
 # -- limits as rows --------------------------------------------------------------------
 
 
