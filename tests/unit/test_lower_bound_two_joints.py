@@ -231,6 +231,17 @@ def test_tubes_enclose_motions_with_drag(drag: float, rng: np.random.Generator) 
         assert narrow.low[0] < narrow.low[1] and narrow.high[0] > narrow.high[1]
 
 
+@pytest.mark.parametrize("x", [0.0, 1.0])
+def test_tubes_of_strong_drag_have_no_numbers_that_are_none(x: float) -> None:
+    """Back in time it grows beyond all numbers, unless there is nothing to grow."""
+    none, drag = np.zeros((1, 0)), np.full((1, 4), 1e6)
+    rate = Interval(np.zeros((1, 4)), np.array([[0.0, 1.0, 0.0, 1.0]]))
+    through = Gates((), none, none)
+    tube = Tube.damped((x, x), rate, Interval(drag, drag), 1.0, through)
+    for part in (*tube.onwards, *tube.back, tube.within(), tube.integral(1.0)):
+        assert np.all(part.low <= part.high)
+
+
 def test_only_bounds_that_are_near_are_told() -> None:
     bound = LowerBound(1.0, "so it is")
     assert bound.comparison(1.05) == "5.0 % above what none can beat"

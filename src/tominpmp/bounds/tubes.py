@@ -202,16 +202,20 @@ def _decayed(
 def _grown(
     x: float, rate: Array, drag: Array, h: float, at: tuple[int, ...], caps: Array
 ) -> _Side:
-    """The same back in time, when drag makes it grow."""
+    """The same back in time, when drag makes it grow, to infinity if it is strong."""
     fast = drag * h > 1e-9
     with np.errstate(over="ignore"):
         growth = np.exp(drag * h)
-        gain = np.where(fast, np.expm1(drag * h) / np.where(fast, drag, 1.0), h) * rate
+        gain = np.where(fast, np.expm1(drag * h) / np.where(fast, drag, 1.0), h)
 
-    def step(now: Array, k: int) -> Array:
-        return np.asarray(np.where(now >= 0.0, now * growth[:, k], now) + gain[:, k])
+        # Nothing stays nothing, however much it grows.
+        gain = np.multiply(gain, rate, out=np.zeros_like(rate), where=rate > 0.0)
 
-    return _stepped(x, rate.shape, step, at, caps)
+        def step(now: Array, k: int) -> Array:
+            grown = np.multiply(now, growth[:, k], out=now.copy(), where=now > 0.0)
+            return np.asarray(grown + gain[:, k])
+
+        return _stepped(x, rate.shape, step, at, caps)
 
 
 def _stepped(
