@@ -11,9 +11,10 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.coarse_grids import Grids
+from tominpmp.planner.coarse_grids import ITERATIONS, Grids
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.progress import Progress
+from tominpmp.planner.start_judge import FIRST_PATIENCE, PATIENCE
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -56,6 +57,43 @@ def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(coarse, monkeypa
     assert search.judge.enough(far) is None
     assert search.judge.enough(replace(far, radius=1e-3)) is Status.STALLED
     assert search.judge.enough(record(search, radius=1e-3)) is None
+
+
+@pytest.fixture
+def judged(coarse, monkeypatch):
+    """What is said of a record as one of so many, in a program of so many rows."""
+    search, _ = coarse
+    progress, last = search.progress, search.progress.kept[-1]
+    monkeypatch.setattr(search.judge, "known", [])
+
+    def say(record, count, rows):
+        program = type("Rows", (), {"rows": np.zeros(rows)})()
+        monkeypatch.setattr(progress, "kept", [last._replace(program=program)])
+        monkeypatch.setattr(progress, "records", [record] * count)
+        return search.judge.enough(record)
+
+    return say
+
+
+def test_rows_that_join_a_start_get_iterations_of_their_own(coarse, judged):
+    """It was let go in the very iteration that the rows had joined."""
+    far = record(coarse[0], violation=0.1)
+    assert [judged(far, count, 10) for count in (1, PATIENCE - 1)] == [None, None]
+    assert judged(far, PATIENCE, 10) is Status.ITERATION_LIMIT
+    most = PATIENCE + FIRST_PATIENCE
+    assert [judged(far, count, 12) for count in (PATIENCE, most - 1)] == [None, None]
+    assert judged(far, most, 12) is Status.ITERATION_LIMIT
+    assert judged(far, 1, 10) is None
+    assert judged(far, PATIENCE, 10) is Status.ITERATION_LIMIT  # another start
+    assert judged(far, ITERATIONS - 1, 12) is None
+    assert judged(far, ITERATIONS, 12) is Status.ITERATION_LIMIT
+
+
+def test_a_start_at_rest_goes_on_with_the_rows_that_it_lacks(coarse, judged):
+    near = record(coarse[0], violation=5e-3)
+    assert [judged(near, count, 10) for count in (1, 2, 5)] == [None, None, None]
+    assert [judged(near, count, 12) for count in (6, 7)] == [None, None]
+    assert judged(near, 8, 12) is Status.ITERATION_LIMIT
 
 
 def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypatch):

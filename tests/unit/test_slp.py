@@ -62,6 +62,10 @@ class Program:
         out[-1] *= factor
         return out
 
+    def slower(self, z, factor, values):
+        z = self.stretch(z, factor)
+        return z, self.evaluate(z)
+
 
 def circle():
     """Least t with x^2 + y^2 <= t^2 / 2 and x y >= 1: t = 2 at x = y = 1."""

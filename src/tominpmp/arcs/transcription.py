@@ -120,6 +120,11 @@ class ArcTranscription:
         out[: self.program.arcs.count] *= factor
         return out
 
+    def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
+        """The same torques on longer arcs, which take another path."""
+        z = self.stretch(z, factor)
+        return z, self.evaluate(z)
+
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate, with nodes at the ends of all steps."""
         program, system = self.program, self.program.system

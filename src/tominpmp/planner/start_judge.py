@@ -9,19 +9,22 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.planner.coarse_grids import ITERATIONS, SPEED_LOSS
+from tominpmp.planner.coarse_grids import ITERATIONS, SPEED_LOSS, TOLERANCE
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rough_motions import NEARLY, Rough, same, shape_of
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Iterations after which a guess is let go that has led to no motion, and before that to
-# nothing that is at all near one.
+# nothing that is at all near one. Rows that join it give it the latter anew: a motion
+# that was all right between the former ones breaks them at first.
 PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
 # Violation of one that is gone on with at once, as no motion is faster by much.
 SMALL = 1e-3
-# Change of the duration that is none, as a share of it, in so many iterations.
+# Change of the duration that is none, as a share of it, in so many iterations; and of
+# one that rows between the nodes have joined, of which the asked grid makes more.
 AT_REST, REST = 3e-4, 2
+AT_REST_WITH_ROWS = TOLERANCE
 # While a motion violates more than this share it stands still where its trust region
 # has come down to this share.
 STUCK = 0.02
@@ -47,6 +50,7 @@ class StartJudge:
         self.system, self.progress = system, progress
         self.known: list[Rough] = []
         self.ends: list[Array] = []
+        self._rows = self._joined = 0
 
     def knows(self, shape: Array) -> bool:
         """Whether there is a motion of that shape on the coarse grid."""
@@ -57,12 +61,10 @@ class StartJudge:
 
         Or to one that next to none can beat: what is left is done on the asked grid.
         """
-        far, most = record.violation > NEARLY, ITERATIONS
-        if far:
-            most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
-        if len(self.progress.records) >= most:
+        self._see_rows()
+        if len(self.progress.records) >= self._most(record):
             return Status.ITERATION_LIMIT
-        if far:
+        if record.violation > NEARLY:
             return Status.STALLED if record.radius < STUCK else None
         if self._unbeaten(record) or self._outdone():
             return Status.STALLED
@@ -71,6 +73,25 @@ class StartJudge:
         if not self.known:
             return None
         return Status.STALLED if self.knows(self._shape) else None
+
+    def _see_rows(self) -> None:
+        """Remember in which iteration of the present start rows joined it last."""
+        count, kept = len(self.progress.records), self.progress.kept
+        rows = kept[-1].program.rows.size if kept else 0
+        if count <= 1:
+            self._joined = 0
+        elif rows != self._rows:
+            self._joined = count
+        self._rows = rows
+
+    def _most(self, record: IterationRecord) -> int:
+        """Iterations that the present start may take, as it stands."""
+        if record.violation <= NEARLY:
+            return ITERATIONS
+        most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
+        if self._joined:
+            most = max(most, self._joined + FIRST_PATIENCE)
+        return min(most, ITERATIONS)
 
     @property
     def _shape(self) -> Array:
@@ -84,11 +105,16 @@ class StartJudge:
 
         Among obstacles rows between the nodes have to join first.
         """
-        last = self.progress.records[-REST - 1 :]
-        if not self.system.alone or len(last) <= REST or last[-2].violation > NEARLY:
+        records, little = self.progress.records, AT_REST
+        if not self.system.alone:
+            if not self._joined or len(records) < self._joined + REST:
+                return False
+            little = AT_REST_WITH_ROWS
+        last = records[-REST - 1 :]
+        if len(last) <= REST or last[-2].violation > NEARLY:
             return False
         durations = np.array([record.duration for record in last])
-        return bool(np.all(np.abs(np.diff(durations)) < AT_REST * durations[1:]))
+        return bool(np.all(np.abs(np.diff(durations)) < little * durations[1:]))
 
     def _outdone(self) -> bool:
         """Whether a start will end no faster than one that went before.

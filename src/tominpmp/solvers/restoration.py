@@ -58,8 +58,8 @@ def restored(nlp: Program, iterate: Iterate, limit: float) -> Iterate:
     left, falls = iterate.violation, 0.0
     factor = 1.0 + HALF * left
     for _ in range(RESTORATIONS):
-        z = nlp.stretch(iterate.z, factor)
-        trial = replace(iterate, z=z, values=nlp.evaluate(z))
+        z, values = nlp.slower(iterate.z, factor, iterate.values)
+        trial = replace(iterate, z=z, values=values)
         if trial.violation <= limit:
             best, high = trial, factor
             if falls > 0.0:

@@ -265,8 +265,8 @@ class SlpSolver:
         if np.any(rows.violation(iterate.values)[~curable] > limit):
             return None
         for factor in TIME_SCALINGS:
-            z = nlp.stretch(iterate.z, factor)
-            trial = replace(iterate, z=z, values=nlp.evaluate(z))
+            z, values = nlp.slower(iterate.z, factor, iterate.values)
+            trial = replace(iterate, z=z, values=values)
             if trial.violation <= limit:
                 return trial
         return None

@@ -109,6 +109,9 @@ class Program(Protocol):
     def stretch(self, z: Array, factor: float) -> Array:
         """The same path, slower by a factor."""
 
+    def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
+        """The same path, slower by a factor, and its row values, from those of z."""
+
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
 

@@ -25,6 +25,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Share of an interval over which rates of accelerations are taken.
 ASIDE = 1e-3
+# Positions that differ by no more than this are the same but for rounding [rad or m].
+SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,12 @@ class Always:
     def values(self, of: Transcription[Any], motion: Motion) -> Array:
         """Row values."""
         return self.hull.values(motion)
+
+    def values_as(
+        self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
+    ) -> Array:
+        """Row values; those of a former motion are of no use."""
+        return self.values(of, motion)
 
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray
@@ -154,6 +162,26 @@ class Sampled:
         """Row values."""
         _, states = self.states(of, motion)
         return self.constraint.evaluate(states, of.cutoff).ravel()
+
+    def values_as(
+        self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
+    ) -> Array:
+        """Row values, which are those of a former motion where both are at one place.
+
+        What is dear to evaluate hangs on the places alone, unless obstacles move.
+
+        Args:
+            of: The transcription.
+            motion: A motion of it.
+            former: Another one.
+            known: Row values of that, shape (r p,).
+        """
+        constraint = self.constraint
+        if not constraint.gradual or constraint.moving or constraint.order:
+            return self.values(of, motion)
+        here, there = self.states(of, motion)[1].q, self.states(of, former)[1].q
+        same = bool(np.max(np.abs(here - there), initial=0.0) <= SAME_PLACE)
+        return known if same else self.values(of, motion)
 
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray

@@ -282,6 +282,19 @@ class NonlinearProgram:
         """The same path, slower by a factor."""
         return self.transcription.stretch(z, factor)
 
+    def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
+        """The same path, slower by a factor, and its row values, from those of z."""
+        slow, of = self.stretch(z, factor), self.transcription
+        former, motion = of.motion(self.timed(z)), of.motion(self.timed(slow))
+        if not (former.finite and motion.finite):
+            return slow, self.evaluate(slow)
+        known = np.split(values, self.first[1:])
+        parts = [
+            block.values_as(of, motion, former, mine)
+            for block, mine in zip(self.blocks, known, strict=True)
+        ]
+        return slow, np.concatenate(parts)
+
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
         return self.transcription.trajectory(z)

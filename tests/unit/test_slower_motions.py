@@ -1,0 +1,50 @@
+"""The same path, slower: what hangs on the path alone is not asked for again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import tominpmp as tm
+from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.direct_solve import first_program
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
+
+
+def started(obstacle, **more):
+    robot = tm.load_robot("planar3r")
+    scene = tm.Scene([obstacle])
+    problem = tm.Problem(robot, START, tm.JointGoal(END), scene=scene, **more)
+    options = resolve_options(problem, tm.Options())
+    system = ProblemFunctions.of(problem)
+    guess = straight_guess(system, problem.goal.configuration)
+    program, z = first_program(system, options, guess)
+    return system.clearance.checker, program, z
+
+
+def slowed(obstacle, **more):
+    """Whether distances were looked for again, and the values there."""
+    checker, program, z = started(obstacle, **more)
+    values = program.evaluate(z)
+    before = checker.count.pairs
+    slow, found = program.slower(z, 1.3, values)
+    asked = checker.count.pairs > before
+    np.testing.assert_array_equal(slow, program.stretch(z, 1.3))
+    np.testing.assert_allclose(found, program.evaluate(slow), atol=1e-9)
+    assert np.max(np.abs(found - values)) > 1e-3  # torques are smaller
+    return asked
+
+
+def post(**more):
+    return tm.Sphere("post", radius=0.05, position=(-0.5, -0.5, 0.0), **more)
+
+
+def test_distances_to_what_stands_still_are_not_looked_for_again():
+    assert not slowed(post())
+
+
+def test_they_are_where_obstacles_move_or_the_path_does():
+    assert slowed(post(motion=tm.ConstantVelocity((0.1, 0.0, 0.0))))
+    assert slowed(post(), v_start=(0.5, 0.0, 0.0))
