@@ -106,6 +106,39 @@ def test_a_detour_of_one_joint_is_as_high_as_it_is_said_to_be():
     np.testing.assert_allclose(away, [0.0, 0.0, HEIGHT], rtol=1e-3)
 
 
+def test_detours_from_the_base_begin_with_its_joint():
+    coarse, guess = search_of(reach())
+    rng = np.random.default_rng(0)
+    detour = next(bumps(coarse.system, guess, rng, from_base=True))
+    away = np.abs(detour.q - guess.q).max(axis=0)
+    assert away[0] > 0.5  # the limits of the joint are nearer than its height
+    np.testing.assert_array_equal(away[1:], 0.0)
+
+
+def test_starts_are_compared_by_what_the_finished_one_gained():
+    coarse, guess = search_of(reach())
+    assumed = coarse.loss
+    coarse.compare()
+    assert coarse.loss == assumed
+    rough = coarse.rough(guess)
+    finished = coarse.finished(rough)
+    coarse.compare()
+    assert 0.0 < coarse.loss < assumed
+    gain = rough.duration / finished.duration - 1.0
+    assert coarse.loss == pytest.approx(gain)
+
+
+def test_an_arm_of_many_joints_far_above_its_bound_is_searched_on_from():
+    # The straight line leads to 1.219 s, which is 2.8 times the lower bound.
+    arm = tm.load_robot("xarm7", friction=0.0)
+    fast = arm.with_changes(velocity=4.0 * np.array(arm.limits.velocity))
+    start = [2.4, 1.81, 0.94, 2.61, -1.74, 1.16, 0.94]
+    goal = tm.JointGoal([-3.11, 1.37, -0.62, 3.14, 1.75, -1.37, -2.7])
+    solution = tm.plan(tm.Problem(fast, start, goal, self_collision=False))
+    assert solution.success
+    assert solution.T < 1.19
+
+
 def test_a_motion_at_its_lower_bound_is_not_searched_on_from(monkeypatch):
     def none(*_):
         pytest.fail("nothing can be much faster")

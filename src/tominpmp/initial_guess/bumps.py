@@ -26,7 +26,11 @@ ARCS = (1.0, 0.6, 0.4)
 
 
 def bumps(
-    system: ProblemFunctions, guess: Guess, rng: np.random.Generator
+    system: ProblemFunctions,
+    guess: Guess,
+    rng: np.random.Generator,
+    *,
+    from_base: bool = False,
 ) -> Iterator[Guess]:
     """Detours from a guess: of each joint alone both ways, the last first, then random.
 
@@ -34,12 +38,16 @@ def bumps(
         system: The problem; its position limits are kept.
         guess: What the detours are made of.
         rng: Random numbers.
+        from_base: Whether the first joint is the first one: those of a wrist hardly
+            matter.
 
     Yields:
         Guesses, without end.
     """
+    joints = range(system.n) if from_base else reversed(range(system.n))
+    order = list(joints)
     for arcs in range(len(ARCS)):
-        for joint in reversed(range(system.n)):
+        for joint in order:
             for height in (-HEIGHT, HEIGHT):
                 heights = np.zeros((len(ARCS), system.n))
                 heights[arcs, joint] = height

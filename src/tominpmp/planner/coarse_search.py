@@ -79,6 +79,7 @@ class CoarseSearch:
         self.tried: list[Guess] = []
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.stopped = False
+        self._gains: list[float] = []
 
     # -- on the coarse grid ------------------------------------------------------------
 
@@ -180,6 +181,7 @@ class CoarseSearch:
             status, history = attempt.status, attempt.history
             attempt = replace(early, status=status, history=history)
         if attempt.found:
+            self._gains.append(rough.duration / attempt.duration - 1.0)
             judge.ends.append(shape_of(system, attempt.trajectory))
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
@@ -269,6 +271,14 @@ class CoarseSearch:
             self.rough(further)
         yield from self.saved()
 
+    def compare(self) -> None:
+        """Have starts promise only what is less than the coarse motions so far.
+
+        The loss of the coarse grid is that of the motions that were finished then.
+        """
+        if self._gains:
+            self.loss = min(self.loss, max(0.0, *self._gains))
+
     def probes(self, guesses: Iterable[Guess], patience: int) -> Iterator[Attempt]:
         """Try further guesses, and finish those that promise a faster motion.
 
@@ -277,7 +287,7 @@ class CoarseSearch:
             patience: After so many of them in a row that promise nothing it is enough.
         """
         found: list[Rough] = []
-        in_vain = 0
+        in_vain, best = 0, np.inf
         for guess in guesses:
             rough = self.rough(guess)
             if self.stopped:
@@ -286,7 +296,8 @@ class CoarseSearch:
             in_vain += 1
             if rough is not None and self._promises(rough):
                 found.append(rough)
-                in_vain = 0
+                if rough.duration < (1.0 - PROMISE) * best:
+                    in_vain, best = 0, rough.duration
             if in_vain >= patience:
                 break
         for rough in sorted(found, key=lambda one: one.duration):
