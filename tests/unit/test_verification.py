@@ -140,6 +140,9 @@ def test_motion_that_runs_away_ends_early() -> None:
     verdict = verify(problem, wild)
     assert not verdict.ok
     assert verdict.goal_error == np.inf
+    lost = f"the replay is lost at {verdict.replay.duration:.3f} s"
+    assert f"{lost}, before joint joint1 is at the goal; " in verdict.message
+    assert "inf" not in verdict.message
 
 
 def test_pieces_follow_a_curve_and_bound_parts_of_it() -> None:

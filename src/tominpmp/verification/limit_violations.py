@@ -69,6 +69,10 @@ class LimitViolation:
     def clause(self) -> str:
         """What there is, without the segment."""
         amount = f"{abs(self.amount):.3g} {self.unit}"
+        if self.kind in ("goal", "speed") and self.amount == np.inf:
+            what = "is at" if self.kind == "goal" else "has the velocity of"
+            lost = f"the replay is lost at {self.time:.3f} s"
+            return f"{lost}, before {self.name} {what} the goal"
         if self.kind == "goal":
             return f"{self.name} ends {amount} from the goal"
         if self.kind == "speed":

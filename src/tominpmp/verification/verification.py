@@ -333,7 +333,7 @@ def judge(
 
 def _unreached(stage: Stage, replay: Replay) -> LimitViolation:
     lost = LimitViolation(
-        "goal", "the replay", replay.duration, np.inf, "m or rad", np.inf, True
+        "goal", "the arm", replay.duration, np.inf, "m or rad", np.inf, True
     )
     return stage.named(lost)
 
