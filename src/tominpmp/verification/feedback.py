@@ -114,6 +114,9 @@ class Tracking(Integration):
         integrator: Which integrator to use.
     """
 
+    # Feedback lets no error grow.
+    lsoda_tightness = 1.0
+
     def __init__(
         self,
         stages: Sequence[Stage],

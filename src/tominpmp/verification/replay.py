@@ -183,7 +183,10 @@ class Integration:
         integrator: Which integrator is used.
         error: Its errors at the end, in shares of the growth of errors on the way.
         evaluations: How often the dynamics have been evaluated.
+        lsoda_tightness: See :data:`LSODA_TIGHTNESS`.
     """
+
+    lsoda_tightness = LSODA_TIGHTNESS
 
     def __init__(
         self,
@@ -211,7 +214,7 @@ class Integration:
         smooth = self._plant.friction is None
         self.error = RTOL * (ERRORS[self.integrator] if smooth else ERROR_WITH_FRICTION)
         if self.integrator == "LSODA" and smooth:
-            tightness *= LSODA_TIGHTNESS
+            tightness *= self.lsoda_tightness
         self._tolerance = RTOL / tightness, ATOL / tightness
         self.evaluations = 0
         self._stride = np.inf
