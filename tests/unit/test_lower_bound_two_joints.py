@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import math
 from dataclasses import replace
@@ -23,6 +24,7 @@ from tominpmp.bounds.two_joints_time import shaved
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.stopping import Stop
 
 PAIRS = {
     name: case
@@ -147,6 +149,28 @@ def test_motions_are_cut_in_parts_that_have_all_of_them() -> None:
         np.testing.assert_allclose(mine.hull.high, sets.high)
         parts = np.prod(mine.high - mine.low, (1, 2))
         np.testing.assert_allclose(np.sum(parts), width.prod())
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_bounds_that_are_cut_short_are_what_is_known(quick, monkeypatch) -> None:
+    """Of all looks of the search, every one asks whether it is time to stop."""
+    module = importlib.import_module("tominpmp.bounds.two_joints_time")
+    problem, looks = PAIRS["rods, bent elbow"].problem(), []
+
+    def stopped_after(count: int) -> float:
+        looks.clear()
+
+        def check() -> None:
+            looks.append(1)
+            if len(looks) > count:
+                raise Stop(requested=False)
+
+        monkeypatch.setattr(module, "check", check)
+        return lower_bound(problem, quick=quick).T
+
+    bounds = [stopped_after(count) for count in (0, 4, 12)]
+    assert bounds == sorted(bounds)
+    assert 0.0 < bounds[1] < bounds[2] <= PAIRS["rods, bent elbow"].minimum
 
 
 def test_what_slows_the_arm_down_raises_the_bound() -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from tominpmp.bounds.enclosures import Enclosures
 from tominpmp.bounds.narrowing import all_motions, narrowed
 from tominpmp.bounds.two_joints import TwoJoints
-from tominpmp.stopping import check
+from tominpmp.stopping import Stop, check
 
 # Steps of the search for the time.
 BISECTIONS = 8
@@ -34,24 +36,37 @@ ROUNDING = 1e-5
 def two_joints_time(arm: TwoJoints, *, quick: bool = False) -> float:
     """Time that no motion can beat, or a little less.
 
+    Where it is time to stop it is what is known by then.
+
     Args:
         arm: The arm.
         quick: Whether not to tell motions apart by where they are on the way.
     """
+    longest = 0.0
+    with contextlib.suppress(Stop):
+        for T in _excluded_times(arm, quick):
+            longest = T
+    return longest * (1.0 - ROUNDING)
+
+
+def _excluded_times(arm: TwoJoints, quick: bool) -> Iterator[float]:
+    """Times that no motion takes, each no less than the one before."""
     low, high = 0.0, 1e-2
     while excluded(arm, high):
+        yield high
         low, high = high, 2.0 * high
         if high > LONGEST:
-            return low
+            return
     for _ in range(BISECTIONS):
         T = 0.5 * (low + high)
         low, high = (T, high) if excluded(arm, T) else (low, T)
+        yield low
     # Beyond that, motions are told apart by where they are on the way.
     high = math.inf
     while not quick and low > 0.0 and high > LAST_STRIDE * low:
         T = min(STRIDE * low, math.sqrt(low * high))
         low, high = (T, high) if excluded(arm, T, MOST_SETS) else (low, T)
-    return low * (1.0 - ROUNDING)
+        yield low
 
 
 def excluded(arm: TwoJoints, T: float, most: int = 1) -> bool:
@@ -64,6 +79,7 @@ def excluded(arm: TwoJoints, T: float, most: int = 1) -> bool:
         T: The time.
         most: How many sets of motions are looked at at most.
     """
+    check()
     sets, _ = narrowed(arm, T, all_motions(arm, T), ROUNDS)
     if not sets.rows or most == 1:
         return not sets.rows
@@ -97,6 +113,7 @@ def shaved(arm: TwoJoints, T: float, sets: Enclosures) -> Enclosures:
     Those that are left of each range are enclosed anew, so that it narrows all others.
     """
     for _ in range(SHAVINGS):
+        check()
         before = sets
         slices, which = narrowed(arm, T, sets.sliced(SLICES), MORE_ROUNDS)
         for number in range(sets.low.size):

@@ -85,12 +85,12 @@ def _bound(problem: Problem, progress: Progress) -> LowerBound | None:
 
     Arms with two joints alone have a better one than the quick one of the search.
     """
-    if problem.robot.n == 2:
-        with contextlib.suppress(Stop):
-            return lower_bound(problem)
+    found = None
     with contextlib.suppress(Stop):
-        return progress.lower_bound(problem)
-    return None
+        found = progress.lower_bound(problem)
+        if problem.robot.n == 2:
+            found = max(found, lower_bound(problem), key=lambda bound: bound.T)
+    return found
 
 
 def _message(
