@@ -68,6 +68,18 @@ def test_an_arm_reaches_around_a_ball(planar3r):
 
 
 @needs_ompl
+def test_joints_may_have_next_to_no_room():
+    """Less than there is between two checks of a branch."""
+    room = {"position_lower": -0.005, "position_upper": 0.005}
+    scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
+    start, end = np.full(3, -0.004), np.full(3, 0.004)
+    arm = tm.load_robot("planar3r", **room)
+    problem = tm.Problem(arm, start, tm.JointGoal(end), scene=scene)
+    path = sample_path(ProblemFunctions.of(problem), end, seed=1)
+    np.testing.assert_array_equal(path, [start, end])
+
+
+@needs_ompl
 def test_no_path_through_a_closed_wall(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     assert sample_path(system, np.array(END), 1, checks=2000) is None

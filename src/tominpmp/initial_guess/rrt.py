@@ -248,7 +248,9 @@ def _definition(
     space.setBounds(bounds)
     info = base.SpaceInformation(space)
     info.setStateValidityChecker(validity)
-    info.setStateValidityCheckingResolution(RESOLUTION / space.getMaximumExtent())
+    # A share of the extent, which may be smaller where joints have little room.
+    extent = max(space.getMaximumExtent(), 2.0 * RESOLUTION)
+    info.setStateValidityCheckingResolution(RESOLUTION / extent)
     info.setup()
     states = info.allocState(), info.allocState()
     for state, q in zip(states, (q_start, q_end), strict=True):
