@@ -12,14 +12,21 @@ matrix S of the robot: the torque of the free joints is S^T times the torque of 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
+from tominpmp.stopping import check
 from tominpmp.turns import STANDSTILL, directions
+
+# Of so many rows it is looked now and then whether it is time to stop.
+MANY = 5_000
+
+_Row = TypeVar("_Row")
 
 
 class ForwardJacobians(NamedTuple):
@@ -70,6 +77,18 @@ class Dynamics(Protocol):
 
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
         """Torque with its partial derivatives."""
+
+
+def _heeding(rows: Iterable[_Row], count: int) -> Iterable[_Row]:
+    """Rows, of which there may be so many that it is time to stop before their end."""
+    return rows if count < MANY else _watched(rows)
+
+
+def _watched(rows: Iterable[_Row]) -> Iterator[_Row]:
+    for number, row in enumerate(rows):
+        if number % MANY == 0:
+            check()
+        yield row
 
 
 class RobotDynamics:
@@ -137,7 +156,7 @@ class RobotDynamics:
             robot.expand_tangent(a),
             strict=True,
         )
-        tau = np.array([rnea(model, data, *row) for row in rows])
+        tau = np.array([rnea(model, data, *row) for row in _heeding(rows, len(q))])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
 
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
@@ -222,8 +241,9 @@ class RobotDynamics:
             mass = self.inverse_jacobians(q, v, zero).tau_a
             return np.asarray(np.linalg.solve(mass, (force - bias)[..., None])[..., 0])
         aba = pin.aba
-        rows = [aba(model, data, *row) for row in zip(q, v, force, strict=True)]
-        return np.array(rows).reshape(q.shape)
+        rows = _heeding(zip(q, v, force, strict=True), len(q))
+        found = [aba(model, data, *row) for row in rows]
+        return np.array(found).reshape(q.shape)
 
     def forward_jacobians(self, x: Array, u: Array) -> ForwardJacobians:
         r"""State derivative with its partial derivatives.

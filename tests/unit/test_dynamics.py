@@ -12,6 +12,7 @@ from robot_samples import chain, load, mass_matrix, one_joint
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.robot import Robot, load_robot
+from tominpmp.stopping import Stop
 
 GRAVITY = 9.81
 
@@ -202,3 +203,19 @@ def test_pickle(arm: Robot, rng: np.random.Generator) -> None:
     q, v, a = states(arm, rng)
     np.testing.assert_array_equal(back.inverse(q, v, a), dynamics.inverse(q, v, a))
     assert back.robot.joint_names == arm.joint_names
+
+
+def test_many_rows_heed_a_limit_of_time(arm: Robot, monkeypatch) -> None:
+    """Rows of slow motions, of which there are hundreds of thousands."""
+
+    def stop() -> None:
+        raise Stop(requested=False)
+
+    monkeypatch.setattr("tominpmp.dynamics.check", stop)
+    monkeypatch.setattr("tominpmp.dynamics.MANY", 3)
+    dynamics, few, many = RobotDynamics(arm), np.zeros((2, arm.n)), np.zeros((3, arm.n))
+    dynamics.inverse(few, few, few)
+    with pytest.raises(Stop):
+        dynamics.inverse(many, many, many)
+    with pytest.raises(Stop):
+        dynamics.forward(np.hstack([many, many]), many)

@@ -21,6 +21,7 @@ from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.stopping import Stop
 
 MASS, FORCE = 2.0, 10.0
 
@@ -204,6 +205,17 @@ def test_pendulum_that_its_torque_lifts(case: object) -> None:
 def test_pendulum_that_has_to_swing(case: object) -> None:
     found = lower_bound(case.problem()).T  # type: ignore[attr-defined]
     assert 0.9 * case.minimum <= found <= case.minimum  # type: ignore[attr-defined]
+
+
+def test_bound_that_is_cut_short_is_what_is_known(monkeypatch) -> None:
+    def stop() -> None:
+        raise Stop(requested=False)
+
+    robot = make_arm(ROD, effort=8.0, gravity=DOWNWARD, velocity=20.0)
+    problem = Problem(robot, [-np.pi / 2], JointGoal([np.pi / 2]))
+    best = lower_bound(problem).T
+    monkeypatch.setattr("tominpmp.bounds.phase_plane.check", stop)
+    assert np.pi / 20.0 <= lower_bound(problem).T < best  # what its speed allows
 
 
 def test_speed_limit_that_is_reached_at_once_makes_no_way_longer() -> None:

@@ -20,6 +20,7 @@ that use the tolerance of the verification can be shorter by as much.
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy as np
@@ -37,6 +38,7 @@ from tominpmp.exceptions import expect
 from tominpmp.goals import Goal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem import Problem
+from tominpmp.stopping import Stop
 
 __all__ = ["LowerBound", "lower_bound"]
 
@@ -134,7 +136,9 @@ def _joint_bounds(
     found += _limit_bounds(problem, way, ends, smooth_ends)
     positions = np.stack([problem.q_start, q])
     joints = problem.robot.joint_names
-    alone = single_joint_time(problem, positions[:, 0], ends[:, 0], smooth_ends)
+    alone = None
+    with contextlib.suppress(Stop):  # what else is known is known at once
+        alone = single_joint_time(problem, positions[:, 0], ends[:, 0], smooth_ends)
     if alone is not None:
         reason = f"no torque moves joint {joints[0]} there sooner"
         return [*found, LowerBound(_finite(alone), reason, joints[0])]

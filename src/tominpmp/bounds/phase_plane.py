@@ -16,6 +16,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.bounds.one_joint import OneJoint
+from tominpmp.stopping import check
 
 # Relative rounding that is granted in favour of a shorter time.
 ROUNDING = 1e-7
@@ -223,6 +224,7 @@ def branches(
         place: Index of the position at which each step begins, shape (m, b).
         wide: Whether the beginning is somewhere between a position and the next one.
     """
+    check()
     rise = np.diff(slope.potential(at))
     bend = np.maximum(-slope.curvature(at), 0.0)
     bend = np.maximum(bend[1:], bend[:-1]) + h * slope.steepest
