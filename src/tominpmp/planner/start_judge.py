@@ -16,8 +16,8 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Iterations after which a guess is let go that has led to no motion, and before that to
-# nothing that is at all near one. Rows that join it give it the latter anew: a motion
-# that was all right between the former ones breaks them at first.
+# nothing that is at all near one. Among obstacles rows that join it give it the latter
+# anew: a motion that was all right between the former ones breaks them at first.
 PATIENCE, FIRST_PATIENCE, HOPELESS = 15, 8, 0.3
 # Violation of one that is gone on with at once, as no motion is faster by much.
 SMALL = 1e-3
@@ -89,7 +89,7 @@ class StartJudge:
         if record.violation <= NEARLY:
             return ITERATIONS
         most = FIRST_PATIENCE if record.violation > HOPELESS else PATIENCE
-        if self._joined:
+        if self._joined and not self.system.alone:
             most = max(most, self._joined + FIRST_PATIENCE)
         return min(most, ITERATIONS)
 
