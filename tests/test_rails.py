@@ -57,6 +57,8 @@ def test_default_meets_the_closed_form(kind: str, number: int) -> None:
     solution = tm.plan(problem(kind, drawn))
     assert solution.success
     assert minimum * (1.0 - BELOW) < solution.T < minimum * (1.0 + EXCESS)
+    assert solution.certificate is not None
+    assert solution.certificate.ok, solution.certificate.message
 
 
 @pytest.mark.parametrize("intervals", [21, 35, 50, 160])

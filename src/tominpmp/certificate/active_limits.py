@@ -225,9 +225,7 @@ class Motion:
         out = self._over_speed()
         rate = limits.by_joint("effort_rate", names)
         if np.any(np.isfinite(rate)):
-            mean = self.u.mean(axis=1)
-            change = self.changes.differences(self._mean_torque(), mean)
-            out.append(self._slopes("effort rate", change, mean, rate))
+            out.append(self._effort_rates(rate))
         jerk = limits.by_joint("jerk", names)
         if np.any(np.isfinite(jerk)):
             out.append(self._jerks(jerk))
@@ -241,26 +239,57 @@ class Motion:
         found = np.diff(values, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
         return _shares(kind, change, found, limit, np.arange(h.size - 1), n)
 
+    def _effort_rates(self, limit: Array) -> LimitRows:
+        if self.changes.shape == "ramps":
+            begin, end = self._torque(0), self._torque(1)
+            return self._rises("effort rate", begin, end, self.u, limit)
+        mean = self.u.mean(axis=1)
+        change = self.changes.differences(self._mean_torque(), mean)
+        return self._slopes("effort rate", change, mean, limit)
+
     def _jerks(self, limit: Array) -> LimitRows:
-        changes, n, N = self.changes, self.changes.n, self.changes.N
-        if changes.shape != "ramps":
-            mean = changes.fixed(
-                0.5 * (changes.accelerations(0) + changes.accelerations(1))
-            )
-            a = self.a.mean(axis=1)
-            return self._slopes("jerk", changes.differences(mean, a), a, limit)
-        found = (self.a[:, 1] - self.a[:, 0]) / changes.h[:, None]
-        rise = changes.accelerations(1) - changes.accelerations(0)
-        weight = sp.diags(np.repeat(1.0 / changes.h, n))
+        changes = self.changes
+        begin, end = (changes.fixed(changes.accelerations(side)) for side in (0, 1))
+        if changes.shape == "ramps":
+            return self._rises("jerk", begin, end, self.a, limit)
+        half = 0.5 * sp.identity(changes.N * changes.n, format="csr")
+        a = self.a.mean(axis=1)
+        mean = changes.differences((begin + end).after(half), a)
+        return self._slopes("jerk", mean, a, limit)
+
+    def _rises(
+        self,
+        kind: str,
+        begin: Linearised,
+        end: Linearised,
+        values: Array,
+        limit: Array,
+    ) -> LimitRows:
+        """Slopes over each interval of what is continuous, as shares of limits.
+
+        Those between the middles of intervals would leave half of the first interval
+        free, and with it the height of all that follows.
+
+        Args:
+            kind: Name of the rows.
+            begin: Changes at the beginnings of the intervals.
+            end: Those at their ends.
+            values: What is there now, shape (N, 2, n).
+            limit: Of the slope, by joint, shape (n,).
+        """
+        h, n, N = self.changes.h, self.changes.n, self.changes.N
+        found = (values[:, 1] - values[:, 0]) / h[:, None]
+        rise = (end.matrix - begin.matrix, end.by_length - begin.by_length)
+        change = Linearised(*rise).after(sp.diags(np.repeat(1.0 / h, n)).tocsr())
         by_length = sp.csr_matrix(
             (
-                -(found / changes.h[:, None]).ravel(),
+                -(found / h[:, None]).ravel(),
                 (np.arange(N * n), np.repeat(np.arange(N), n)),
             ),
             shape=(N * n, N),
         )
-        change = Linearised((weight @ rise).tocsr(), by_length)
-        return _shares("jerk", change, found, limit, np.arange(N), n)
+        change = Linearised(change.matrix, (change.by_length + by_length).tocsr())
+        return _shares(kind, change, found, limit, np.arange(N), n)
 
     def _over_speed(self) -> list[LimitRows]:
         limits, changes = self.task.problem.motion_limits, self.changes

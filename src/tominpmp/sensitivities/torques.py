@@ -144,11 +144,18 @@ def _levels(motion: Motion, rows: LimitRows, y: Array) -> list[Term]:
 
 
 def _rates(motion: Motion, rows: LimitRows, y: Array) -> list[Term]:
-    """Rates are differences of the mean torques of neighbours."""
+    """Rates are slopes over an interval, or of the mean torques of neighbours."""
     limits, h = motion.task.problem.motion_limits, motion.changes.h
     if limits is None:
         return []
     most = limits.by_joint("effort_rate", motion.trajectory.joint_names)
+    if motion.changes.shape == "ramps":
+        worth = y / (h[rows.interval] * most[rows.subject])
+        begin, end = np.zeros(y.size), np.ones(y.size)
+        return [
+            (rows.interval, begin, rows.subject, -worth),
+            (rows.interval, end, rows.subject, worth),
+        ]
     apart = 0.5 * (h[rows.interval] + h[rows.interval + 1])
     half = 0.5 * y / (apart * most[rows.subject])
     return [
