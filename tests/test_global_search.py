@@ -15,6 +15,7 @@ from tominpmp.planner import search
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_grids import torques_rule
 from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.planning import former_leaders
 from tominpmp.planner.progress import Progress
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -85,6 +86,17 @@ def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     assert finished.found
     assert finished.duration < rough.duration < 1.1 * finished.duration
     assert finished.trajectory.t.size - 1 >= 40
+
+
+def test_who_led_before_and_nearly_does_is_remembered():
+    def attempt(duration, found=True):
+        return SimpleNamespace(duration=duration, found=found)
+
+    slow, first, worse, best = (attempt(T) for T in (1.1, 1.005, 1.007, 1.0))
+    none = attempt(0.9, found=False)
+    assert former_leaders([slow, first, none, worse, best]) == [first]
+    assert former_leaders([best, first]) == []
+    assert former_leaders([none]) == []
 
 
 def test_detours_begin_and_end_where_the_guess_does_and_keep_the_limits():

@@ -36,6 +36,10 @@ from tominpmp.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
+# Motions this much slower than the best one, as a share of T, are nearly as fast: what
+# grids cost differs by less.
+TIE = 0.01
+
 
 def plan(
     problem: Problem,
@@ -132,10 +136,16 @@ def _attempts(
         yield attempt
         if options.objective == "feasible" and attempt.found:
             return
-    for attempt in _last_stages(problem, options, progress, tuple(attempts)):
+    stages = partial(_of_one, problem, options, progress)
+    searched = tuple(attempts)
+    for attempt in _last_stages(problem, options, progress, searched):
         attempts.append(attempt)
         yield attempt
-    stages = partial(_of_one, problem, options, progress)
+    if options.starts is not None:
+        for leader in former_leaders(searched):
+            for attempt in stages(leader):
+                attempts.append(attempt)
+                yield attempt
     yield from thorough_search(problem, options, progress, attempts, stages)
 
 
@@ -157,6 +167,23 @@ def _of_one(
     problem: Problem, options: Options, progress: Progress, attempt: Attempt
 ) -> Iterator[Attempt]:
     return _last_stages(problem, options, progress, [attempt])
+
+
+def former_leaders(searched: Sequence[Attempt]) -> list[Attempt]:
+    """Motions that were the best when they were found, and nearly are in the end.
+
+    The last stages may make the faster one of one of them. Fewer starts would have
+    ended with it, and more are to lead to nothing slower.
+
+    Args:
+        searched: What a search has led to, in that order.
+    """
+    leaders: list[Attempt] = []
+    for attempt in searched:
+        if attempt.found and (not leaders or attempt.duration < leaders[-1].duration):
+            leaders.append(attempt)
+    nearly = (1.0 + TIE) * leaders[-1].duration if leaders else 0.0
+    return [one for one in leaders[:-1] if one.duration <= nearly]
 
 
 def _interrupted(solution: Solution) -> Solution:
