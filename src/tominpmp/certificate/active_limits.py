@@ -152,8 +152,7 @@ class Motion:
         return changes.fixed(matrix)
 
     def _mean_torque(self) -> Linearised:
-        half = 0.5 * sp.identity(self.changes.N * self.changes.n, format="csr")
-        return (self._torque(0) + self._torque(1)).after(half)
+        return _mean(self._torque(0), self._torque(1))
 
     def _rows(
         self,
@@ -225,39 +224,16 @@ class Motion:
         out = self._over_speed()
         rate = limits.by_joint("effort_rate", names)
         if np.any(np.isfinite(rate)):
-            out.append(self._effort_rates(rate))
+            torques = self._torque(0), self._torque(1)
+            out.append(self._slopes("effort rate", *torques, self.u, rate))
         jerk = limits.by_joint("jerk", names)
         if np.any(np.isfinite(jerk)):
-            out.append(self._jerks(jerk))
+            changes = self.changes
+            begin, end = (changes.fixed(changes.accelerations(k)) for k in (0, 1))
+            out.append(self._slopes("jerk", begin, end, self.a, jerk))
         return out
 
     def _slopes(
-        self, kind: str, change: Linearised, values: Array, limit: Array
-    ) -> LimitRows:
-        """Differences between neighbouring intervals, as shares of limits."""
-        h, n = self.changes.h, self.changes.n
-        found = np.diff(values, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
-        return _shares(kind, change, found, limit, np.arange(h.size - 1), n)
-
-    def _effort_rates(self, limit: Array) -> LimitRows:
-        if self.changes.shape == "ramps":
-            begin, end = self._torque(0), self._torque(1)
-            return self._rises("effort rate", begin, end, self.u, limit)
-        mean = self.u.mean(axis=1)
-        change = self.changes.differences(self._mean_torque(), mean)
-        return self._slopes("effort rate", change, mean, limit)
-
-    def _jerks(self, limit: Array) -> LimitRows:
-        changes = self.changes
-        begin, end = (changes.fixed(changes.accelerations(side)) for side in (0, 1))
-        if changes.shape == "ramps":
-            return self._rises("jerk", begin, end, self.a, limit)
-        half = 0.5 * sp.identity(changes.N * changes.n, format="csr")
-        a = self.a.mean(axis=1)
-        mean = changes.differences((begin + end).after(half), a)
-        return self._slopes("jerk", mean, a, limit)
-
-    def _rises(
         self,
         kind: str,
         begin: Linearised,
@@ -265,10 +241,11 @@ class Motion:
         values: Array,
         limit: Array,
     ) -> LimitRows:
-        """Slopes over each interval of what is continuous, as shares of limits.
+        """Slopes over time, as shares of limits.
 
-        Those between the middles of intervals would leave half of the first interval
-        free, and with it the height of all that follows.
+        What is continuous has one over each interval: those between the middles of
+        intervals would leave half of the first interval free, and with it the height
+        of all that follows.
 
         Args:
             kind: Name of the rows.
@@ -277,19 +254,15 @@ class Motion:
             values: What is there now, shape (N, 2, n).
             limit: Of the slope, by joint, shape (n,).
         """
-        h, n, N = self.changes.h, self.changes.n, self.changes.N
-        found = (values[:, 1] - values[:, 0]) / h[:, None]
-        rise = (end.matrix - begin.matrix, end.by_length - begin.by_length)
-        change = Linearised(*rise).after(sp.diags(np.repeat(1.0 / h, n)).tocsr())
-        by_length = sp.csr_matrix(
-            (
-                -(found / h[:, None]).ravel(),
-                (np.arange(N * n), np.repeat(np.arange(N), n)),
-            ),
-            shape=(N * n, N),
-        )
-        change = Linearised(change.matrix, (change.by_length + by_length).tocsr())
-        return _shares(kind, change, found, limit, np.arange(N), n)
+        changes, h = self.changes, self.changes.h
+        if changes.shape == "ramps":
+            found = (values[:, 1] - values[:, 0]) / h[:, None]
+            change = changes.rises(begin, end, found)
+        else:
+            mean = values.mean(axis=1)
+            found = np.diff(mean, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
+            change = changes.differences(_mean(begin, end), mean)
+        return _shares(kind, change, found, limit, np.arange(len(found)), changes.n)
 
     def _over_speed(self) -> list[LimitRows]:
         limits, changes = self.task.problem.motion_limits, self.changes
@@ -320,6 +293,12 @@ class Motion:
                         )
                     )
         return out
+
+
+def _mean(begin: Linearised, end: Linearised) -> Linearised:
+    """Mean of both ends of intervals."""
+    half = 0.5 * sp.identity(begin.matrix.shape[0], format="csr")
+    return (begin + end).after(half)
 
 
 def _spans(t: Array, trajectory: Trajectory) -> list[tuple[int, int]]:

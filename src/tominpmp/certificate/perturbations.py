@@ -308,6 +308,19 @@ class Perturbations:
         states.resize(2 * N * n, self.size)
         return Linearised(states - led.matrix, -led.by_length)
 
+    def rises(self, begin: Linearised, end: Linearised, slopes: Array) -> Linearised:
+        """Slopes over time on each interval, from its beginning to its end.
+
+        Args:
+            begin: Changes of something of each joint at the beginnings, N n rows.
+            end: Those at the ends.
+            slopes: What the slopes are now, shape (N, n).
+        """
+        rise = Linearised(end.matrix - begin.matrix, end.by_length - begin.by_length)
+        out = rise.after(self._scaled(1.0 / self.h))
+        by_length = self._by_own_length(-slopes / self.h[:, None])
+        return Linearised(out.matrix, out.by_length + by_length)
+
     def differences(self, what: Linearised, values: Array) -> Linearised:
         """Slopes over time between the middles of neighbouring intervals.
 

@@ -44,8 +44,7 @@ def bumps(
     Yields:
         Guesses, without end.
     """
-    joints = range(system.n) if from_base else reversed(range(system.n))
-    order = list(joints)
+    order = range(system.n) if from_base else range(system.n)[::-1]
     for arcs in range(len(ARCS)):
         for joint in order:
             for height in (-HEIGHT, HEIGHT):

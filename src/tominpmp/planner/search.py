@@ -176,10 +176,9 @@ class Search:
 
     def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
         """What is tried beyond the first descents."""
-        many = self.system.alone and self.system.n > FEW_JOINTS
-        if many:
+        if self._many:
             coarse.compare()
-        patience = MANY_IN_VAIN if many else IN_VAIN
+        patience = MANY_IN_VAIN if self._many else IN_VAIN
         yield from coarse.probes(self._further(first), patience)
         self.stopped = coarse.stopped
         if self.swings and not first.timed and not self.stopped:
@@ -189,17 +188,22 @@ class Search:
             yield from (attempt for attempt in tried if attempt is not None)
 
     @property
+    def _many(self) -> bool:
+        """Whether an arm in free space has more joints than turn over."""
+        return self.system.alone and self.system.n > FEW_JOINTS
+
+    @property
     def promising(self) -> bool:
         """Whether there may be a motion that is a good deal faster."""
         system, best = self.system, self.progress.best
         if system.final_configuration is None:
             return False
-        few = system.n <= FEW_JOINTS
-        if system.alone and system.n > MOST_JOINTS:
+        if self._many and system.n > MOST_JOINTS:
             return False
         if best == np.inf:
-            return system.alone and few  # among obstacles all guesses were tried
-        above = 1.0 + GAP if few or not system.alone else FAR_ABOVE
+            # Among obstacles all guesses were tried.
+            return system.alone and not self._many
+        above = FAR_ABOVE if self._many else 1.0 + GAP
         return best > above * self.progress.lower_bound(system.problem).T
 
     def _further(self, first: Guess) -> Iterator[Guess]:
@@ -209,6 +213,5 @@ class Search:
             return itertools.islice(self.guesses.since(self.wanted), PATHS)
         rng = np.random.default_rng(self.options.seed)
         count = max(2 * system.n, DETOURS)
-        from_base = system.n > FEW_JOINTS
-        detours = bumps(system, first, rng, from_base=from_base)
+        detours = bumps(system, first, rng, from_base=self._many)
         return itertools.islice(detours, count)

@@ -184,7 +184,7 @@ def verify(
         if rate is not None:
             tracking = Tracking(stages, trajectory, rate, integrator)
             tracked = tracking.run(start)
-            trace = tracked.u - torque(tracked.t)
+            trace = tracked.u - tracking.pieces(tracked.t)[:, : robot.n]
             feedback = frozen_array(np.max(np.abs(trace), axis=0))
             findings = judge(stages, tracked, torque, tolerances, checkers)
             findings.limits.append(needed(robot, tracked.t, trace, tolerances.limits))
