@@ -29,7 +29,7 @@ from .exact_geometry import Array, Clearance, ExactArm, Surroundings
 Motion = Callable[[float], tuple[Array, Array, Array, Array]]
 
 TIME_STEP = 1e-3  # [s]
-RTOL, ATOL = 1e-9, 1e-10  # of the replay
+RTOL, ATOL = 1e-12, 1e-13  # of the replay
 GOAL_TOLERANCE = 1e-3  # [rad]
 LIMIT_TOLERANCE = 5e-3  # relative
 
@@ -156,8 +156,8 @@ def judge(
     """Judge a motion.
 
     Without control an arm is unstable: what a replay rounds off grows by about ten a
-    quarter of a second on a Panda, so that motions beyond two or three seconds cannot
-    be replayed.
+    quarter of a second on a Panda, so that motions of more than three seconds cannot be
+    replayed, and the integrator is as exact as it can be.
 
     Args:
         arm: The arm.
