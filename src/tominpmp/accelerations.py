@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tominpmp.curves import states
 from tominpmp.datasheets import find_datasheet
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem import Problem
@@ -38,7 +39,8 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     # Accelerations may jump at the nodes: just after and just before, and in between.
     shares = np.array([1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9])
     times = (nodes[:-1, None] + steps[:, None] * shares).ravel()
-    sizes = np.abs(trajectory(times).a)
+    motion = trajectory.t, trajectory.q, trajectory.v, trajectory.a
+    sizes = np.abs(states(*motion, times)[2])
     limits, names = problem.motion_limits, problem.robot.joint_names
     bounded = np.zeros(len(names), dtype=bool)
     if limits is not None:

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from dataclasses import MISSING, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.arguments import Told
 from tominpmp.exceptions import brief, shortened
-
-if TYPE_CHECKING:
-    import scipy.sparse as sp  # the help of the command line does without
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -191,14 +188,3 @@ class Record(Told):
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
         self.__dict__.update(state)
-
-
-def equation_scale(equations: sp.csr_matrix) -> Array:
-    """Factors that make the largest coefficient of equations one at most, shape (m,).
-
-    Second differences over short intervals have coefficients of 1e10.
-    """
-    if not equations.shape[0]:
-        return np.zeros(0)
-    largest = abs(equations).max(axis=1).toarray().ravel()
-    return np.asarray(1.0 / np.maximum(1.0, largest))

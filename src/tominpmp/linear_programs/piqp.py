@@ -11,7 +11,8 @@ import numpy as np
 import piqp
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, equation_scale
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.compressed import Compressed
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.solver import HUGE, MANY_COLUMNS, LpSolver
 from tominpmp.program_records import LinearProgram, LpSolution
@@ -74,6 +75,17 @@ def factorisation(program: LinearProgram, equations: bool) -> Any:
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
+def equation_scale(equations: Compressed) -> Array:
+    """Factors that make the largest coefficient of equations one at most, shape (m,).
+
+    Second differences over short intervals have coefficients of 1e10.
+
+    Args:
+        equations: By columns.
+    """
+    return np.asarray(1.0 / np.maximum(1.0, equations.largest()))
+
+
 @cache
 def _staged_works() -> bool:
     """Whether this PIQP was built with what it takes, which not all are."""
@@ -117,10 +129,10 @@ class PiqpSolver(LpSolver):
         others, equations = program.matrix, None
         self._scale = np.zeros(0)
         if equal.any():
-            rows = program.matrix.tocsr()
-            others, equations = rows[~equal].tocsc(), rows[equal]
-            self._scale = equation_scale(equations)
-            equations = (sp.diags(self._scale) @ equations).tocsc()
+            matrix = Compressed.of(program.matrix)
+            others, own = matrix.chosen(~equal).columns(), matrix.chosen(equal)
+            self._scale = equation_scale(own)
+            equations = own.times(self._scale).columns()
         settings = self._solver.settings
         settings.kkt_solver = factorisation(program, equations is not None)
         settings.eps_duality_gap_abs = program.accuracy

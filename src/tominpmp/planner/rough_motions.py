@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.curves import states
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Kept
@@ -52,7 +53,9 @@ class Rough:
 def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
     """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
     shares = np.linspace(0.0, 1.0, SAMPLES)
-    return np.asarray(motion(shares * motion.duration).q / system.step_scale)
+    times = shares * motion.duration
+    q, _, _ = states(motion.t, motion.q, motion.v, motion.a, times)
+    return np.asarray(q / system.step_scale)
 
 
 def same(one: Array, other: Array) -> bool:

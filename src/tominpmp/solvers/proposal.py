@@ -17,7 +17,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver, make_solver
@@ -89,8 +88,8 @@ def propose(
     if lp.curved:
         if variation is None or isinstance(variation, SquaredVariation):
             near = _proximal(nlp, steps, iterate.duration)
-        root = _root(nlp, z, multipliers, near)
-    unknown = lp.curved and root is near  # no multipliers yet, or nothing bends
+        root = nlp.curvature(z, multipliers)
+    unknown = lp.curved and root is None  # no multipliers yet, or nothing bends
     for _ in range(1 + ADDITIONS):
         check()
         linearization = nlp.linearize(z, selecting, steps)
@@ -102,14 +101,15 @@ def propose(
             steps,
             variation,
             z,
+            near=near,
             accuracy=accuracy * iterate.duration,
         )
         program = build(root)
         solution = solved(lp, program, effort)
         if unknown and solution.optimal:
-            root = _root(nlp, z, program.multipliers(solution), near)
+            root = nlp.curvature(z, program.multipliers(solution))
             unknown = False
-            if root is not near:
+            if root is not None:
                 program = build(root)
                 solution = solved(lp, program, effort)
         if not solution.optimal:
@@ -123,8 +123,8 @@ def propose(
     return Proposal(program, solution, reached)
 
 
-def _proximal(nlp: Program, steps: StepBounds, duration: float) -> sp.csr_matrix:
-    """Root of the weights on the squares of a step, shape (size, size).
+def _proximal(nlp: Program, steps: StepBounds, duration: float) -> Array:
+    """Roots of the weights on the squares of a step, shape (size,).
 
     Args:
         nlp: The nonlinear program.
@@ -136,17 +136,7 @@ def _proximal(nlp: Program, steps: StepBounds, duration: float) -> sp.csr_matrix
     weights = np.zeros(nlp.size)
     share = 2.0 * PROXIMAL * duration / max(int(moving.sum()), 1)
     weights[moving] = np.sqrt(share) / reach[moving]
-    return sp.diags(weights, format="csr")
-
-
-def _root(
-    nlp: Program, z: Array, multipliers: Array, near: sp.csr_matrix | None
-) -> sp.csr_matrix | None:
-    """Root of the curvature of the objective; the last argument if nothing bends."""
-    bend = nlp.curvature(z, multipliers)
-    if bend is None:
-        return near
-    return bend if near is None else sp.vstack([bend, near], format="csr")
+    return weights
 
 
 def solved(lp: LpSolver, program: Subproblem, effort: Effort) -> LpSolution:

@@ -163,7 +163,7 @@ def take_step(
     frame, z, values = quadratic.frame, state.z, state.values
     step = frame.step(solution)
     expected = values.copy()
-    expected[frame.rows] += frame.matrix @ step
+    expected[frame.rows] += frame.change(step)
 
     def merit(z: Array, values: Array) -> float:
         return objective(z, values) + state.merit.penalty(values)

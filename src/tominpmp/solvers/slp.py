@@ -327,7 +327,7 @@ class SlpSolver:
     def promised(self, iterate: Iterate, program: Subproblem, step: Array) -> Array:
         """Row values that the linearisation promises for a step."""
         values = iterate.values.copy()
-        values[program.rows] += program.matrix @ step
+        values[program.rows] += program.change(step)
         return values
 
     def terminate(

@@ -69,7 +69,7 @@ class StepSearch:
             if enough(trial, left):
                 break
             error = trial.values[frame.rows] - (
-                values[frame.rows] + frame.matrix @ (trial.z - z)
+                values[frame.rows] + frame.change(trial.z - z)
             )
             again = resolve(error)
             if again is None:

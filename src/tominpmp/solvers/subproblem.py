@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.compressed import Compressed, single, sorted_in
 from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.solvers.merit import NEGLIGIBLE, Merit
 from tominpmp.transcription.base import (
@@ -46,10 +47,11 @@ class Subproblem:
         rows: Indices of the transcription's rows in it, shape (r,).
         size: Number of unknowns of the transcription.
         row_count: Number of rows of the transcription.
-        matrix: Jacobian of its rows in all unknowns, shape (r, size).
+        matrix: Jacobian of its rows in the unknowns that can move, shape (r, k).
         root: Root of the curvature of its objective in all unknowns, but for that of
-            squared differences, which the merit knows, shape (k, size); None if that
+            squared differences, which the merit knows, shape (j, size); None if that
             is linear.
+        near: The same for the square of each unknown by itself, shape (size,).
     """
 
     program: LinearProgram
@@ -59,12 +61,20 @@ class Subproblem:
     row_count: int
     matrix: sp.csr_matrix
     root: sp.csr_matrix | None = None
+    near: Array | None = None
 
     def bend(self, step: Array) -> float:
         """What its curvature adds to the objective for a step."""
-        return (
-            0.0 if self.root is None else 0.5 * float(np.sum((self.root @ step) ** 2))
-        )
+        total = 0.0
+        if self.root is not None:
+            total += 0.5 * float(np.sum((self.root @ step) ** 2))
+        if self.near is not None:
+            total += 0.5 * float(np.sum((self.near * step) ** 2))
+        return total
+
+    def change(self, step: Array) -> Array:
+        """What its linearised rows change by in a step, shape (r,)."""
+        return np.asarray(self.matrix @ step[self.free])
 
     def step(self, solution: LpSolution) -> Array:
         """Step in all unknowns, shape (size,)."""
@@ -95,6 +105,7 @@ def build_subproblem(
     variation: Variation | None,
     z: Array,
     root: sp.csr_matrix | None = None,
+    near: Array | None = None,
     accuracy: float = 1e-6,
 ) -> Subproblem:
     """Build the linear program at an iterate.
@@ -107,6 +118,7 @@ def build_subproblem(
         variation: Differences of the controls; None leaves them out.
         z: Iterate, shape (size,).
         root: Root of the curvature of the objective, shape (k, size); None for none.
+        near: The same for the square of each unknown by itself, shape (size,).
         accuracy: A duality gap that is none [s].
     """
     rows = merit.rows
@@ -117,82 +129,100 @@ def build_subproblem(
         gradient = gradient + 2.0 * merit.smoothing * (differences @ variation.matrix)
         curvature = own if root is None else sp.vstack([root, own], format="csr")
         variation = None
-    free = np.flatnonzero(steps.upper - steps.lower > 0.0)
-    chosen, matrix, low, high = _rows_within_reach(rows, values, linearization, steps)
+    moving = steps.upper - steps.lower > 0.0
+    free = np.flatnonzero(moving)
+    chosen, body, low, high = _rows_within_reach(
+        rows, values, linearization, steps, moving
+    )
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
-    count = chosen.size
-    body = matrix[:, free]
+    matrix = body.rows()
+    columns, count = [matrix], chosen.size
     cost, lower, upper = [gradient[free]], [steps.lower[free]], [steps.upper[free]]
-    keys = [free]
+    keys, row_keys, row_low, row_high = [free], [chosen], [low], [high]
+    further: list[Compressed] = []
     if variation is not None:
         differences = variation.matrix @ z + variation.offset
         k = differences.size
+        own = Compressed.of(variation.matrix).chosen(moving)
+        columns, count = [body.followed_by(own).rows()], count + k
+        either = np.repeat([-1.0, 1.0], k)
+        places = chosen.size + np.tile(np.arange(k), 2)
+        further.append(single(either, places, count))
         cost += [np.full(2 * k, merit.smoothing)]
         lower += [np.zeros(2 * k)]
         upper += [np.full(2 * k, np.inf)]
         keys += [_KEY_BLOCK + np.arange(2 * k)]
-    row_keys, row_low, row_high = [chosen], [low], [high]
-    if variation is not None:
-        eye = sp.identity(k, format="csr")
-        none = sp.csr_matrix((count, 2 * k))
-        differing = sp.hstack([variation.matrix[:, free], -eye, eye], format="csr")
-        body = sp.vstack([sp.hstack([body, none]), differing], format="csr")
         row_low.append(-differences)
         row_high.append(-differences)
         row_keys.append(_KEY_BLOCK + np.arange(k))
     if slack_groups.size:
-        elastic = _elastic_columns(rows, values, chosen, violation, slack_groups)
-        padding = sp.csr_matrix((body.shape[0] - count, slack_groups.size))
-        body = sp.hstack([body, sp.vstack([elastic, padding])], format="csr")
+        further.append(
+            _elastic_columns(rows, values, chosen, violation, slack_groups, count)
+        )
         cost += [merit.weights[rows.group_kind[slack_groups]]]
         lower += [np.zeros(slack_groups.size)]
         upper += [np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)]
         keys += [2 * _KEY_BLOCK + slack_groups]
+    whole = columns[0].tocsc()
+    if further:
+        whole = Compressed.of(whole).followed_by(*further).columns()
     program = LinearProgram(
         np.concatenate(cost),
-        body.tocsc(),
+        whole,
         np.concatenate(row_low),
         np.concatenate(row_high),
         np.concatenate(lower),
         np.concatenate(upper),
         np.concatenate(row_keys),
         np.concatenate(keys),
-        _curvature(curvature, free, body.shape[1]),
+        _curvature(curvature, near, free, whole.shape[1]),
         accuracy,
     )
-    return Subproblem(program, free, chosen, z.size, rows.size, matrix, root)
+    return Subproblem(program, free, chosen, z.size, rows.size, matrix, root, near)
 
 
 def _curvature(
-    root: sp.csr_matrix | None, free: IntArray, size: int
+    root: sp.csr_matrix | None, near: Array | None, free: IntArray, size: int
 ) -> sp.csc_matrix | None:
-    """Curvature of the objective in all columns, from its root in the unknowns."""
+    """Curvature of the objective in all columns, from its roots in the unknowns."""
+    own = None
+    if near is not None:
+        squares = np.zeros(size)
+        squares[: free.size] = near[free] ** 2
+        every = np.arange(size)
+        own = Compressed.of_table(squares[:, None], every[:, None], size).columns()
     if root is None:
-        return None
+        return own
     of_step = root[:, free]
     rest = sp.csc_matrix((size - free.size, size - free.size))
-    return sp.block_diag([of_step.T @ of_step, rest], format="csc")
+    curved = sp.block_diag([of_step.T @ of_step, rest], format="csc")
+    return curved if own is None else sp.csc_matrix(curved + own)
 
 
 def _rows_within_reach(
-    rows: Rows, values: Array, linearization: Linearization, steps: StepBounds
-) -> tuple[IntArray, sp.csr_matrix, Array, Array]:
+    rows: Rows,
+    values: Array,
+    linearization: Linearization,
+    steps: StepBounds,
+    moving: BoolArray,
+) -> tuple[IntArray, Compressed, Array, Array]:
     """Rows that a step in the box may bring to a bound: the others are left out.
 
     Returns:
-        Their indices, shape (r,), their part of the Jacobian, and their bounds less
-        their values, infinite where a bound is out of reach, which helps the solver.
+        Their indices, shape (r,), their part of the Jacobian in what can move, and
+        their bounds less their values, infinite where a bound is out of reach, which
+        helps the solver.
     """
-    matrix = linearization.matrix.tocsr()
-    change = abs(matrix) @ np.maximum(np.abs(steps.lower), np.abs(steps.upper))
+    matrix = Compressed.of(linearization.matrix)
+    change = matrix.reach(np.maximum(np.abs(steps.lower), np.abs(steps.upper)))
     here = values[linearization.rows]
     low, high = rows.lower[linearization.rows], rows.upper[linearization.rows]
     keep = (here + change >= high) | (here - change <= low)
     here, low, high, change = here[keep], low[keep], high[keep], change[keep]
     low = np.where(here - change > low, -np.inf, low) - here
     high = np.where(here + change < high, np.inf, high) - here
-    return linearization.rows[keep], matrix[keep], low, high
+    return linearization.rows[keep], matrix.chosen(moving, keep), low, high
 
 
 def _elastic_columns(
@@ -201,8 +231,9 @@ def _elastic_columns(
     chosen: IntArray,
     violation: Array,
     slack_groups: IntArray,
-) -> sp.csr_matrix:
-    """Coefficients of the elastic variables in the chosen rows."""
+    count: int,
+) -> Compressed:
+    """Coefficients of the elastic variables in the rows, of which some are chosen."""
     here = values[chosen]
     low, high = rows.lower[chosen], rows.upper[chosen]
     group = rows.group[chosen]
@@ -213,7 +244,4 @@ def _elastic_columns(
     share = (here - high)[equal] / np.maximum(violation[group[equal]], NEGLIGIBLE)
     sign[equal] = share
     used = np.flatnonzero((sign != 0.0) & (column[group] >= 0))
-    return sp.csr_matrix(
-        (-sign[used], (used, column[group[used]])),
-        shape=(chosen.size, slack_groups.size),
-    )
+    return sorted_in(column[group[used]], used, -sign[used], slack_groups.size, count)

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -24,6 +25,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array
+from tominpmp.compressed import Compressed
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, Variation
@@ -31,6 +33,7 @@ from tominpmp.transcription.bspline_basis import (
     Basis,
     Elimination,
     by_points,
+    of_each_joint,
     places,
 )
 from tominpmp.transcription.control_points import (
@@ -134,10 +137,22 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
         N = self.intervals
         if order >= 3:
             return Instants.spread(N, RATE_SHARES)
-        if order == 2:
-            return Instants.spread(N, TORQUE_SHARES).joined(Instants.end(N))
-        starts = np.concatenate([np.arange(N)] * len(SHARES))
-        return Instants(starts, np.repeat(SHARES, N))
+        return self._torque_instants if order == 2 else self._middles_and_ends
+
+    @cached_property
+    def _torque_instants(self) -> Instants:
+        N = self.intervals
+        return Instants.spread(N, TORQUE_SHARES).joined(Instants.end(N))
+
+    @cached_property
+    def _middles_and_ends(self) -> Instants:
+        starts = np.concatenate([np.arange(self.intervals)] * len(SHARES))
+        return Instants(starts, np.repeat(SHARES, self.intervals))
+
+    @cached_property
+    def _at_nodes(self) -> Instants:
+        N = self.intervals
+        return Instants(np.append(np.arange(N), N - 1), np.append(np.zeros(N), 1.0))
 
     def _weights_at(self, at: Instants, order: int) -> Array:
         """Weights of control points at instants, remembered as long as these."""
@@ -181,13 +196,8 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
                 by_time -= order * np.einsum("kj,kj->k", scaled, here) / T
         if partials.by_t is not None:
             by_time += partials.by_t * self.shares_of(at)[which]
-        return self.by_unknowns(by_points(first, parts, motion.points.shape), by_time)
-
-    def by_unknowns(self, by_points: sp.csr_matrix, by_time: Array) -> sp.csr_matrix:
-        """Derivatives by the unknowns from those by control points and by T alone."""
-        count, last = by_time.size, self.size - 1
-        time = by_time, np.full(count, last), np.arange(count + 1)
-        return by_points @ self.map + sp.csr_matrix(time, shape=(count, self.size))
+        found, which = by_points(first, parts, self._n)
+        return self.by_unknowns(found, which, by_time[:, None])
 
     def hull(
         self, limit: JointLimit, within: tuple[int, int] | None = None
@@ -208,15 +218,26 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
         T, scale = z[-1], self.acceleration_range
         if scale is None:
             scale = np.ones(self._n)
-        jerk = self.basis.derivative(3)
-        jumps = sp.diags([-1.0, 1.0], [0, 1], shape=(jerk.shape[0] - 1, jerk.shape[0]))
-        top = jumps @ jerk
+        by_unknowns, known = self._jumps
         # As accelerations, over the interval that such a jump lasts.
-        lasting = float(np.mean(self._h)) / T**2
-        matrix = sp.kron(lasting * top, sp.diags(1.0 / scale), format="csr")
-        full = matrix @ self.map
-        values = np.asarray(matrix @ self.points(z).ravel())
-        return Variation(sp.csr_matrix(full), values - np.asarray(full @ z))
+        factor = float(np.mean(self._h)) / T**2 / scale
+        factors = np.tile(factor, known.size // self._n)
+        scaled = factors[by_unknowns.lines] * by_unknowns.data
+        matrix = by_unknowns._replace(data=scaled).rows()
+        return Variation(matrix, factors * known)
+
+    @cached_property
+    def _jumps(self) -> tuple[Compressed, Array]:
+        """Jumps of the jerk's control points, by the unknowns, and those for none."""
+        jerk = self.basis.bands(3)
+        after, before = (
+            np.pad(jerk[1:], ((0, 0), (1, 0))),
+            np.pad(jerk[:-1], ((0, 0), (0, 1))),
+        )
+        jumps, points = of_each_joint(after - before, np.arange(self._n), self._n)
+        matrix = self.by_unknowns(jumps, points, np.zeros((len(jumps), 1)))
+        known = np.einsum("kw,kw->k", jumps, self.offset[points])
+        return Compressed.of(matrix), known
 
     def sequence_times(self, z: Array) -> Array:
         """Instants of that sequence as shares of T: nodes and middles."""
@@ -224,9 +245,7 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""
-        N = self.intervals
-        nodes = Instants(np.append(np.arange(N), N - 1), np.append(np.zeros(N), 1.0))
-        _, q, v, a, _ = self.states(self.motion(z), nodes, 2)
+        _, q, v, a, _ = self.states(self.motion(z), self._at_nodes, 2)
         return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=self._nodes * z[-1],
@@ -241,15 +260,15 @@ class DerivativeHull(Hull[BSplineMotion]):
     """Control points of a derivative over its limit; scaled by T to its order."""
 
     def __init__(self, of: BSplineTranscription, limit: JointLimit) -> None:
-        self._of, self._order, joints = of, limit.order, limit.joints
-        D = of.basis.derivative(self._order)
-        select = sp.csr_matrix(
-            (1.0 / limit.scale, (np.arange(joints.size), joints)),
-            shape=(joints.size, of.system.n),
-        )
-        self._matrix = sp.kron(D, select, format="csr")
-        self.lower = np.tile(limit.lower / limit.scale, D.shape[0])
-        self.upper = np.tile(limit.upper / limit.scale, D.shape[0])
+        self._of, self._order = of, limit.order
+        bands, joints = of.basis.bands(limit.order), limit.joints
+        self._by_points, self._points = of_each_joint(bands, joints, of.system.n)
+        self._by_points /= np.tile(limit.scale, len(bands))[:, None]
+        self._matrix = Compressed.of_table(
+            self._by_points, self._points, of.offset.size
+        ).rows()
+        self.lower = np.tile(limit.lower / limit.scale, len(bands))
+        self.upper = np.tile(limit.upper / limit.scale, len(bands))
 
     def values(self, motion: BSplineMotion) -> Array:
         """Control points of the derivative."""
@@ -259,4 +278,5 @@ class DerivativeHull(Hull[BSplineMotion]):
     def jacobian(self, motion: BSplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
         by_time = -self._order * self.values(motion) / motion.T
-        return self._of.by_unknowns(self._matrix / motion.T**self._order, by_time)
+        by_points = self._by_points / motion.T**self._order
+        return self._of.by_unknowns(by_points, self._points, by_time[:, None])

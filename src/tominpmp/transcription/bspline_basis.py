@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from scipy.interpolate import BSpline
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.compressed import Compressed
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -56,13 +57,17 @@ class Basis:
         """Control points of a derivative from those of the curve."""
         known = self._derivatives
         if order not in known:
-            k = order - 1
-            along = self.slopes(order)
-            m = along.size + 1  # control points before this differentiation
-            difference = sp.diags([-1.0, 1.0], [0, 1], shape=(m - 1, m))
-            matrix = sp.diags(along) @ difference @ self.derivative(k)
-            known[order] = matrix.tocsr()
+            bands = self.bands(order)
+            columns = places(np.arange(len(bands)), order + 1)
+            known[order] = Compressed.of_table(bands, columns, self.count).rows()
         return known[order]
+
+    def bands(self, order: int) -> Array:
+        """Rows of that, from the diagonal on, shape (m, order + 1)."""
+        if not order:
+            return np.ones((self.count, 1))
+        below = np.pad(self.bands(order - 1), ((0, 0), (1, 1)))
+        return self.slopes(order)[:, None] * (below[1:, :-1] - below[:-1, 1:])
 
     def slopes(self, order: int) -> Array:
         """What differences of control points one order below are multiplied by.
@@ -79,7 +84,7 @@ class Basis:
     @cached_property
     def _derivatives(self) -> dict[int, sp.csr_matrix]:
         """Those that were asked for: they are, again and again."""
-        return {0: sp.identity(self.count, format="csr")}
+        return {}
 
     def at(self, times: Array) -> sp.csr_matrix:
         """Values at times on the scale of the knots, from the control points."""
@@ -98,8 +103,10 @@ class Basis:
         for k in range(order, 0, -1):
             # A control point of a derivative is a difference of two one order below.
             along = self.slopes(k)
-            found = found * along[places(first, found.shape[1])]
-            found = np.pad(found, ((0, 0), (1, 0))) - np.pad(found, ((0, 0), (0, 1)))
+            scaled = found * along[places(first, found.shape[1])]
+            found = np.zeros((len(scaled), scaled.shape[1] + 1))
+            found[:, 1:] = scaled
+            found[:, :-1] -= scaled
         return found
 
     def functions(self, times: Array, first: IntArray, order: int) -> Array:
@@ -128,26 +135,43 @@ def places(first: IntArray, width: int) -> IntArray:
 
 
 def by_points(
-    first: IntArray, parts: Sequence[tuple[Array, Array]], shape: tuple[int, ...]
-) -> sp.csr_matrix:
-    """Derivatives of values by control points, shape (k, M n).
+    first: IntArray, parts: Sequence[tuple[Array, Array]], joints: int
+) -> tuple[Array, IntArray]:
+    """Derivatives of values by the coordinates of the control points that matter.
 
     Args:
         first: The first control point that matters for each value, shape (k,).
         parts: Weights of the control points in a derivative of the curve, shape
             (k, p + 1), and derivatives of the values by that, shape (k, n); none for
             values that depend on the time alone.
-        shape: Number M of control points, and n of joints.
+        joints: Number n of joints.
+
+    Returns:
+        The derivatives, shape (k, (p + 1) n), and which coordinates of all they are by.
     """
-    k, (count, n) = first.size, shape
     if not parts:
-        return sp.csr_matrix((k, count * n))
-    each = [weights[:, :, None] * part[:, None, :] for weights, part in parts]
-    data, width = np.sum(each, axis=0), parts[0][0].shape[1]
-    columns = places(n * first, width * n)
-    ends = np.arange(k + 1) * (width * n)
-    matrix = data.ravel(), columns.ravel(), ends
-    return sp.csr_matrix(matrix, shape=(k, count * n))
+        return np.zeros((first.size, 0)), np.zeros((first.size, 0), dtype=np.int64)
+    total = sum(weights[:, :, None] * part[:, None, :] for weights, part in parts)
+    data = np.reshape(total, (first.size, -1))
+    return data, places(joints * first, data.shape[1])
+
+
+def of_each_joint(bands: Array, joints: IntArray, n: int) -> tuple[Array, IntArray]:
+    """What acts on control points, for each of some joints.
+
+    Args:
+        bands: Rows of a matrix from the diagonal on, shape (m, w).
+        joints: The joints, shape (k,).
+        n: Number of all joints.
+
+    Returns:
+        Its rows for the first point and all joints, for the second, ..., shape
+        (m k, w), and the coordinates of control points that they act on.
+    """
+    m, width = bands.shape
+    data = np.repeat(bands, joints.size, axis=0)
+    first = n * np.arange(m)[:, None] + joints
+    return data, first.reshape(-1, 1) + n * np.arange(width)
 
 
 @dataclass(frozen=True, eq=False)

@@ -233,9 +233,9 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
             over = at.over(which, self.intervals) @ self.shares
             by_eta += partials.by_t[:, None] * over
         first = motion.first[at.interval[which]]
-        return self.by_unknowns(by_points(first, parts, motion.points.shape), by_eta)
+        return self.by_unknowns(*by_points(first, parts, self._n), by_eta)
 
-    def by_unknowns(self, by_points: sp.csr_matrix, by_eta: Array) -> sp.csr_matrix:
+    def mapped(self, by_points: sp.csr_matrix, by_eta: Array) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by points and durations alone."""
         empty = sp.csr_matrix((by_eta.shape[0], self.size - self._m))
         own = sp.hstack([empty, sp.csr_matrix(by_eta)])
@@ -282,7 +282,7 @@ class SegmentedBSpline(ControlPointTranscription[SegmentedCurve]):
         by_points = sp.kron(
             lasting * (step @ jerk), sp.diags(1.0 / scale), format="csr"
         )
-        full = self.by_unknowns(by_points, by_eta)
+        full = self.mapped(by_points, by_eta)
         return Variation(full, values - np.asarray(full @ z))
 
     def trajectory(self, z: Array) -> Trajectory:
@@ -357,4 +357,4 @@ class SegmentedHull(Hull[SegmentedCurve]):
             ],
             axis=1,
         )
-        return self._of.by_unknowns(self._matrix(motion), by_eta)
+        return self._of.mapped(self._matrix(motion), by_eta)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
+from tominpmp.compressed import Compressed
 from tominpmp.transcription.base import M, StepBounds
 from tominpmp.transcription.curve import CurveTranscription
 
@@ -20,6 +24,21 @@ INSPECTED = (
     (0.0625, 0.125, 0.1875, 0.25, 0.3125, 0.375, 0.4375),
     (0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375),
 )
+
+
+class _Hung(NamedTuple):
+    """How the coordinates of control points hang on the unknowns.
+
+    Attributes:
+        column: The unknown that each is, but for what is fixed, shape (M n,); -1 for
+            none.
+        slopes: How they change with the durations, shape (M n, m); None for not at all.
+        alone: Whether no two of them are one unknown.
+    """
+
+    column: IntArray
+    slopes: Array | None
+    alone: bool
 
 
 class ControlPointTranscription(CurveTranscription[M]):
@@ -58,6 +77,43 @@ class ControlPointTranscription(CurveTranscription[M]):
     def points(self, z: Array) -> Array:
         """Control points, shape (M, n)."""
         return np.asarray(self.map @ z + self.offset).reshape(-1, self.system.n)
+
+    def by_unknowns(
+        self, by_points: Array, points: IntArray, by_durations: Array
+    ) -> sp.csr_matrix:
+        """Derivatives by the unknowns from those by control points and durations.
+
+        Args:
+            by_points: By coordinates of control points, shape (k, w).
+            points: Which of all coordinates these are, ascending, shape (k, w).
+            by_durations: By the durations alone, shape (k, m).
+        """
+        hung = self._hung
+        if hung.slopes is not None:
+            by_durations = by_durations + np.einsum(
+                "kw,kwm->km", by_points, hung.slopes[points]
+            )
+        durations = np.arange(self.point_unknowns, self.size)
+        columns = np.broadcast_to(durations, by_durations.shape)
+        matrix = Compressed.of_table(
+            np.concatenate([by_points, by_durations], axis=1),
+            np.concatenate([hung.column[points], columns], axis=1),
+            self.size,
+        ).rows()
+        if not hung.alone:
+            matrix.sum_duplicates()
+        return matrix
+
+    @cached_property
+    def _hung(self) -> _Hung:
+        """How control points hang on the unknowns."""
+        free = self.map[:, : self.point_unknowns].tocsr()
+        moved = np.flatnonzero(np.diff(free.indptr))
+        column = np.full(self.offset.size, -1)
+        column[moved] = free.indices
+        slopes = self.map[:, self.point_unknowns :].toarray()
+        alone = bool(np.bincount(free.indices, minlength=1).max() <= 1)
+        return _Hung(column, slopes if np.any(slopes) else None, alone)
 
     def unknowns(self, points: Array, eta: Array) -> Array:
         """Unknowns whose control points come nearest to given ones.
