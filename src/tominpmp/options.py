@@ -40,6 +40,9 @@ MOST = {
 }
 # Likewise for all other numbers: longer than anybody waits, and squares still fit.
 LARGEST = 1e9
+# A motion on the clock of a controller, or a segment of one, has so many periods at
+# least; the shortest have more than they need.
+FEWEST_PERIODS = 4
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -196,17 +196,29 @@ class Solution(Told):
         Raises:
             ProblemError: If the motion is not one of the problem's robot.
         """
+        from tominpmp.certificate.allowances import with_bound
         from tominpmp.certificate.minimum_principle import certify
 
         if self.trajectory is None:
             return None
-        found = certify(self.problem, self.trajectory, verification=self.verification)
-        if not self.options.energy_weight:
-            return found
+        found = certify(
+            self.problem,
+            self.trajectory,
+            verification=self.verification,
+            control_period=self.options.control_period,
+        )
+        options = self.options
+        given = "less energy" if options.energy_weight else ""
+        given = given or ("quieter torques" if options.slack else "")
+        if not given:
+            bound, judged = self.lower_bound, self.verification
+            if bound is None or judged is None or not judged.ok:
+                return found
+            return with_bound(found, self.T, bound.T, bound.reason)
         return replace(
             found,
             message="This is about the duration alone, some of which the motion gives "
-            f"away for less energy. {found.message}",
+            f"away for {given}. {found.message}",
         )
 
     @cached_property

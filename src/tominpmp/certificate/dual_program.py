@@ -30,6 +30,9 @@ from tominpmp.program_records import LinearProgram, LpSolution
 # The trust region: positions in rad or shares of the reach, velocities in these units
 # over the duration, which changes by a share of itself.
 RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
+# Motions of a small fraction of these units are looked at in as many times their way:
+# the same motion on another scale has the same promise.
+WAYS = 100.0
 # Each interval may be longer or shorter by this share as well. Of several sets of
 # multipliers that say the same this picks one whose Hamiltonian is constant.
 SHIFT = 1e-3
@@ -96,7 +99,9 @@ class _Program:
         changes, system = motion.changes, motion.task
         self.n, self.N = changes.n, changes.N
         self.T = float(changes.t[-1])
-        place = system.step_scale
+        way = np.ptp(changes.q, axis=0) / system.step_scale
+        self.share = min(1.0, WAYS * max(float(way.max()), np.finfo(float).eps))
+        place = self.share * system.step_scale
         self.state_scale = np.concatenate([place, SPEED_RADIUS * place / self.T])
         mass = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
@@ -182,7 +187,7 @@ class _Program:
         return sp.hstack([before, by_x, after], format="csr"), low, high
 
     def _all_rows(self, gaps: Linearised) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        """All rows, by the unknowns and by the lengths of the intervals, scaled."""
+        """All rows, by unknowns and lengths of intervals; unknowns and gaps scaled."""
         goal, low, _ = self.goal
         matrix = sp.vstack(
             [gaps.matrix, *(rows.change.matrix for rows in self.limits), goal],
@@ -207,6 +212,18 @@ class _Program:
         left = sp.diags(scale)
         return (left @ matrix @ sp.diags(columns)).tocsr(), (left @ lengths).tocsr()
 
+    def _row_units(self) -> Array:
+        """Factors that make the rows of limits and goals of order one, shape (rows,).
+
+        What depends on positions alone changes by as little as they do.
+        """
+        units = [np.ones(2 * self.N * self.n)]
+        for rows in self.limits:
+            unit = 1.0 if rows.slopes is None else self.share
+            units.append(np.full(rows.lower.size, 1.0 / unit))
+        units.append(np.full(self.goal[1].size, 1.0 / self.share))
+        return np.concatenate(units)
+
     # -- solution ----------------------------------------------------------------------
 
     def solve(self) -> DualSolution | None:
@@ -224,11 +241,12 @@ class _Program:
         radius = np.full(len(spans), LENGTH_RADIUS)
         shift = np.append(SHIFT * changes.h / self.T, radius)
         equations = np.zeros(2 * self.N * self.n)
+        units, limits = self._row_units(), self.limits
         program = LinearProgram(
             cost,
-            rows,
-            np.concatenate([equations, *(rows.lower for rows in self.limits), low]),
-            np.concatenate([equations, *(rows.upper for rows in self.limits), high]),
+            (sp.diags(units) @ rows).tocsc(),
+            units * np.concatenate([equations, *(one.lower for one in limits), low]),
+            units * np.concatenate([equations, *(one.upper for one in limits), high]),
             np.append(self.bounds.lower, -shift),
             np.append(self.bounds.upper, shift),
             np.arange(rows.shape[0]),
@@ -237,7 +255,7 @@ class _Program:
         found = _solve(program)
         if found is None:
             return None
-        duals = found.row_duals
+        duals = units * found.row_duals
         hamiltonian = 1.0 + self.T * (lengths.T @ duals)
         return self._read(duals, cost + rows.T @ duals, shift, hamiltonian)
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, frozen_array, number_or_nan
 from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.costates import disagreement, integrate_costates
 from tominpmp.certificate.dual_program import solve_dual_program
@@ -36,6 +37,8 @@ from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,
     name_of,
+    no_time,
+    not_asked,
 )
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
@@ -67,6 +70,7 @@ def certify(
     *,
     verification: Verification | None = None,
     tolerance: float = TOLERANCE,
+    control_period: float | None = None,
 ) -> Certificate:
     """Check the first-order conditions of a motion, of whatever origin.
 
@@ -76,6 +80,8 @@ def certify(
         verification: Its replay, if there is one: costates are integrated along it, and
             a motion that fails it is not certified.
         tolerance: What small changes may promise, as a share of the duration.
+        control_period: Period of the clock that the motion is on, if there is one [s]:
+            a motion that is faster by less than a period is none on that clock.
 
     Returns:
         The certificate.
@@ -94,14 +100,22 @@ def certify(
             f"tolerance is {brief(tolerance)}, expected a share of the duration, >= 0",
             "tolerance",
         )
+    period = None if control_period is None else number_or_nan(control_period)
+    if period is not None and not 0.0 < period < np.inf:
+        raise ProblemError(
+            f"control_period is {brief(control_period)}, expected seconds > 0 or None",
+            "control_period",
+        )
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     trajectory = with_segments(problem, trajectory, Tolerances())
     # Goals that will do as well may have another number of rows.
     problem = problem.alternative_of(trajectory)
+    rounding = 0.0 if period is None else clock_share(trajectory, period)
     if problem.segments:
         trajectory = without_stays(problem, trajectory)
-    out = examine(problem, trajectory, verification, tolerance).certificate
+    seen = examine(problem, trajectory, verification, tolerance, rounding=rounding)
+    out = seen.certificate
     return replace(out, seconds=time.perf_counter() - begin)
 
 
@@ -126,6 +140,7 @@ def examine(
     tolerance: float,
     *,
     near: bool = True,
+    rounding: float = 0.0,
 ) -> Findings:
     """Check the first-order conditions of a motion of the right joints.
 
@@ -136,26 +151,34 @@ def examine(
         tolerance: What small changes may promise, as a share of the duration.
         near: Whether anything is near; else distances are looked at only where small
             changes promise too much without them.
+        rounding: Share of the duration that the rounding to a clock may have cost, and
+            that changes may promise on top.
     """
+    tolerance += rounding
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(Task.of(problem), trajectory)
             found = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if found is not None:
-                reading = _Reading(motion, found, verification, tolerance)
+                reading = _Reading(motion, found, verification, tolerance, rounding)
                 return Findings(reading.certificate(), motion, found)
     except np.linalg.LinAlgError:
         pass
-    return Findings(_nothing(trajectory, tolerance), None, None)
+    return Findings(_nothing(trajectory, verification, tolerance), None, None)
 
 
-def _nothing(trajectory: Trajectory, tolerance: float) -> Certificate:
+def _nothing(
+    trajectory: Trajectory, verification: Verification | None, tolerance: float
+) -> Certificate:
     """Certificate of a motion of which nothing can be said."""
-    n, N = trajectory.n, trajectory.t.size - 1
+    n, N, T = trajectory.n, trajectory.t.size - 1, trajectory.duration
+    short = verification is not None and verification.ok and no_time(T)
     return Certificate(
         joint_names=trajectory.joint_names,
-        ok=False,
-        message="The first-order conditions of the motion could not be evaluated: the "
+        ok=short,
+        message=not_asked(T)
+        if short
+        else "The first-order conditions of the motion could not be evaluated: the "
         "linear program of its small changes has no solution.",
         t=trajectory.t,
         costates=np.zeros((N + 1, 2 * n)),
@@ -186,8 +209,9 @@ class _Reading:
         found: DualSolution,
         verification: Verification | None,
         tolerance: float,
+        rounding: float,
     ) -> None:
-        self.motion, self.found = motion, found
+        self.motion, self.found, self.rounding = motion, found, rounding
         self.verification, self.tolerance = verification, tolerance
         self.names = motion.trajectory.joint_names
         self.t, self.h = motion.changes.t, motion.changes.h
@@ -243,8 +267,12 @@ class _Reading:
             tolerance=self.tolerance,
             seconds=0.0,
         )
-        failures = failed_conditions(motion, found, out, self.verification)
-        message = " ".join(failures) if failures else conditions_kept(motion, out)
+        failures = failed_conditions(
+            motion, found, out, self.verification, fastest=not self.rounding
+        )
+        message = " ".join(failures)
+        if not failures:
+            message = conditions_kept(motion, out, self.rounding)
         return replace(out, ok=not failures, message=message)
 
     def _share(self, flags: Array | BoolArray) -> float:

@@ -18,6 +18,8 @@ from tominpmp.verification.verification import Verification
 HAMILTONIAN = 0.2
 # Torques must obey their switching functions for this share of the time.
 SIGN_SHARE = 0.95
+# A motion this short only has a duration since the programs need one [s].
+SHORTEST_MOTION = 1e-5
 # A coarse grid is mentioned where a finer one promises this share of T more.
 FINER_GAIN = 0.005
 # Shares below this are rounding.
@@ -40,9 +42,30 @@ def autonomous(motion: Motion) -> bool:
     return not any(one.task.problem.scene.moving for one in motion.segments)
 
 
-def conditions_kept(motion: Motion, out: Certificate) -> str:
-    """Sentences on a motion that keeps all first-order conditions."""
+def no_time(duration: float) -> bool:
+    """Whether a motion takes no time to speak of, which nobody could shorten."""
+    return duration < SHORTEST_MOTION
+
+
+def not_asked(duration: float) -> str:
+    """Sentence on a motion that takes no time to speak of."""
+    return (
+        f"The motion takes {duration:.3g} s, which is no time to speak of: whether "
+        "small changes shorten it is not asked."
+    )
+
+
+def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> str:
+    """Sentences on a motion that keeps all first-order conditions.
+
+    Args:
+        motion: The motion.
+        out: Its certificate.
+        rounding: Share of T that its clock may have cost.
+    """
     T = float(out.t[-1])
+    if not out.stationarity <= out.tolerance:
+        return not_asked(T)
     constancy = (
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
         f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
@@ -56,6 +79,11 @@ def conditions_kept(motion: Motion, out: Certificate) -> str:
         f"switching functions {_percent(out.sign_share)} of the time, and some limit "
         f"holds the motion {_percent(out.active_share)} of the time."
     )
+    if rounding:
+        text += (
+            " The clock of its controller rounds its duration up by "
+            f"{_percent(rounding)} at most."
+        )
     if out.grid_gain > out.stationarity + FINER_GAIN:
         text += (
             " Torques that switch within the intervals of the grid could gain up to "
@@ -69,9 +97,20 @@ def failed_conditions(
     found: DualSolution,
     out: Certificate,
     verification: Verification | None,
+    *,
+    fastest: bool = True,
 ) -> list[str]:
-    """A sentence for each condition that fails, with where."""
-    return list(_Failures(motion, found, out).sentences(verification))
+    """A sentence for each condition that fails, with where.
+
+    Args:
+        motion: The motion.
+        found: Its multipliers.
+        out: Its certificate so far.
+        verification: Its replay, if there is one.
+        fastest: Whether it takes no longer than it must: one that waits for the next
+            tick may do so with any torques.
+    """
+    return list(_Failures(motion, found, out).sentences(verification, fastest))
 
 
 class _Failures:
@@ -83,7 +122,9 @@ class _Failures:
         self.t = motion.changes.t
         self.h, self.T = motion.changes.h, float(motion.changes.t[-1])
 
-    def sentences(self, verification: Verification | None) -> Iterator[str]:
+    def sentences(
+        self, verification: Verification | None, fastest: bool
+    ) -> Iterator[str]:
         """One for each condition that fails."""
         out = self.out
         if verification is None:
@@ -92,12 +133,16 @@ class _Failures:
             flaw = "" if verification.ok else verification.message
         if flaw:
             yield f"The motion is not admissible: {flaw}"
+        if no_time(self.T):
+            return
         if not out.stationarity <= out.tolerance:
             yield (
                 "The motion does not satisfy the first-order conditions: small changes "
                 f"promise {_percent(out.stationarity)} of its duration "
                 f"({_time(out.stationarity * self.T)}). {self._worst()}"
             )
+        if not fastest:
+            return
         constant = out.hamiltonian_mean_deviation <= HAMILTONIAN
         if autonomous(self.motion) and not constant:
             apart = np.abs(

@@ -21,9 +21,14 @@ from tominpmp.arrays import Array
 from tominpmp.exceptions import OptionsError
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import make_solver
-from tominpmp.options import Options
+from tominpmp.options import FEWEST_PERIODS, Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.control_period_outcome import Clocked, failed, succeeded
+from tominpmp.planner.control_period_outcome import (
+    Clocked,
+    failed,
+    status_on_clock,
+    succeeded,
+)
 from tominpmp.planner.control_period_segments import SegmentTicks, bring_segments
 from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
@@ -54,8 +59,6 @@ ITERATIONS = 15
 # where nothing tells: by one, and by shares of the number later on.
 TRIES = 12
 LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
-# A motion has so many periods at least; the shortest have more than they need.
-FEWEST = 4
 # An iteration goes on while its last step has promised this share of what is missing,
 # and the duration still changes by that share.
 HOPE = 0.5
@@ -123,7 +126,13 @@ def on_clock(
     solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
     if outcome.trajectory is None:
         return failed(_replayed(solution, progress), outcome, period)
-    return succeeded(solution, outcome, remark, period)
+    try:
+        status, promise = status_on_clock(solution, outcome, period)
+    except (Stop, KeyboardInterrupt) as stop:
+        status, promise = progress.stopped(stop), ""
+    solution = replace(solution, planning_time=progress.seconds)
+    remark = f"{remark} {promise}".strip()
+    return succeeded(solution, outcome, remark, period, status)
 
 
 def _replayed(solution: Solution, progress: Progress) -> Solution:
@@ -288,7 +297,7 @@ def _bring(
     assert period is not None  # noqa: S101
     complete = ProblemFunctions.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
     system = complete if callback.progress.links_touched else complete.first_tried
-    fewest = max(ticks_of(motion.duration, period), FEWEST)
+    fewest = max(ticks_of(motion.duration, period), FEWEST_PERIODS)
     now = Try(fewest, motion.t.size - 1, warm_start(system, motion), fewest)
     last = Clocked(Status.INFEASIBLE)
     for _ in range(TRIES):

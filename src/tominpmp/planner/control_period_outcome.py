@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from tominpmp.certificate.allowances import clock_share
+from tominpmp.certificate.minimum_principle import TOLERANCE, certify
+from tominpmp.certificate.stays import stays_where_it_moves
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.ticks import ticks_of
 from tominpmp.verification.verification import Verification
 
+# A motion on the clock that takes this share of the tolerance more than rounding is
+# put to the test again.
+TESTED_AGAIN = 0.5
 # How a plan ends that has found no motion on the clock.
 NO_CLOCK = (*STOPPED, Status.UNVERIFIED)
 
@@ -32,19 +38,20 @@ class Clocked:
 
 
 def succeeded(
-    solution: Solution, outcome: Clocked, remark: str, period: float
+    solution: Solution, outcome: Clocked, remark: str, period: float, status: Status
 ) -> Solution:
-    """The solution with the motion on the clock."""
+    """The solution with the motion on the clock, and the status that it deserves."""
     motion, free = outcome.trajectory, solution.trajectory
     assert motion is not None and free is not None  # noqa: S101
     T = motion.duration
     message = (
-        f"{solution.status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
+        f"{status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
         f"{period:g} s, {100 * (T / free.duration - 1.0):.2f} % above the motion "
         "without such a clock"
     )
     solution = replace(
         solution,
+        status=status,
         trajectory=motion,
         verification=outcome.verification,
         violations={},
@@ -54,6 +61,41 @@ def succeeded(
     if near:
         message += f" and {near}"
     return replace(solution, message=f"{message}. {remark}".rstrip())
+
+
+def status_on_clock(
+    solution: Solution, outcome: Clocked, period: float
+) -> tuple[Status, str]:
+    """What a motion on the clock deserves to be called, and a remark on it.
+
+    One that was called locally optimal without a clock still is where it takes less
+    than a period more, and a part of what small changes may promise. Where it takes
+    more it is put to the test again, and a period is no promise.
+
+    Args:
+        solution: The motion without a clock.
+        outcome: The motion on the clock.
+        period: The period [s].
+    """
+    status, problem = solution.status, solution.problem
+    motion, free = outcome.trajectory, solution.trajectory
+    assert motion is not None and free is not None  # noqa: S101
+    if status is not Status.CONVERGED or stays_where_it_moves(problem):
+        return status, ""
+    share, bound = clock_share(motion, period), solution.lower_bound
+    needed = (1.0 - share - TESTED_AGAIN * TOLERANCE) * motion.duration
+    if needed <= free.duration:
+        return status, ""
+    if bound is not None and (1.0 - share - TOLERANCE) * motion.duration <= bound.T:
+        return status, ""
+    judged = outcome.verification
+    found = certify(problem, motion, verification=judged, control_period=period)
+    if found.ok:
+        return status, ""
+    return Status.STALLED, (
+        f"Small changes promise {100.0 * found.stationarity:.2g} % of T, of which "
+        f"{100.0 * share:.2g} % is the rounding of the clock."
+    )
 
 
 def failed(solution: Solution, outcome: Clocked, period: float) -> Solution:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
-from tominpmp.options import Options
+from tominpmp.options import FEWEST_PERIODS, Options
 from tominpmp.planner.control_period_outcome import Clocked
 from tominpmp.problem import Problem
 from tominpmp.sampling import multiples
@@ -37,8 +37,6 @@ logger = logging.getLogger(__name__)
 
 # Durations that are tried, and by how much longer the next is where nothing tells.
 TRIES, LONGER = 12, (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
-# A segment has so many periods at least.
-FEWEST = 4
 
 Found = tuple[NonlinearProgram, Array | None, SlpResult]
 
@@ -79,7 +77,7 @@ class SegmentTicks:
         """
         knots, ends = np.zeros(1, dtype=np.int64), []
         for begin, end in zip(np.append(0.0, guess.ends), guess.ends, strict=False):
-            count = max(ticks_of(factor * (end - begin), period), FEWEST)
+            count = max(ticks_of(factor * (end - begin), period), FEWEST_PERIODS)
             own = nodes[(nodes >= begin - 1e-12) & (nodes <= end + 1e-12)] - begin
             part = Ticks.near(period, count, own, own.size - 1)
             knots = np.concatenate([knots, knots[-1] + part.knots[1:]])

@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.optimality_report import no_time
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -25,7 +26,6 @@ from tominpmp.planner.continuation import SPEED_SHARE, speed_share
 from tominpmp.planner.direct_solve import SMOOTHING_SHARE, by_squares
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.ramps import time_at_speed_limits
-from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
@@ -119,7 +119,7 @@ def on_finer_grid(
     if not found:
         return
     best = min(found, key=lambda attempt: attempt.duration)
-    if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
+    if best.status in STOPPED or no_time(best.trajectory.duration):
         return
     if best.taken_over and speed_share(best.trajectory, problem) > SPEED_SHARE:
         return

@@ -20,6 +20,7 @@ import numpy as np
 
 from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
+from tominpmp.certificate.optimality_report import no_time
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
@@ -27,7 +28,6 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import SMOOTHING_SHARE, by_squares
 from tominpmp.planner.following import Budget, Following
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.refinement import SHORTEST_MOTION
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.slp import ACCURACY
@@ -83,7 +83,11 @@ def certified(
     if options.objective != "time" or not found or stays_where_it_moves(problem):
         return
     best, tolerance = min(found, key=_duration), tolerance_of(options)
-    if best.status in STOPPED or best.trajectory.duration < SHORTEST_MOTION:
+    if best.status in STOPPED:
+        return
+    if no_time(best.duration):
+        # Nothing is asked of it, by the certificate either.
+        yield replace(best, status=Status.CONVERGED, history=())
         return
     if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from tominpmp.certificate.optimality_report import no_time
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.planner.grid_refinement import refine_grid
@@ -20,8 +21,6 @@ __all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
 LATER = (None, "auto")
 # What needs no refinement: planning that was stopped, and a motion that will do.
 DONE = (*STOPPED, Status.FEASIBLE)
-# A motion this short only has a duration since the programs need one [s].
-SHORTEST_MOTION = 1e-5
 
 
 def refine(
@@ -63,7 +62,7 @@ def _stands(program: Program, result: SlpResult) -> bool:
     """Whether a motion takes no time to speak of."""
     if result.best is None:
         return False
-    return program.trajectory(result.best.z).duration < SHORTEST_MOTION
+    return no_time(program.trajectory(result.best.z).duration)
 
 
 def unrefined(options: Options, result: SlpResult) -> SlpResult:

@@ -1,0 +1,48 @@
+"""Certificates of motions of micrometres: those of the same motions in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+
+START = np.array([0.5, 1.7, -1.7])
+WAY = np.array([1.0, -0.6, 0.3])
+
+
+def goal_at(share: float) -> tm.Problem:
+    goal = tm.JointGoal(START + share * WAY)
+    return tm.Problem(tm.load_robot("planar3r"), START, goal)
+
+
+@pytest.mark.parametrize("share", [1e-9, 1e-7, 1e-6])
+def test_a_small_motion_that_converged_is_certified(share: float) -> None:
+    solution = tm.plan(goal_at(share))
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    certificate = solution.certificate
+    assert certificate is not None
+    assert certificate.ok, certificate.message
+    # T grows with the root of the way where no speed limit is reached.
+    assert solution.T / np.sqrt(share) == pytest.approx(0.8, rel=0.5)
+
+
+def test_a_small_motion_that_is_slow_is_refuted() -> None:
+    solution = tm.plan(goal_at(1e-7), objective="feasible")
+    assert solution.success
+    certificate = solution.certificate
+    assert certificate is not None
+    assert not certificate.ok
+    assert certificate.stationarity > 0.01
+
+
+def test_a_motion_that_takes_no_time_is_not_asked_for_less() -> None:
+    robot = tm.load_robot("planar3r")
+    inside = tm.JointRegionGoal(START, tolerance=0.1)
+    solution = tm.plan(tm.Problem(robot, START, inside))
+    assert solution.status is tm.Status.CONVERGED
+    assert solution.T < 1e-5
+    certificate = solution.certificate
+    assert certificate is not None
+    assert certificate.ok
+    assert "no time to speak of" in certificate.message

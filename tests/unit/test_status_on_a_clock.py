@@ -1,0 +1,83 @@
+"""What is called locally optimal on a clock, and what its certificate says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.certificate.allowances import clock_share, with_bound
+from tominpmp.certificate.minimum_principle import certify
+from tominpmp.planner.control_period_outcome import Clocked, status_on_clock
+
+START = np.array([0.5, 1.7, -1.7])
+
+
+@pytest.fixture(scope="module")
+def problem() -> tm.Problem:
+    goal = tm.JointGoal(START + np.array([0.5, -0.3, 0.2]))
+    return tm.Problem(tm.load_robot("planar3r"), START, goal)
+
+
+@pytest.fixture(scope="module")
+def free(problem: tm.Problem) -> tm.Solution:
+    return tm.plan(problem)
+
+
+def test_a_period_of_the_clock_is_no_promise(
+    problem: tm.Problem, free: tm.Solution
+) -> None:
+    period = free.T / 19.5
+    solution = tm.plan(problem, control_period=period)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    certificate = solution.certificate
+    assert certificate is not None
+    assert certificate.ok, certificate.message
+    assert certificate.stationarity > 0.01
+    assert "clock" in certificate.message
+    # Without the clock the same motion is none that is optimal.
+    motion = solution.trajectory
+    assert motion is not None
+    assert not certify(problem, motion, verification=solution.verification).ok
+
+
+def test_what_takes_more_than_a_period_is_not_called_optimal(
+    problem: tm.Problem, free: tm.Solution
+) -> None:
+    slow = tm.plan(problem, objective="feasible")
+    assert slow.trajectory is not None
+    outcome = Clocked(tm.Status.CONVERGED, slow.trajectory, slow.verification)
+    status, remark = status_on_clock(free, outcome, 0.004)
+    assert status is tm.Status.STALLED
+    assert "Small changes promise" in remark
+    same = Clocked(tm.Status.CONVERGED, free.trajectory, free.verification)
+    assert status_on_clock(free, same, 0.004) == (tm.Status.CONVERGED, "")
+
+
+def test_the_share_of_a_clock(free: tm.Solution) -> None:
+    motion = free.trajectory
+    assert motion is not None
+    assert clock_share(motion, free.T / 50) == pytest.approx(0.02)
+    # Nothing on a clock takes less than four periods.
+    assert clock_share(motion, free.T / 4) == 1.0
+
+
+def test_a_bound_on_all_motions_outweighs_a_promise(free: tm.Solution) -> None:
+    found = free.certificate
+    assert found is not None
+    refuted = replace(found, ok=False, stationarity=0.02, message="Refuted.")
+    T = free.T
+    assert not with_bound(refuted, T, 0.98 * T, "speed").ok
+    told = with_bound(refuted, T, 0.995 * T, "speed")
+    assert told.ok
+    assert "No motion takes less" in told.message
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, np.nan, np.inf, "a"])
+def test_a_wrong_period_is_named(
+    problem: tm.Problem, free: tm.Solution, period: object
+) -> None:
+    with pytest.raises(tm.ProblemError, match="control_period"):
+        certify(problem, free.trajectory, control_period=period)  # type: ignore
