@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
-from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.broad import BroadPhase
 from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements

@@ -1,8 +1,6 @@
-"""Placements of joints and bodies at many configurations at once."""
+"""Placements of joints at many configurations at once."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -22,10 +20,11 @@ class Placements:
         count = len(self._parents)
         self._turn, self._slide = np.zeros((count, 3)), np.zeros((count, 3))
         self._column = np.full(count, -1, dtype=np.int64)
-        # Of each joint: where it is on its parent, and the matrices whose sum with the
-        # sine and the versed sine of its angle is its rotation (Rodrigues).
-        self._offset = [np.array(place.translation) for place in model.jointPlacements]
-        self._basis: list[Array] = []
+        # Of each joint: where it is on its parent, the way it slides there, and the
+        # matrices whose sum with the sine and the versed sine of its angle is its
+        # rotation (Rodrigues).
+        self._offset = np.array([place.translation for place in model.jointPlacements])
+        self._way, self._basis = np.zeros((count, 3)), np.zeros((count, 3, 9))
         self.moves: BoolArray = np.zeros((count, model.nv), dtype=bool)
         for joint in range(count):
             rotation = np.array(model.jointPlacements[joint].rotation)
@@ -40,7 +39,8 @@ class Placements:
                 self.moves[joint, item.idx_v] = True
             cross = _cross(self._turn[joint])
             parts = [rotation, rotation @ cross, rotation @ cross @ cross]
-            self._basis.append(np.concatenate(parts, axis=1))
+            self._basis[joint] = np.array(parts).reshape(3, 9)
+            self._way[joint] = rotation @ self._slide[joint]
 
     def joints(self, q: Array) -> tuple[Array, Array]:
         """Placements joint_to_world.
@@ -52,19 +52,22 @@ class Placements:
             Rotations, shape (m, joints, 3, 3), and positions, shape (m, joints, 3) [m].
         """
         m, count = q.shape[0], len(self._parents)
-        R, t = np.empty((m, count, 3, 3)), np.empty((m, count, 3))
-        R[:, 0], t[:, 0] = np.eye(3), 0.0
-        sine, versine = np.sin(q)[:, :, None, None], 1.0 - np.cos(q)[:, :, None, None]
+        angle = q[:, self._column].T
+        parts = np.ones((count, m, 3))
+        parts[:, :, 1], parts[:, :, 2] = np.sin(angle), 1.0 - np.cos(angle)
+        # All configurations of a joint are side by side: they are worked on together.
+        place = np.empty((count, m, 3, 4))
+        place[..., :3] = (parts @ self._basis).reshape(count, m, 3, 3)
+        place[..., 3] = self._offset[:, None]
+        if np.any(self._way):
+            place[..., 3] += angle[..., None] * self._way[:, None]
+        place[0] = np.eye(3, 4)
         for joint in range(1, count):
-            parent, column = R[:, self._parents[joint]], self._column[joint]
-            parts = (parent.reshape(-1, 3) @ self._basis[joint]).reshape(m, 3, 9)
-            base = parts[:, :, :3]
-            t[:, joint] = t[:, self._parents[joint]] + parent @ self._offset[joint]
-            if np.any(self._slide[joint]):
-                t[:, joint] += q[:, column, None] * (base @ self._slide[joint])
-            turned = base + sine[:, column] * parts[:, :, 3:6]
-            R[:, joint] = turned + versine[:, column] * parts[:, :, 6:]
-        return R, t
+            up = place[self._parents[joint]]
+            if self._parents[joint]:
+                place[joint] = up[..., :3] @ place[joint]
+                place[joint, ..., 3] += up[..., 3]
+        return np.moveaxis(place[..., :3], 0, 1), np.moveaxis(place[..., 3], 0, 1)
 
     def axes(self, joint: int) -> tuple[Array, Array, int]:
         """How a joint moves: directions it slides and turns in, and its coordinate."""
@@ -111,38 +114,3 @@ def _cross(axis: Array) -> Array:
     """Matrix of the cross product with an axis."""
     x, y, z = axis
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-class BodyPlacements:
-    """Where bodies are that are on joints or fixed in the world.
-
-    Args:
-        joint: Joint of each body, shape (bodies,).
-        placements: Placements body_to_joint.
-    """
-
-    def __init__(self, joint: IntArray, placements: Sequence[pin.SE3]) -> None:
-        R = np.array([item.rotation for item in placements]).reshape(-1, 3, 3)
-        t = np.array([item.translation for item in placements]).reshape(-1, 3)
-        self._fixed, self._carried = np.flatnonzero(joint == 0), np.flatnonzero(joint)
-        self._joint = joint[self._carried]
-        self._R, self._t = R[self._carried], t[self._carried]
-        self._fixed_R, self._fixed_t = R[self._fixed], t[self._fixed]
-
-    def place(self, joints: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Placements body_to_world, shapes (m, bodies, 3, 3) and (m, bodies, 3).
-
-        From the placements of the joints, shapes (m, joints, 3, 3) and (m, joints, 3).
-        """
-        count = self._fixed.size + self._carried.size
-        placed_R = np.empty((len(joints[0]), count, 3, 3))
-        placed_t = np.empty((len(joints[0]), count, 3))
-        placed_R[:, self._fixed], placed_t[:, self._fixed] = (
-            self._fixed_R,
-            self._fixed_t,
-        )
-        R, t = joints[0][:, self._joint], joints[1][:, self._joint]
-        placed_R[:, self._carried] = R @ self._R
-        turned = (R @ self._t[:, :, None])[..., 0]
-        placed_t[:, self._carried] = t + turned
-        return placed_R, placed_t

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.bounds import BroadPhase
+from tominpmp.collision.broad import BroadPhase, Joints
 from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import Placements
@@ -50,10 +50,12 @@ class DistanceQuery:
         """Number of pairs."""
         return int(self.broad.first.size)
 
-    def place(self, q_model: Array, times: Array | None = None) -> tuple[Array, Array]:
-        """Placements body_to_world at configurations of the model, and times [s]."""
-        joints = self.placements.joints(q_model)
-        return self.broad.place(self.obstacles.beside(joints, times))
+    def place(self, q_model: Array, times: Array | None = None) -> Joints:
+        """Placements joint_to_world at configurations of the model, and times [s].
+
+        Those of obstacles that move are beside them.
+        """
+        return self.obstacles.beside(self.placements.joints(q_model), times)
 
     def distances(
         self, q_model: Array, cutoff: float | Array, times: Array | None = None
@@ -62,8 +64,7 @@ class DistanceQuery:
         placed = self.place(q_model, times)
         limit = np.broadcast_to(np.asarray(cutoff, dtype=np.float64), (self.pairs,))
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
-        lower = self.broad.by_balls(placed)
-        instant, pair = np.nonzero(lower < limit)
+        lower, instant, pair = self.broad.near(placed, limit)
         self.count.pairs += lower.size - instant.size
         if not instant.size:
             return lower
@@ -76,7 +77,7 @@ class DistanceQuery:
     def measured(
         self,
         q_model: Array,
-        placed: tuple[Array, Array],
+        placed: Joints,
         instant: IntArray,
         pair: IntArray,
         enough: Array,
@@ -84,11 +85,10 @@ class DistanceQuery:
     ) -> Array:
         """As the checker's, at configurations of the model, shape (m, nv).
 
-        With the placements body_to_world there.
+        With the placements there.
         """
         self.count.pairs += instant.size
-        R, t = self._relative(placed, instant, pair)
-        out = self.broad.by_covers(R, t, pair)
+        out = self.broad.by_covers(placed, instant, pair)
         # Bounds say nothing about depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
         near = near[np.argsort(instant[near], kind="stable")]
@@ -96,17 +96,6 @@ class DistanceQuery:
             self.count.queries += near.size
             out[near] = self._exact(q_model, instant[near], pair[near], times)
         return out
-
-    def _relative(
-        self, placed: tuple[Array, Array], instant: IntArray, pair: IntArray
-    ) -> tuple[Array, Array]:
-        """First bodies in the axes of the second: rotation, position."""
-        a, b = self.broad.first[pair], self.broad.second[pair]
-        R, t = placed
-        second = R[instant, b]
-        turned = np.swapaxes(second, 1, 2) @ R[instant, a]
-        offset = np.einsum("kij,ki->kj", second, t[instant, a] - t[instant, b])
-        return turned, offset
 
     def _exact(
         self, q_model: Array, instant: IntArray, pair: IntArray, times: Array | None

@@ -1,0 +1,232 @@
+"""Broad phase: lower bounds of distances from balls and boxes around bodies.
+
+Every bound holds for certain: balls contain what they stand for, and so do the boxes.
+Most pairs stay far apart all along a motion. They are told by a few of its
+configurations, and by how far anything moves between these; only the others are looked
+at one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.collision.bodies import Body
+from tominpmp.collision.bounds import BALLS, Enclosure
+
+# Configurations are taken together between which no ball moves farther than this [m];
+# fewer than so many of them are not worth it.
+TOGETHER, FEW = 0.06, 12
+# What rounding may take from a bound for configurations that are taken together [m].
+ROUNDING = 1e-9
+
+# Placements joint_to_world of joints, and what moves beside them: rotations, shape
+# (m, joints, 3, 3), and positions, shape (m, joints, 3) [m].
+Joints = tuple[Array, Array]
+
+
+class BroadPhase:
+    """Lower bounds of the distances of pairs at many configurations at once.
+
+    Attributes:
+        first: First body of each pair, shape (pairs,).
+        second: Second body of each pair, shape (pairs,).
+        farthest: How far points of each body may be from the origin of what carries it
+            [m], shape (bodies,).
+    """
+
+    def __init__(
+        self, bodies: Sequence[Body], first: IntArray, second: IntArray
+    ) -> None:
+        self.first, self.second = first, second
+        found = [Enclosure.of(body.outline) for body in bodies]
+        boxes = [
+            body.placement * pin.SE3(item.R, item.t)
+            for body, item in zip(bodies, found, strict=True)
+        ]
+        self._joint = np.array([body.joint for body in bodies], dtype=np.int64)
+        self._radius = np.array([item.radius for item in found])
+        self._half = np.array([item.half for item in found]).reshape(-1, 3)
+        self._swell = np.array([item.swell for item in found])
+        self._cover_radius = np.array([item.cover_radius for item in found])
+        # Boxes and balls in the axes of what carries them.
+        self._R = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
+        self._t = np.array([box.translation for box in boxes]).reshape(-1, 3)
+        centre = np.array([item.centre for item in found]).reshape(-1, 3)
+        cover = np.array([item.cover for item in found]).reshape(-1, BALLS, 3)
+        self._centre = self._t + np.einsum("bij,bj->bi", self._R, centre)
+        self._cover = self._t[:, None] + cover @ np.swapaxes(self._R, 1, 2)
+        self._origin = np.einsum("bij,bi->bj", self._R, self._t)
+        # No point of a body is farther than this from what carries it.
+        self.farthest = self._radius + np.linalg.norm(self._centre, axis=1)
+        fixed = self._joint[second] == 0
+        self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
+        # What does not move is looked at from all links at once.
+        self._links, row = np.unique(first[fixed], return_inverse=True)
+        self._others, column = np.unique(second[fixed], return_inverse=True)
+        self._cell: IntArray = (row * self._others.size + column).astype(np.int64)
+        self._carried = [
+            (int(joint), np.flatnonzero(self._joint == joint))
+            for joint in np.unique(self._joint[self._joint > 0])
+        ]
+
+    def by_balls(self, joints: Joints) -> Array:
+        """Bounds from a ball around the first body and a box around the second.
+
+        Returns:
+            Shape (m, pairs) [m].
+        """
+        centre = self._centres(joints)
+        out = np.empty((centre.shape[1], self.first.size))
+        if not out.size:
+            return out
+        out[:, self._fixed] = self._from_fixed(centre)
+        out[:, self._moving] = self._one_by_one(joints, centre, self._moving).T
+        return out
+
+    def near(self, joints: Joints, limit: Array) -> tuple[Array, IntArray, IntArray]:
+        """Bounds, and where they are below a limit.
+
+        Args:
+            joints: Placements of the joints.
+            limit: A limit for each pair, shape (pairs,) [m].
+
+        Returns:
+            Bounds as from ``by_balls`` where they are below the limits, or lower ones
+            that are not, shape (m, pairs) [m]; and the configuration and the pair of
+            each that is, in this order.
+        """
+        centre = self._centres(joints)
+        m = centre.shape[1]
+        least = self._along(centre)
+        if least is None:
+            out = self.by_balls(joints)
+            instant, pair = np.nonzero(out < limit)
+            return out, instant, pair
+        out = np.empty((m, self.first.size))
+        out[:] = least
+        some = np.flatnonzero(least < limit)
+        if not some.size:
+            none = np.zeros(0, dtype=np.int64)
+            return out, none, none
+        still = self._joint[self.second[some]] == 0
+        bounds = np.empty((some.size, m))
+        bounds[still] = self._one_by_one_fixed(centre, some[still])
+        bounds[~still] = self._one_by_one(joints, centre, some[~still])
+        out[:, some] = bounds.T
+        instant, place = np.nonzero(bounds.T < limit[some])
+        return out, instant, some[place]
+
+    def _centres(self, joints: Joints) -> Array:
+        """Centres of the balls around what moves in the world, (bodies, m, 3) [m]."""
+        R, t = joints
+        out = np.zeros((self._joint.size, t.shape[0], 3))
+        for joint, bodies in self._carried:
+            turned = R[:, joint] @ self._centre[bodies].T
+            turned += t[:, joint, :, None]
+            out[bodies] = turned.transpose(2, 0, 1)
+        return out
+
+    def _along(self, centre: Array) -> Array | None:
+        """Bounds that hold at all configurations, shape (pairs,) [m].
+
+        None if the configurations are too few, or too far apart, for them to be of use.
+        """
+        m = centre.shape[1]
+        if m < FEW or not self.first.size:
+            return None
+        step = np.diff(centre, axis=1)
+        way = np.zeros(m)
+        squared = np.einsum("bmi,bmi->bm", step, step)
+        np.cumsum(np.sqrt(np.max(squared, axis=0)), out=way[1:])
+        begin = np.flatnonzero(np.diff(np.floor(way / TOGETHER), prepend=-1.0))
+        if 2 * begin.size > m:
+            return None
+        last = np.append(begin[1:], m) - 1
+        middle = (begin + last) // 2
+        some = centre[:, middle]
+        out = np.empty((middle.size, self.first.size))
+        out[:, self._fixed] = self._from_fixed(some)
+        a, b = self.first[self._moving], self.second[self._moving]
+        apart = np.linalg.norm(some[a] - some[b], axis=2) - self._radius[a, None]
+        out[:, self._moving] = (apart - self._radius[b, None]).T
+        moved = np.maximum(way[middle] - way[begin], way[last] - way[middle])
+        out[:, self._fixed] -= moved[:, None] + ROUNDING
+        out[:, self._moving] -= 2.0 * moved[:, None] + ROUNDING
+        return np.asarray(np.min(out, axis=0))
+
+    def _from_fixed(self, centre: Array) -> Array:
+        """Bounds of all pairs with a body that does not move, shape (m, fixed)."""
+        links, others = self._links, self._others
+        m = centre.shape[1]
+        flat = centre[links].reshape(-1, 3)
+        squared = np.zeros((flat.shape[0], others.size))
+        for axis in range(3):
+            away = flat @ self._R[others, :, axis].T
+            away -= self._origin[others, axis]
+            np.abs(away, out=away)
+            away -= self._half[others, axis]
+            np.maximum(away, 0.0, out=away)
+            away *= away
+            squared += away
+        np.sqrt(squared, out=squared)
+        squared -= self._swell[others]
+        squared = squared.reshape(links.size, m, others.size)
+        squared -= self._radius[links][:, None, None]
+        table = squared.transpose(1, 0, 2).reshape(m, -1)
+        return np.take(table, self._cell, axis=1)
+
+    def _one_by_one_fixed(self, centre: Array, pair: IntArray) -> Array:
+        """The same of some of them, shape (pairs, m)."""
+        b = self.second[pair]
+        return self._beyond(centre[self.first[pair]] @ self._R[b], pair)
+
+    def _one_by_one(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
+        """Bounds of some pairs whose second body moves, shape (pairs, m)."""
+        a, b = self.first[pair], self.second[pair]
+        R, t = joints
+        out = np.empty((pair.size, centre.shape[1], 3))
+        carrier = self._joint[b]
+        for joint in np.unique(carrier):
+            mine = np.flatnonzero(carrier == joint)
+            away = centre[a[mine]] - t[:, joint]
+            out[mine] = np.einsum("kmi,mij->kmj", away, R[:, joint])
+        return self._beyond(out @ self._R[b], pair)
+
+    def _beyond(self, away: Array, pair: IntArray) -> Array:
+        """Bounds from centres in the axes of the boxes, but for their origins."""
+        a, b = self.first[pair], self.second[pair]
+        away -= self._origin[b][:, None]
+        np.abs(away, out=away)
+        away -= self._half[b][:, None]
+        np.maximum(away, 0.0, out=away)
+        length = np.sqrt(np.einsum("kmi,kmi->km", away, away))
+        return np.asarray(length - (self._radius[a] + self._swell[b])[:, None])
+
+    def by_covers(self, joints: Joints, instant: IntArray, pair: IntArray) -> Array:
+        """Bounds from several balls that cover the first body, shape (k,) [m].
+
+        Args:
+            joints: Placements of the joints.
+            instant: Index of the configuration of each, shape (k,).
+            pair: Index of its pair, shape (k,).
+        """
+        a, b = self.first[pair], self.second[pair]
+        R, t = joints
+        carrier = self._joint[a]
+        centres = self._cover[a] @ np.swapaxes(R[instant, carrier], 1, 2)
+        centres += t[instant, carrier][:, None]
+        moves = np.flatnonzero(self._joint[b])
+        if moves.size:
+            at, carrier = instant[moves], self._joint[b[moves]]
+            away = centres[moves] - t[at, carrier][:, None]
+            centres[moves] = away @ R[at, carrier]
+        centres = centres @ self._R[b]
+        centres -= self._origin[b][:, None]
+        beyond = np.maximum(np.abs(centres) - self._half[b, None], 0.0)
+        away = np.sqrt(np.einsum("ksi,ksi->ks", beyond, beyond))
+        nearest = np.min(away - self._cover_radius[a], axis=1)
+        return np.asarray(nearest - self._swell[b])
