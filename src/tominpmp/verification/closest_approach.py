@@ -276,13 +276,16 @@ class Approach:
         child = number[child[inside[child]]]
         order = np.argsort(child, kind="stable")
         child, pairs = child[order], pairs[order]
-        moved = np.empty(child.size)
+        moved, (some, column) = (
+            np.empty(child.size),
+            np.unique(pairs, return_inverse=True),
+        )
         most = max(1, TABLE // self._margins.size)
         for at in range(0, stretches.time.size, most):
             part = slice(at, at + most)
             rows = slice(*np.searchsorted(child, (at, at + most)))
-            table = self._moved(stretches.taken(part))
-            moved[rows] = table[child[rows] - at, pairs[rows]]
+            table = self._moved(stretches.taken(part), some)
+            moved[rows] = table[child[rows] - at, column[rows]]
         self._refine(stretches, begin, end, moved, child, pairs, level + 1)
 
     def _measure(
@@ -352,11 +355,15 @@ class Approach:
             lack, shape if isinstance(stretch, slice) else pair.shape
         )
 
-    def _moved(self, stretches: Stretches) -> Array:
-        """How far pairs come closer within stretches at most, shape (m, pairs) [m]."""
-        moved = self._motion.bound(stretches.q, stretches.swing)
+    def _moved(self, stretches: Stretches, pairs: IntArray | None = None) -> Array:
+        """How far pairs come closer within stretches at most [m].
+
+        Shape (m, k) for k pairs; None stands for all.
+        """
+        moved = self._motion.bound(stretches.q, stretches.swing, pairs)
         if self._checker.moving:
             speeds = self._checker.obstacle_speeds(stretches.begin, stretches.end)
+            speeds = speeds if pairs is None else speeds[:, pairs]
             moved = moved + speeds * stretches.half[:, None]
         return moved
 

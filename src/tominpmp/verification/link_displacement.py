@@ -15,6 +15,8 @@ from tominpmp.collision.bodies import Body
 from tominpmp.collision.placements import Placements
 from tominpmp.robot import Robot
 
+_NONE: IntArray = np.zeros(0, dtype=np.int64)
+
 
 class Ball(NamedTuple):
     """A ball around a part of a link.
@@ -79,28 +81,31 @@ class LinkDisplacement:
 
     def centres(self, q: Array) -> Array:
         """Centres of the balls in the world [m], shape (m, n) to (m, balls, 3)."""
-        return self._place(q)[2]
+        return self._place(q, np.arange(self._joint.size))[2]
 
-    def _place(self, q: Array) -> tuple[Array, Array, Array]:
+    def _place(self, q: Array, balls: IntArray) -> tuple[Array, Array, Array]:
         R, t = self._placements.joints(self._robot.expand(q))
-        turned = np.einsum("mbij,bj->mbi", R[:, self._joint], self._centre)
-        return R, t, t[:, self._joint] + turned
+        joint = self._joint[balls]
+        turned = np.einsum("mbij,bj->mbi", R[:, joint], self._centre[balls])
+        return R, t, t[:, joint] + turned
 
-    def shifts(self, q: Array, swing: Array) -> Array:
-        """How far points of each ball are moved by each coordinate.
+    def shifts(self, q: Array, swing: Array, balls: IntArray | None = None) -> Array:
+        """How far points of balls are moved by each coordinate.
 
         Args:
             q: Middles of boxes of configurations, shape (m, n) [rad or m].
             swing: Half of their edges, shape (m, n).
+            balls: Indices of the balls, shape (k,); None for all.
 
         Returns:
-            Shape (m, balls, nv) [m].
+            Shape (m, k, nv) [m].
         """
+        balls = np.arange(self._joint.size) if balls is None else balls
         robot = self._robot
         matrix = robot.expansion_matrix
         half = swing if matrix is None else swing @ np.abs(matrix).T
-        R, t, centre = self._place(q)
-        joint = self._joint
+        R, t, centre = self._place(q, balls)
+        joint, radius = self._joint[balls], self._radius[balls]
         out = np.zeros((q.shape[0], joint.size, half.shape[1]))
         drift = np.zeros((q.shape[0], joint.size))
         for i in range(self._column.size - 1, 0, -1):
@@ -111,8 +116,7 @@ class LinkDisplacement:
             rate = np.full((q.shape[0], hang.size), self._slide[i])
             if np.any(self._turn[i]):
                 axis = R[:, i] @ self._turn[i]
-                arm = np.cross(centre[:, hang] - t[:, i, None], axis[:, None])
-                rate += np.linalg.norm(arm, axis=2) + self._radius[hang]
+                rate += _lever(centre[:, hang] - t[:, i, None], axis) + radius[hang]
                 rate += drift[:, hang]
             shift = rate * half[:, column, None]
             out[:, hang, column] = shift
@@ -165,18 +169,39 @@ class RelativeMotion:
     parts: list[tuple[IntArray, BoolArray]]
     sides: IntArray
 
-    def bound(self, q: Array, swing: Array) -> Array:
-        """How far pairs can come closer within boxes of configurations, (m, pairs) [m].
+    def bound(self, q: Array, swing: Array, pairs: IntArray | None = None) -> Array:
+        """How far pairs can come closer within boxes of configurations.
 
-        Boxes have middles q and half edges ``swing``, shape (m, n) each [rad or m].
+        Args:
+            q: Middles of the boxes, shape (m, n) [rad or m].
+            swing: Half of their edges, shape (m, n).
+            pairs: Indices of the pairs, shape (k,); None for all.
+
+        Returns:
+            Shape (m, k) [m].
         """
-        shifts = self.reach.shifts(q, swing)
-        # The last column is for what does not move.
-        moved = np.zeros((q.shape[0], len(self.parts) + 1))
-        for k, (balls, alone) in enumerate(self.parts):
-            total = np.sum(shifts[:, balls][:, :, alone], axis=2)
-            moved[:, k] = np.max(total, axis=1, initial=0.0)
-        return np.asarray(moved[:, self.sides[:, 0]] + moved[:, self.sides[:, 1]])
+        sides = self.sides if pairs is None else self.sides[pairs]
+        used, index = np.unique(sides, return_inverse=True)
+        parts = [self.parts[k] for k in used[used >= 0]]
+        balls = np.unique(np.concatenate([part[0] for part in parts] or [_NONE]))
+        shifts = self.reach.shifts(q, swing, balls)
+        # The first column is for what does not move.
+        moved = np.zeros((q.shape[0], len(parts) + 1))
+        for k, (mine, alone) in enumerate(parts):
+            total = shifts[:, np.searchsorted(balls, mine)] @ alone.astype(np.float64)
+            moved[:, k + 1] = np.max(total, axis=1, initial=0.0)
+        index = index.reshape(sides.shape) + (1 if used.size == len(parts) else 0)
+        return np.asarray(moved[:, index[:, 0]] + moved[:, index[:, 1]])
+
+
+def _lever(arm: Array, axis: Array) -> Array:
+    """Distances of points from axes, from arms, shape (m, k, 3), and axes, (m, 3)."""
+    x, y, z = (arm[..., i] for i in range(3))
+    u, v, w = (axis[:, None, i] for i in range(3))
+    squared = (y * w - z * v) ** 2
+    squared += (z * u - x * w) ** 2
+    squared += (x * v - y * u) ** 2
+    return np.asarray(np.sqrt(squared))
 
 
 def link_balls(checker: CollisionChecker) -> list[Ball]:
