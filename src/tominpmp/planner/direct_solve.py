@@ -46,6 +46,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
+# A motion is not searched on from that is at most this much above what none can beat.
+GAP = 0.03
 # Weight of the total variation, as a share of the duration of the guess; chosen on
 # benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
 SMOOTHING_SHARE = 1e-4
@@ -114,6 +116,8 @@ def _solve_and_verify(
 ) -> Attempt:
     problem = system.problem
     attempt = solve_from_guess(system, options, guess, progress)
+    if _replayed_last(system, attempt, progress):
+        return attempt
     # One that was let go is not gone on with.
     later = progress.puts_off or progress.let_go
     attempt = attempt.verified(problem, options, later=later)
@@ -134,6 +138,20 @@ def _solve_and_verify(
             break
         attempt = finer.after(attempt)
     return attempt
+
+
+def _replayed_last(
+    system: ProblemFunctions, attempt: Attempt, progress: Progress
+) -> bool:
+    """Whether a motion is replayed in the end, if it is still the best one then.
+
+    Where it is near what none can beat the search ends with it, and mostly a finer grid
+    takes its place. Links of an arm that is alone have no rows, and may touch.
+    """
+    if not progress.replays_last or system.alone or not attempt.feasible:
+        return False
+    T = attempt.trajectory.duration
+    return T <= (1.0 + GAP) * progress.lower_bound(system.problem).T
 
 
 def make_slp(

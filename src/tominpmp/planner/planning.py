@@ -25,6 +25,7 @@ from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
+from tominpmp.planner.replays import all_replayed, not_waiting, replayed, replays_last
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.thorough import thorough_search
 from tominpmp.problem import Problem
@@ -74,7 +75,11 @@ def plan(
     if asked.energy_weight:
         # The fastest motion is where the search for the best one begins, no more.
         options = replace(options, energy_weight=0.0, refine=None, effort="quick")
-    progress = Progress(searching(options), puts_off=puts_off_replays(options))
+    progress = Progress(
+        searching(options),
+        puts_off=puts_off_replays(options),
+        replays_last=replays_last(options),
+    )
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
@@ -108,6 +113,7 @@ def _plan(
     if not attempts and progress.failures:
         raise progress.failures[0]
     with progress.saving():
+        attempts = all_replayed(problem, options, progress, attempts)
         solution = conclude(problem, options, progress, attempts, status)
     progress.extend(options.max_planning_time)
     if options.control_period is not None:
@@ -160,7 +166,11 @@ def _last_stages(
     for attempt in on_finer_grid(problem, options, progress, attempts):
         attempts.append(attempt)
         yield attempt
-    yield from certified(problem, options, progress, attempts)
+    for attempt in replayed(problem, options, progress, attempts):
+        attempts = [*not_waiting(attempts), attempt]
+        yield attempt
+    if not progress.in_vain:
+        yield from certified(problem, options, progress, attempts)
 
 
 def _of_one(

@@ -76,6 +76,8 @@ class Progress:
             controller is made of them, which is replayed.
         in_vain: Whether there is no such motion, and the replay that was put off has
             failed.
+        replays_last: Whether a motion that nothing is looked for beyond is replayed
+            once it is known that no finer grid takes its place.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class Progress:
         first: int = 0,
         asked: Callable[[], bool] | None = None,
         puts_off: bool = False,
+        replays_last: bool = False,
     ) -> None:
         self.start = first
         self.best = np.inf
@@ -97,6 +100,7 @@ class Progress:
         self.cut_short: Status | None = None
         self.failures: list[Exception] = []
         self.puts_off, self.in_vain = puts_off, False
+        self.replays_last = replays_last
         self._judges: list[Judge] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []
         self._starts = first

@@ -18,6 +18,7 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_grids import torques_rule
 from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.direct_solve import GAP
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rough_motions import NEARLY
 from tominpmp.planner.torque_starts import SHOOTING, shots
@@ -25,8 +26,6 @@ from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# A motion is not searched on from that is at most this much above what none can beat.
-GAP = 0.03
 # Arms with so many joints at most are searched on where nothing is in their way: they
 # may swing, or turn their elbow over. How many detours are tried at least.
 FEW_JOINTS, DETOURS = 3, 6
@@ -172,7 +171,9 @@ class Search:
         above = record.duration / max(bound, 1e-12) - 1.0
         early = len(self.progress.records) < DIRECT
         near = early or (above <= GAP and record.violation <= NEARLY)
-        return None if near and above <= ASTRAY else Status.ITERATION_LIMIT
+        if above > ASTRAY:
+            return Status.STALLED  # for good: what is missing of it is not worth while
+        return None if near else Status.ITERATION_LIMIT
 
     def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
         """What is tried beyond the first descents."""
