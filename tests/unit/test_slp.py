@@ -105,6 +105,28 @@ def test_equations_are_met():
     assert result.best.duration == pytest.approx(np.pi / 6, abs=1e-5)
 
 
+@pytest.mark.parametrize("fastest", [True, False])
+def test_no_program_confirms_that_nothing_was_gained(fastest):
+    """A step that removes violations and finds nothing else is the last one.
+
+    Least t >= 1 with x >= 1, from x = 0: where t is 1 already one program does.
+    """
+    program = Program(
+        [("torque", [1.0], [np.inf], [0])],
+        lambda z: [z[0]],
+        lambda z: [[1.0, 0.0]],
+        [-3, 1.0],
+        [3, 20],
+    )
+    start = np.array([0.0, 1.0 if fastest else 9.0])
+    options = Options(trust_region=2.0)
+    result = SlpSolver(program, options, 0.0, make_solver("highs")).run(start)
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(1.0)
+    assert result.best.violation == 0.0
+    assert (len(result.history) == 1) == fastest
+
+
 def test_contradiction_is_infeasible_never_converged():
     program = Program(
         [("goal", [1.0, -np.inf], [np.inf, 0.0], [0, 1])],

@@ -44,6 +44,8 @@ WEIGHT_RAISES = 4
 # Gap of a program that is none, as a share of the tolerance. With a tenth of it
 # programs take a fifth more iterations, and T is the same (30 goals).
 ACCURACY = 0.05
+# No progress is predicted if it is less than this share of the tolerance.
+QUIET = 0.1
 # Progress is judged over this many iterations.
 WINDOW = 3
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
@@ -62,7 +64,6 @@ SETTLED_RADIUS = 0.01
 # Shorter motions are settled to a share of this: an arm that is at its goal already
 # would get there sooner and sooner [s].
 SHORTEST = 0.01
-
 # Time for slowing a motion down once the iteration was told to stop [s].
 RESTORING = 0.2
 
@@ -201,13 +202,17 @@ class SlpSolver:
         region = self.shrunk_near_feasible(
             region, iterate, outcome.trial, program.step(solution)
         )
+        before = iterate.duration
         if outcome.accepted:
             iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
+        wanted = float(merit.cost @ program.step(solution))
+        still = outcome.accepted and self.still(before, wanted, iterate)
         iterate = replace(
             iterate,
             merit=merit,
             region=region,
             multipliers=multipliers,
+            still=still,
             gains=(*iterate.gains, max(outcome.actual, 0.0))[-WINDOW:],
         )
         if self.settled(iterate, outcome) and not self.restorable(iterate):
@@ -244,9 +249,23 @@ class SlpSolver:
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""
         little = self.options.tolerance * max(iterate.duration, SHORTEST)
-        if outcome.predicted < 0.1 * little:
+        if outcome.predicted < QUIET * little or iterate.still:
             return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
+
+    def still(self, before: float, wanted: float, iterate: Iterate) -> bool:
+        """Whether a program has found nothing but violations to reduce, and has.
+
+        Another one would find nothing at all.
+
+        Args:
+            before: T before its step [s].
+            wanted: Change of T that it asked for [s].
+            iterate: Where its step has led to.
+        """
+        little = QUIET * self.options.tolerance * max(iterate.duration, SHORTEST)
+        change = max(-wanted, abs(iterate.duration - before))
+        return change < little and iterate.violation <= self.options.feasibility
 
     def restorable(self, iterate: Iterate) -> bool:
         """Whether slowing down can remove what violation is left."""
