@@ -175,6 +175,27 @@ def test_distances_along_motions(name: str, rng: np.random.Generator) -> None:
             check(checker.distances(q, cutoff), checker.distances(q), cutoff)
 
 
+def test_distances_along_a_fine_motion(panda: Robot, rng: np.random.Generator) -> None:
+    """Pairs that stay apart all along are told at once, in whatever order it comes."""
+    aside = ConstantVelocity(velocity=(0.3, -0.2, 0.1))
+    drone = Box("drone", size=(0.2, 0.1, 0.1), position=(0.5, 0.2, 0.5), motion=aside)
+    scene = Scene([*clutter(rng).obstacles, drone])
+    checker = CollisionChecker(panda, scene, self_collision=True)
+    q, times = motion(panda, 150, rng), np.linspace(0.0, 1.0, 150)
+    cutoff = rng.uniform(0.0, 0.1, size=len(checker.pairs))
+    shuffled = rng.permutation(150)
+    for order in (np.arange(150), shuffled, np.concatenate([shuffled[:20], shuffled])):
+        exact = checker.distances(q[order], times=times[order])
+        found = checker.distances(q[order], cutoff, times[order])
+        check(found, exact, cutoff)
+        assert np.any(exact < cutoff)
+    broad, placed = checker._query.broad, checker._query.place(panda.expand(q), times)
+    least = broad._along(broad._centres(placed))
+    assert least is not None
+    assert np.all(least <= np.min(broad.by_balls(placed), axis=0))
+    assert np.mean(least > cutoff) > 0.5
+
+
 def test_pairs_are_measured_only_where_they_are_near(
     panda: Robot, rng: np.random.Generator
 ) -> None:

@@ -245,6 +245,31 @@ def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
     assert len(durations) == 2 and durations[0] < durations[1]
 
 
+@needs_ompl
+def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, monkeypatch):
+    calls = []
+
+    def count(*arguments, **options):
+        calls.append(arguments)
+        return sample(*arguments, **options)
+
+    sample = sampling.sample_path
+    monkeypatch.setattr(sampling, "sample_path", count)
+    system, end = maze(tmp_path, wall("block", 0.0, -0.6, 0.8)), [np.array(END)]
+
+    def first(enough):
+        rng = np.random.default_rng(0)
+        calls.clear()
+        paths = sampled_guesses(system, end, rng, enough=enough)
+        return next(paths), len(calls), paths
+
+    best, both, _ = first(0.0)
+    alone, one, further = first(np.inf)
+    assert one < both
+    assert best.duration <= alone.duration
+    assert next(further).duration != alone.duration
+
+
 def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
     system = maze(tmp_path, wall("aside", 0.0, 1.0, 1.4))
     guesses = initial_guesses(system, 3, np.random.default_rng(0))

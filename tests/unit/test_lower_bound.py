@@ -226,6 +226,27 @@ def test_goals_with_a_range_are_bounded_to_their_edge(planar3r: Robot) -> None:
     assert bound(here) == 0.0
 
 
+def test_bounds_of_some_balls_and_pairs_are_those_of_all(
+    rng: np.random.Generator,
+) -> None:
+    arm = make_arm(ROD, slide(1.0), rod(1.0, 0.6), effort=1.0)
+    names = [f"link{k}" for k in (1, 2, 3)]
+    balls = [Ball(name, k, rng.normal(size=3), 0.1) for k, name in enumerate(names, 1)]
+    reach = LinkDisplacement(arm, balls)
+    boxes = rng.uniform(-1.0, 1.0, (20, 3)), rng.uniform(0.0, 0.8, (20, 3))
+    whole, some = reach.shifts(*boxes), np.array([2, 0])
+    np.testing.assert_array_equal(reach.shifts(*boxes, some), whole[:, some])
+    pairs = [(names[0], "wall"), (names[2], "wall"), (names[2], names[0])]
+    relative = reach.relative(pairs, np.array([False, False, True]))
+    every = relative.bound(*boxes)
+    # From the wall all joints move a link; seen from the first one its own does not.
+    np.testing.assert_allclose(every[:, 1], np.sum(whole[:, 2], axis=1))
+    np.testing.assert_allclose(every[:, 2], np.sum(whole[:, 2, 1:], axis=1))
+    for chosen in ([0], [1, 2], [2], [2, 0]):
+        found = relative.bound(*boxes, np.array(chosen))
+        np.testing.assert_allclose(found, every[:, chosen], rtol=1e-14)
+
+
 def test_points_of_links_move_no_more_than_their_bound(
     rng: np.random.Generator,
 ) -> None:
