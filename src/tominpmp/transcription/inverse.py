@@ -26,16 +26,15 @@ from tominpmp.transcription.segmented import trajectory_of_segments
 from tominpmp.transcription.spline import (
     Spline,
     SplineDerivatives,
-    acceleration_jumps,
     differentiate,
     jumps_by_length,
 )
 from tominpmp.transcription.spline_rows import (
-    Columns,
-    Entries,
+    ByPoints,
+    jumps_by_points,
     pull_back,
-    speed_jacobian,
     speed_values,
+    speeds_by_points,
     states_at,
 )
 
@@ -57,28 +56,6 @@ class SplineMotion(Spline):
     shares: Array
 
     finite = True
-
-    @cached_property
-    def chain(self) -> sp.csr_matrix:
-        """Derivative of (points, lengths, final q, final v) by the unknowns."""
-        (N, n), m = self.points.shape, self.shares.shape[1]
-        columns = Columns(N, n)
-        points, end = N * n, N * n + n
-        every, joints = np.arange(points), np.arange(n)
-        lengths, final = end + np.arange(m), columns.final_position
-        chain = Entries(columns.count, end + m)
-        chain.add(every, every, np.ones(points))
-        chain.add(final, points - n + joints, np.ones(n))
-        chain.add(final + n, points + joints, np.ones(n))
-        chain.add(points + np.arange(N)[:, None], lengths, self.shares)
-        # The first and the last point hang on the velocities and lengths beside them.
-        last = points - n + joints
-        chain.add(last, points + joints, np.full(n, -0.5 * self.h[-1]))
-        by_start = 0.5 * np.outer(self.v_ends[0], self.shares[0])
-        by_end = -0.5 * np.outer(self.v_ends[1], self.shares[-1])
-        chain.add(joints[:, None], lengths, by_start)
-        chain.add(last[:, None], lengths, by_end)
-        return chain.matrix()
 
     @cached_property
     def derivatives(self) -> SplineDerivatives:
@@ -119,7 +96,6 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         self.acceleration_range = acceleration_range
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
-        self.columns = Columns(self._N, self._n)
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -216,8 +192,7 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         self, motion: SplineMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        matrix = pull_back(motion, motion.derivatives, at, partials, self.columns)
-        return matrix @ motion.chain
+        return pull_back(motion, motion.derivatives, at, partials, self.shares)
 
     def hull(
         self, limit: JointLimit, within: tuple[int, int] | None = None
@@ -258,19 +233,14 @@ class InverseTranscription(CurveTranscription[SplineMotion]):
         spline, scale = self.motion(z), self.acceleration_range
         if scale is None:
             scale = np.ones(self._n)
-        jumps = acceleration_jumps(spline.h)
-        data = (jumps.data[:, None] / scale).ravel()
-        rows = (jumps.row[:, None] * self._n + np.arange(self._n)).ravel()
-        columns = (jumps.col[:, None] * self._n + np.arange(self._n)).ravel()
-        matrix = sp.csr_matrix(
-            (data, (rows, columns)), shape=((self._N - 1) * self._n, self.size)
-        )
+        jumps = jumps_by_points(spline.h, scale)
+        by_eta = np.zeros((len(jumps.data), self._m))
         if self._m > 1:
             # Lengths that change by themselves must not seem to change nothing.
             by_eta = jumps_by_length(spline, self.shares) / scale[:, None]
-            by_eta = sp.csr_matrix(by_eta.reshape(-1, self._m))
-            empty = sp.csr_matrix((matrix.shape[0], self.size - self._m))
-            matrix = matrix + sp.hstack([empty, by_eta])
+            by_eta = by_eta.reshape(-1, self._m)
+        by_velocity = np.zeros((len(by_eta), self._n))
+        matrix = jumps.by_unknowns(by_velocity, by_eta, self._N)
         offset = (np.diff(spline.a, axis=0) / scale).ravel() - matrix @ z
         return Variation(matrix, offset)
 
@@ -326,12 +296,12 @@ class EndPoints(Hull[SplineMotion]):
 
     def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
-        limit, n = self._limit, self._of.system.n
-        rows = np.arange(self.lower.size)
-        places = (self._points[:, None] * n + limit.joints).ravel()
-        entries = Entries(rows.size, self._of.columns.count)
-        entries.add(rows, places, np.tile(1.0 / limit.scale, self._points.size))
-        return entries.matrix() @ motion.chain
+        limit, of = self._limit, self._of
+        places = (self._points[:, None] * of.system.n + limit.joints).reshape(-1, 1)
+        scale = np.tile(1.0 / limit.scale, self._points.size)
+        found = ByPoints(scale[:, None], places)
+        ends = found.through_ends(motion, of.shares)
+        return found.by_unknowns(*ends, of.intervals)
 
 
 class Speeds(Hull[SplineMotion]):
@@ -345,7 +315,11 @@ class Speeds(Hull[SplineMotion]):
         self._unit = of.duration / of.intervals
         size = 2 * (of.intervals - 1) * limit.count
         self.lower, self.upper = np.full(size, -np.inf), np.zeros(size)
-        self._matrix = speed_jacobian(limit.upper, limit.joints, self._unit, of.columns)
+        self._by_points = speeds_by_points(
+            limit.upper, limit.joints, self._unit, of.intervals, of.system.n
+        )
+        lengths = -0.5 / self._unit * (of.shares[:-1] + of.shares[1:])
+        self._by_lengths = np.tile(np.repeat(lengths, limit.count, axis=0), (2, 1))
 
     def values(self, motion: SplineMotion) -> Array:
         """Speeds beyond their limits, either way."""
@@ -354,4 +328,7 @@ class Speeds(Hull[SplineMotion]):
 
     def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
-        return self._matrix @ motion.chain
+        of = self._of
+        by_velocity, by_lengths = self._by_points.through_ends(motion, of.shares)
+        by_lengths += self._by_lengths
+        return self._by_points.by_unknowns(by_velocity, by_lengths, of.intervals)

@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 
@@ -139,16 +138,6 @@ def differentiate(spline: Spline) -> SplineDerivatives:
     return SplineDerivatives(
         q_points, v_points, a_points, q_lengths, v_lengths, a_lengths
     )
-
-
-def acceleration_jumps(h: Array) -> sp.coo_matrix:
-    """Jumps of a joint's acceleration at inner nodes, by its points, (N - 1, N)."""
-    N, s = h.size, h[:-1] + h[1:]
-    # v at the inner nodes, then a on the intervals, then its jumps.
-    v = sp.diags([-2.0 / s, 2.0 / s], [0, 1], shape=(N - 1, N))
-    a = sp.diags([1.0 / h[:-1], -1.0 / h[1:]], [0, -1], shape=(N, N - 1)) @ v
-    jumps = sp.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N)) @ a
-    return sp.coo_matrix(jumps)
 
 
 def jumps_by_length(spline: Spline, shares: Array) -> Array:

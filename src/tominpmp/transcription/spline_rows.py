@@ -1,18 +1,19 @@
 """States of quadratic splines at instants, and their derivatives by the unknowns.
 
-Jacobians are with respect to (points, lengths, final position, final velocity) of
-the spline, stacked in this order; the transcription multiplies them by the derivative
-of these with respect to its unknowns.
+Jacobians are with respect to the unknowns of the transcription: points, of which the
+first and the last are the ends, the final velocity, and what lengths are shares of.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, IntArray
+from tominpmp.compressed import Compressed
 from tominpmp.constraints import Partials, States
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.spline import Spline, SplineDerivatives
@@ -61,86 +62,6 @@ class StateDerivatives:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """Where points, lengths and the final state stand among the columns.
-
-    Attributes:
-        intervals: Number N of intervals.
-        joints: Number n of joints.
-    """
-
-    intervals: int
-    joints: int
-
-    @property
-    def count(self) -> int:
-        """Number of columns."""
-        return self.intervals * self.joints + self.intervals + 2 * self.joints
-
-    @property
-    def lengths(self) -> IntArray:
-        """Columns of the lengths, shape (N,)."""
-        return self.intervals * self.joints + np.arange(self.intervals)
-
-    @property
-    def final_position(self) -> IntArray:
-        """Columns of the final position, shape (n,)."""
-        return self.count - 2 * self.joints + np.arange(self.joints)
-
-    def around(self, interval: IntArray) -> tuple[IntArray, BoolArray]:
-        """Columns of three points and three lengths around intervals.
-
-        And whether they exist: shapes (m, 3n + 3) for m intervals.
-        """
-        N, n = self.intervals, self.joints
-        neighbour = interval[:, None] + np.array([-1, 0, 1])
-        valid = (neighbour >= 0) & (neighbour < N)
-        points = (neighbour[:, :, None] * n + np.arange(n)).reshape(-1, 3 * n)
-        columns = np.concatenate([points, N * n + neighbour], axis=1)
-        return columns, np.concatenate([np.repeat(valid, n, axis=1), valid], axis=1)
-
-
-class Entries:
-    """Entries of a sparse matrix, collected block by block.
-
-    Attributes:
-        rows: Number of rows.
-        columns: Number of columns.
-    """
-
-    def __init__(self, rows: int, columns: int) -> None:
-        self.rows, self.columns = rows, columns
-        self._parts: list[tuple[IntArray, IntArray, Array]] = []
-
-    def add(
-        self,
-        rows: IntArray,
-        columns: IntArray,
-        data: Array,
-        valid: BoolArray | None = None,
-    ) -> None:
-        """Add the valid ones of some entries; those in one place add up."""
-        rows, columns = (
-            np.broadcast_to(rows, data.shape),
-            np.broadcast_to(columns, data.shape),
-        )
-        if valid is None:
-            self._parts.append((rows.ravel(), columns.ravel(), data.ravel()))
-            return
-        keep = np.broadcast_to(valid, data.shape)
-        self._parts.append((rows[keep], columns[keep], data[keep]))
-
-    def matrix(self) -> sp.csr_matrix:
-        """The matrix."""
-        if not self._parts:
-            return sp.csr_matrix((self.rows, self.columns))
-        rows, columns, data = (
-            np.concatenate(part) for part in zip(*self._parts, strict=True)
-        )
-        return sp.csr_matrix((data, (rows, columns)), shape=(self.rows, self.columns))
-
-
 def states_at(spline: Spline, at: Instants) -> States:
     """States at instants."""
     k, r = at.interval, at.share[:, None]
@@ -151,19 +72,85 @@ def states_at(spline: Spline, at: Instants) -> States:
     return States(at.times(spline.h), position, speed, spline.a[k])
 
 
+class ByPoints(NamedTuple):
+    """Derivatives of values by coordinates of points of a spline.
+
+    Attributes:
+        data: The derivatives, shape (k, w).
+        places: Which of all coordinates they are by, ascending, shape (k, w): n a
+            point. Negative, or beyond the last, where there is none.
+    """
+
+    data: Array
+    places: IntArray
+
+    @classmethod
+    def around(cls, interval: IntArray, data: Array, intervals: int) -> ByPoints:
+        """By the points before, of and after intervals, from shape (k, 3, n)."""
+        k, _, n = data.shape
+        point = interval[:, None] + np.array([-1, 0, 1])
+        point = np.where(point < intervals, point, -1)
+        places = np.where(point < 0, -n, n * point)[:, :, None] + np.arange(n)
+        return cls(data.reshape(k, -1), places.reshape(k, -1))
+
+    def through_ends(self, spline: Spline, shares: Array) -> tuple[Array, Array]:
+        """Derivatives by the final velocity and lengths, as the end points move.
+
+        Points are those of the curve: the first and the last hang on the velocities and
+        lengths beside them.
+
+        Args:
+            spline: The spline.
+            shares: Lengths of the intervals by the last unknowns, shape (N, m).
+
+        Returns:
+            Shapes (k, n) and (k, m).
+        """
+        (N, n), (v_start, v_end) = spline.points.shape, spline.v_ends
+        by_velocity = np.zeros((len(self.data), n))
+        by_lengths = np.zeros((len(self.data), shares.shape[1]))
+        row, column = np.nonzero(self.places >= (N - 1) * n)
+        if row.size:
+            joint, data = self.places[row, column] - (N - 1) * n, self.data[row, column]
+            by_velocity[row, joint] = -0.5 * spline.h[-1] * data
+            along = np.bincount(row, -0.5 * v_end[joint] * data, len(self.data))
+            by_lengths += along[:, None] * shares[-1]
+        if np.any(v_start):
+            start = np.where((self.places >= 0) & (self.places < n), self.places, -1)
+            speeds = np.append(0.5 * v_start, 0.0)[start]
+            along = np.einsum("kw,kw->k", self.data, speeds)
+            by_lengths += along[:, None] * shares[0]
+        return by_velocity, by_lengths
+
+    def by_unknowns(
+        self, by_velocity: Array, by_lengths: Array, intervals: int
+    ) -> sp.csr_matrix:
+        """The Jacobian of the values, with derivatives by the other unknowns."""
+        (k, n), m = by_velocity.shape, by_lengths.shape[1]
+        first, size = intervals * n, intervals * n + n + m
+        rest = np.broadcast_to(np.arange(first, size), (k, n + m))
+        return Compressed.of_table(
+            np.concatenate([self.data, by_velocity, by_lengths], axis=1),
+            np.concatenate([self.places, rest], axis=1),
+            size,
+        ).rows()
+
+
 def pull_back(
     spline: Spline,
     by: SplineDerivatives,
     at: Instants,
     partials: Partials,
-    columns: Columns,
+    shares: Array,
 ) -> sp.csr_matrix:
-    """Derivatives by points, lengths and final state from those by states.
+    """Derivatives by the unknowns from those by the states.
 
-    Shape (k, columns) from the spline, its derivatives, and partial derivatives of k
-    values by the states at instants.
+    Shape (k, size) from the spline, its derivatives, partial derivatives of k values by
+    the states at instants, and lengths of the intervals by the last unknowns, shape
+    (N, m).
     """
-    n, which = columns.joints, partials.at
+    (N, n), which = spline.points.shape, partials.at
+    interval = at.interval[which]
     state = StateDerivatives.of(at, by)
     by_point = np.zeros((which.size, 3, n))
     by_length = np.zeros((which.size, 3))
@@ -175,35 +162,22 @@ def pull_back(
         if part is not None:
             by_point += points[which][:, :, None] * part[:, None, :]
             by_length += np.einsum("kjn,kn->kj", lengths[which], part)
-    entries = Entries(which.size, columns.count)
-    rows = np.arange(which.size)[:, None]
-    places, valid = columns.around(at.interval)
-    data = np.concatenate([by_point.reshape(which.size, -1), by_length], axis=1)
-    entries.add(rows, places[which], data, valid[which])
-    _add_final_state(entries, spline, at, partials, columns)
+    found = ByPoints.around(interval, by_point, N)
+    by_velocity, by_lengths = found.through_ends(spline, shares)
+    around = np.pad(shares, ((1, 1), (0, 0)))[interval[:, None] + np.arange(3)]
+    by_lengths += np.einsum("kj,kjm->km", by_length, around)
     if partials.by_t is not None:
-        over = at.over(which, columns.intervals)
-        entries.add(rows, columns.lengths, partials.by_t[:, None] * over)
-    return entries.matrix()
-
-
-def _add_final_state(
-    entries: Entries, spline: Spline, at: Instants, partials: Partials, columns: Columns
-) -> None:
-    """In the last interval the final q and v are unknowns of their own."""
-    n, which = columns.joints, partials.at
-    last = np.flatnonzero(at.interval[which] == columns.intervals - 1)
-    if not last.size:
-        return
-    share, final = at.share[which[last], None], columns.final_position
-    rows, by_velocity = last[:, None], np.zeros((last.size, n))
+        by_lengths += partials.by_t[:, None] * (at.over(which, N) @ shares)
+    # In the last interval the final q and v are unknowns of their own.
+    last = np.flatnonzero(interval == N - 1)
+    share = at.share[which[last], None]
     if partials.by_q is not None:
-        entries.add(rows, final, share**2 * partials.by_q[last])
+        found.data[last, n : 2 * n] += share**2 * partials.by_q[last]
     if partials.by_v is not None:
-        by_velocity += share * partials.by_v[last]
+        by_velocity[last] += share * partials.by_v[last]
     if partials.by_a is not None:
-        by_velocity += partials.by_a[last] / spline.h[-1]
-    entries.add(rows, final + n, by_velocity)
+        by_velocity[last] += partials.by_a[last] / spline.h[-1]
+    return found.by_unknowns(by_velocity, by_lengths, N)
 
 
 def speed_values(spline: Spline, limit: Array, joints: IntArray, unit: float) -> Array:
@@ -225,19 +199,38 @@ def speed_values(spline: Spline, limit: Array, joints: IntArray, unit: float) ->
     return (np.stack([ratio - s, -ratio - s]) / (2.0 * unit)).ravel()
 
 
-def speed_jacobian(
-    limit: Array, joints: IntArray, unit: float, columns: Columns
-) -> sp.csr_matrix:
-    """Jacobian of :func:`speed_values`, which does not depend on the motion."""
-    N, n = columns.intervals, columns.joints
-    node = np.arange(N - 1)[:, None]
-    entries = Entries(2 * (N - 1) * joints.size, columns.count)
-    first = (node * joints.size + np.arange(joints.size)).astype(np.int64)
-    slope = np.broadcast_to(1.0 / (limit * unit), first.shape)
-    length = np.full(first.shape, -0.5 / unit)
-    for sign, rows in ((1.0, first), (-1.0, first + (N - 1) * joints.size)):
-        entries.add(rows, (node + 1) * n + joints, sign * slope)
-        entries.add(rows, node * n + joints, -sign * slope)
-        entries.add(rows, N * n + node, length)
-        entries.add(rows, N * n + node + 1, length)
-    return entries.matrix()
+def speeds_by_points(
+    limit: Array, joints: IntArray, unit: float, intervals: int, n: int
+) -> ByPoints:
+    """Derivatives of :func:`speed_values` by points, of n joints in all.
+
+    Those by the two lengths at the node of each row are -0.5 / unit.
+    """
+    node = np.arange(intervals - 1)[:, None]
+    before = (node * n + joints).ravel()
+    slope = np.tile(1.0 / (limit * unit), intervals - 1)
+    data = np.stack([-slope, slope], axis=1)
+    places = np.stack([before, before + n], axis=1)
+    return ByPoints(np.concatenate([data, -data]), np.concatenate([places, places]))
+
+
+def jumps_by_points(h: Array, scale: Array) -> ByPoints:
+    """Jumps of accelerations at inner nodes by points, over a scale of each joint.
+
+    The rows are of all n joints at the first node, at the second, ...
+
+    Args:
+        h: Lengths of the intervals [s], shape (N,).
+        scale: Shape (n,).
+    """
+    N, n = h.size, scale.size
+    # Velocities at nodes by the points beside them: those at the ends are given.
+    rise = np.zeros(N + 1)
+    rise[1:-1] = 2.0 / (h[:-1] + h[1:])
+    before, here = rise[:-2] / h[:-1], rise[1:-1] * (1.0 / h[1:] + 1.0 / h[:-1])
+    after = rise[2:] / h[1:]
+    jumps = np.stack([-before, before + here, -here - after, after], axis=1)
+    data = jumps[:, None] / scale[:, None]
+    point = np.arange(1, N)[:, None] + np.arange(-2, 2)
+    places = n * point[:, None] + np.arange(n)[:, None]
+    return ByPoints(data.reshape(-1, 4), places.reshape(-1, 4))
