@@ -10,9 +10,11 @@ from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.direct_solve import first_program
+from tominpmp.transcription import missing_rows
 from tominpmp.transcription.blocks import Sampled
 from tominpmp.transcription.exchange import exchanged
-from tominpmp.transcription.missing_rows import ROOM
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.missing_rows import ROOM, excess_at, jumping
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The second joint is so strong that it never comes near its limit.
@@ -72,3 +74,65 @@ def test_they_get_rows_once_they_have_none_left(hasty) -> None:
     assert np.any(np.isfinite(block.upper[new, 1]))
     pairs = list(zip(block.fixed.interval, block.fixed.share, strict=True))
     assert len(set(pairs)) == len(pairs)
+
+
+def whipping(control: str, pace: float, swing: float = 0.2):
+    """A program of an arm that swings to and fro, and a motion of it at some pace."""
+    arm = make_arm(
+        rod(4.0, 0.6), rod(2.0, 0.5), rod(1.0, 0.4), effort=(200.0, 80.0, 20.0)
+    )
+    problem = tm.Problem(arm, [0.0, 0.0, 0.0], tm.JointGoal([0.9, 0.4, -1.2]))
+    system = ProblemFunctions.of(problem).first_tried
+    options = Options(method="inverse", intervals=12, control=control)
+    guess = straight_guess(system, problem.goal.configuration)
+    program, z = first_program(system, options, guess)
+    points = z[:-1] + swing * np.sin(0.9 * np.arange(z.size - 1))
+    z = program.stretch(np.append(points, z[-1]), pace)
+    return program.at(z), z
+
+
+@pytest.mark.parametrize("control", ["constant", "linear"])
+@pytest.mark.parametrize("pace", [0.9, 1.2, 1.6, 2.2, 3.0])
+def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
+    program, z = whipping(control, pace)
+    of, block = program.transcription, torques(program)
+    motion, tolerance = of.motion(z), 1e-3
+    found = jumping(block.constraint, of, motion, tolerance, None)
+    worst = {}
+    for shares in of.inspected:
+        at = Instants.spread(of.intervals, shares)
+        excess = excess_at(block.constraint, of, motion, at)
+        for row in np.flatnonzero(np.any(excess > tolerance, axis=1)).tolist():
+            part = int(at.interval[row]), shares
+            worst[part] = max(worst.get(part, 0.0), float(excess[row].max()))
+    parts = {
+        (interval, shares)
+        for interval, share in zip(found.at.interval, found.at.share, strict=True)
+        for shares in of.inspected
+        if share in shares
+    }
+    assert parts == set(worst)
+    if worst:
+        largest = excess_at(block.constraint, of, motion, found.at).max()
+        assert largest == pytest.approx(max(worst.values()), rel=1e-12)
+
+
+@pytest.mark.parametrize("control", ["constant", "linear"])
+def test_slow_motions_are_not_looked_at_closely(control, monkeypatch) -> None:
+    looks = []
+
+    def counting(constraint, of, motion, at, *rest):
+        looks.append(at.size)
+        return excess_at(constraint, of, motion, at, *rest)
+
+    monkeypatch.setattr(missing_rows, "excess_at", counting)
+    sizes = {}
+    for pace in (1.0, 3.0):
+        program, z = whipping(control, pace, swing=0.0)
+        looks.clear()
+        block, of = torques(program), program.transcription
+        jumping(block.constraint, of, of.motion(z), 1e-3, None)
+        sizes[pace] = sum(looks)
+    shares = [len(part) for part in of.inspected]
+    assert sizes[1.0] <= sum(shares) * of.intervals
+    assert sizes[3.0] == 3 * len(shares) * of.intervals

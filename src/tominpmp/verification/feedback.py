@@ -203,7 +203,9 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
         for move in moves:
             # The identity is added where the motion forgets errors again.
             from_start = move @ from_start
-            size = float(np.linalg.norm(from_start, 2)) if _finite(from_start) else 0.0
+            size = 0.0
+            if _finite(from_start):
+                size = float(np.linalg.svd(from_start, compute_uv=False)[0])
             if not size > 0.0:
                 return np.inf
             largest = max(largest, size)
