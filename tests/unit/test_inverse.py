@@ -171,3 +171,29 @@ def test_shares_add_up(kind, intervals):
     assert shares.sum() == pytest.approx(1.0)
     assert np.all(shares > 0)
     np.testing.assert_allclose(shares, shares[::-1])
+
+
+def test_distances_that_do_not_matter_to_a_step_are_bounded_only():
+    nlp, z = build(PROBLEMS["position goal, obstacle"], np.random.default_rng(3))
+    mine = nlp.rows.kind == nlp.rows.kinds.index("clearance")
+    exact = nlp.evaluate(z)
+    attention = nlp.attention(nlp.step_bounds(z, 1e-2))
+    assert 0.0 < attention < nlp.attention(nlp.step_bounds(z, 0.3))
+    for room in (0.0, attention, 0.04):
+        found = nlp.evaluate(z, room)
+        near = exact[mine] > -room
+        np.testing.assert_allclose(found[mine][near], exact[mine][near], atol=1e-7)
+        assert np.all(found[mine] >= exact[mine] - 1e-7)
+        assert np.all(found[mine][~near] <= -room + 1e-7)
+        np.testing.assert_array_equal(found[~mine], exact[~mine])
+        assert np.array_equal(
+            nlp.rows.violation(found) > 1e-6, nlp.rows.violation(exact) > 1e-6
+        )
+
+
+def test_where_obstacles_move_all_distances_matter():
+    aside = tm.ConstantVelocity(velocity=(0.0, 0.3, 0.0))
+    ball = tm.Sphere("O", radius=0.8, position=(4, 0, 0), motion=aside)
+    problem = planar(tm.JointGoal((0.5, 1, 1)), scene=tm.Scene([ball]))
+    nlp, z = build(problem, np.random.default_rng(3))
+    assert nlp.attention(nlp.step_bounds(z, 1e-2)) == np.inf

@@ -36,7 +36,7 @@ class Program:
         self.size = self.low.size
         self.cost = np.eye(self.size)[-1]
 
-    def evaluate(self, z):
+    def evaluate(self, z, room=np.inf):
         return np.array(self.function(z))
 
     def linearize(self, z, values, steps):
@@ -50,6 +50,9 @@ class Program:
         return StepBounds(
             np.maximum(self.low - z, -radius), np.minimum(self.high - z, radius)
         )
+
+    def attention(self, steps):
+        return np.inf
 
     def near(self, z):
         return self
@@ -162,11 +165,11 @@ def test_interruption_keeps_the_best(monkeypatch):
     calls = []
     evaluate = program.evaluate
 
-    def interrupted(z):
+    def interrupted(z, *room):
         calls.append(1)
         if len(calls) == 6:
             raise KeyboardInterrupt
-        return evaluate(z)
+        return evaluate(z, *room)
 
     program.evaluate = interrupted
     kept = []

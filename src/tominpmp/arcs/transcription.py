@@ -63,7 +63,7 @@ class ArcTranscription:
         cost[:count] = self.program.duration
         return cost
 
-    def evaluate(self, z: Array) -> Array:
+    def evaluate(self, z: Array, room: float = np.inf) -> Array:
         """Row values."""
         shot = self.program.shoot(z)
         if shot is None:
@@ -91,6 +91,10 @@ class ArcTranscription:
             [np.full(count, length), np.clip(1.0 - levels, 0.0, reach)]
         )
         return StepBounds(lower, upper)
+
+    def attention(self, steps: StepBounds) -> float:
+        """All rows matter."""
+        return np.inf
 
     def near(self, z: Array) -> ArcTranscription:
         """The same."""

@@ -23,6 +23,7 @@ from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.program_records import LpSolution
 from tominpmp.solvers.iterate import Effort, Iterate
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
+from tominpmp.solvers.trust_region import GROWTH
 from tominpmp.stopping import check
 from tominpmp.transcription.base import (
     Program,
@@ -48,11 +49,13 @@ class Proposal(NamedTuple):
         program: The program.
         solution: Its solution.
         reached: Row values where its step leads, shape (m,).
+        room: Rows that have more of it need not be exact.
     """
 
     program: Subproblem
     solution: LpSolution
     reached: Array
+    room: float
 
 
 def propose(
@@ -83,6 +86,8 @@ def propose(
     """
     z = iterate.z
     steps = nlp.step_bounds(z, radius)
+    # The next step may be as much longer as trust regions grow.
+    room = GROWTH * nlp.attention(steps)
     selecting, multipliers = iterate.values, iterate.multipliers
     near = root = None
     if lp.curved:
@@ -114,13 +119,13 @@ def propose(
                 solution = solved(lp, program, effort)
         if not solution.optimal:
             return None
-        reached = nlp.evaluate(z + program.step(solution))
+        reached = nlp.evaluate(z + program.step(solution), room)
         broken = nlp.rows.violation(reached) > MISSED
         broken[linearization.rows] = False
         if not np.any(broken):
             break
         selecting = np.where(broken, reached, selecting)
-    return Proposal(program, solution, reached)
+    return Proposal(program, solution, reached, room)
 
 
 def _proximal(nlp: Program, steps: StepBounds, duration: float) -> Array:

@@ -17,12 +17,11 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
-from tominpmp.program_records import LpSolution
 from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Effort, Iterate, Outcome, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.proposal import propose
+from tominpmp.solvers.proposal import Proposal, propose
 from tominpmp.solvers.restoration import RESTORABLE, restorable, restored
 from tominpmp.solvers.step_search import StepSearch
 from tominpmp.solvers.subproblem import Subproblem
@@ -193,8 +192,8 @@ class SlpSolver:
         if found is None:
             region = iterate.region.after(0.0, 0.1)
             return replace(iterate, region=region), None
-        program, solution, reached = found
-        outcome = self.search(iterate, program, solution, variation, effort, reached)
+        program, solution = found.program, found.solution
+        outcome = self.search(iterate, found, variation, effort)
         multipliers = program.multipliers(solution)
         promised = self.promised(iterate, program, program.step(solution))
         merit = merit.raised(multipliers, iterate.values, promised)
@@ -293,14 +292,12 @@ class SlpSolver:
     def search(
         self,
         iterate: Iterate,
-        program: Subproblem,
-        solution: LpSolution,
+        found: Proposal,
         variation: Variation | None,
         effort: Effort,
-        reached: Array | None = None,
     ) -> Outcome:
         """Full step, second-order correction, then a line search on the merit."""
-        merit = iterate.merit
+        merit, program, solution = iterate.merit, found.program, found.solution
         step = program.step(solution)
         now = merit(iterate.z, iterate.values, variation)
         # At a solution of the linear program its objective is the model of the merit.
@@ -328,9 +325,10 @@ class SlpSolver:
             program,
             corrections,
             LINE_SEARCH,
+            found.room,
         )
         origin = Trial(iterate.z, iterate.values, now)
-        return search.run(origin, step, predicted, resolve, enough, reached)
+        return search.run(origin, step, predicted, resolve, enough, found.reached)
 
     def model(
         self,

@@ -9,6 +9,7 @@ cost another program.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,7 @@ class StepSearch:
         frame: The program of the iteration, to correct its right-hand side.
         corrections: How many corrections are made at most.
         dampings: Shares of the step that the line search tries, falling.
+        room: Rows that have more of it need not be exact.
     """
 
     nlp: Program
@@ -40,6 +42,7 @@ class StepSearch:
     frame: Subproblem
     corrections: int
     dampings: tuple[float, ...]
+    room: float = math.inf
 
     def run(
         self,
@@ -96,5 +99,5 @@ class StepSearch:
         """Evaluate a share of a step, unless the row values there are known."""
         check()
         there = z + damping * step
-        values = self.nlp.evaluate(there) if known is None else known
+        values = self.nlp.evaluate(there, self.room) if known is None else known
         return Trial(there, values, self.merit(there, values), damping)

@@ -88,8 +88,15 @@ class Program(Protocol):
     def cost(self) -> Array:
         """Gradient of the duration, which is cost @ z, shape (size,)."""
 
-    def evaluate(self, z: Array) -> Array:
-        """Row values g(z), shape (m,)."""
+    def evaluate(self, z: Array, room: float = np.inf) -> Array:
+        """Row values g(z), shape (m,).
+
+        Those of gradual constraints that are below their bounds by more than ``room``
+        may be larger than they are, but not above that.
+        """
+
+    def attention(self, steps: StepBounds) -> float:
+        """How far below their bounds gradual constraints matter to steps of a box."""
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""

@@ -58,7 +58,9 @@ class Always:
         """One group."""
         return np.zeros(self.hull.lower.size, dtype=np.int64)
 
-    def values(self, of: Transcription[Any], motion: Motion) -> Array:
+    def values(
+        self, of: Transcription[Any], motion: Motion, room: float = np.inf
+    ) -> Array:
         """Row values."""
         return self.hull.values(motion)
 
@@ -158,10 +160,12 @@ class Sampled:
         at = self.instants(of, motion.h)
         return at, of.states(motion, at, self.constraint.order)
 
-    def values(self, of: Transcription[Any], motion: Motion) -> Array:
-        """Row values."""
+    def values(
+        self, of: Transcription[Any], motion: Motion, room: float = np.inf
+    ) -> Array:
+        """Row values; those with more room may be larger than they are."""
         _, states = self.states(of, motion)
-        return self.constraint.evaluate(states, of.cutoff).ravel()
+        return self.constraint.evaluate(states, min(of.cutoff, room)).ravel()
 
     def values_as(
         self, of: Transcription[Any], motion: Motion, former: Motion, known: Array

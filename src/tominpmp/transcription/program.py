@@ -150,13 +150,24 @@ class NonlinearProgram:
             return z
         return np.append(z[:-1], T)
 
-    def evaluate(self, z: Array) -> Array:
-        """Row values."""
+    def evaluate(self, z: Array, room: float = np.inf) -> Array:
+        """Row values; those that have more room are not exact, see the protocol."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)
-        parts = [block.values(self.transcription, motion) for block in self.blocks]
-        return np.concatenate(parts)
+        of = self.transcription
+        return np.concatenate([block.values(of, motion, room) for block in self.blocks])
+
+    def attention(self, steps: StepBounds) -> float:
+        """How far below their bounds gradual constraints matter to steps of a box.
+
+        Where obstacles move, as far as anything is ever known.
+        """
+        moving = any(
+            isinstance(block, Sampled) and block.constraint.moving
+            for block in self.blocks
+        )
+        return np.inf if moving else self.transcription.attention(steps)
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""
