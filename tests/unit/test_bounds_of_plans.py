@@ -35,7 +35,7 @@ def test_without_time_for_the_best_bound_the_quick_one_is_told(
     progress = Progress(Options())
     quick = progress.lower_bound(problem)
 
-    def late(problem: tm.Problem) -> None:
+    def late(problem: tm.Problem, known: float) -> None:
         raise Stop(requested=False)
 
     monkeypatch.setattr("tominpmp.planner.conclusion.lower_bound", late)

@@ -21,6 +21,7 @@ from tominpmp.bounds.narrowing import all_motions, narrowed
 from tominpmp.bounds.tubes import Gates, Tube
 from tominpmp.bounds.two_joints import TwoJoints
 from tominpmp.bounds.two_joints_time import shaved
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
@@ -151,6 +152,55 @@ def test_motions_are_cut_in_parts_that_have_all_of_them() -> None:
         np.testing.assert_allclose(np.sum(parts), width.prod())
 
 
+@pytest.mark.parametrize("name", ["rods, bent elbow", "vertical rods, friction"])
+def test_several_times_are_looked_at_as_one_by_one(name: str) -> None:
+    problem = PAIRS[name].problem()
+    goal = problem.goal.configuration
+    assert goal is not None
+    ends = np.stack([problem.q_start, goal])
+    arm = TwoJoints.of(problem, ends, np.zeros((2, 2)))
+    assert arm is not None
+    times = PAIRS[name].minimum * np.linspace(0.3, 1.2, 12)
+    _, left = narrowed(arm, times, all_motions(arm, times), 5)
+    alone = [narrowed(arm, T, all_motions(arm, T), 5)[0].rows for T in times]
+    np.testing.assert_array_equal(left, np.flatnonzero(alone))
+    assert 0 < left.size < times.size
+
+
+def test_no_time_beyond_a_known_motion_is_looked_at(monkeypatch) -> None:
+    case = PAIRS["rods, bent elbow"]
+    problem, module = (
+        case.problem(),
+        importlib.import_module("tominpmp.bounds.two_joints_time"),
+    )
+    seen: list[float] = []
+    before = module.narrowed
+
+    def narrowed(arm: TwoJoints, T: object, *rest: object) -> object:
+        seen.append(float(np.max(T)))
+        return before(arm, T, *rest)
+
+    monkeypatch.setattr(module, "narrowed", narrowed)
+    bound = lower_bound(problem, known=case.minimum).T
+    assert 0.8 * case.minimum < bound <= case.minimum
+    assert max(seen) < case.minimum
+    # Where something else tells as much, the two joints are not looked at.
+    slow = Problem(
+        problem.robot.with_changes(velocity=1e-3), problem.q_start, problem.goal
+    )
+    seen.clear()
+    limited = lower_bound(slow, known=np.inf, quick=True).T
+    seen.clear()
+    assert lower_bound(slow, known=1.01 * limited).T == pytest.approx(limited)
+    assert not seen
+
+
+@pytest.mark.parametrize("known", [0.0, -1.0, np.nan, "long"])
+def test_a_known_time_that_is_none_is_named(known: object) -> None:
+    with pytest.raises(ProblemError, match="known"):
+        lower_bound(PAIRS["rods, bent elbow"].problem(), known=known)  # type: ignore
+
+
 @pytest.mark.parametrize("quick", [False, True])
 def test_bounds_that_are_cut_short_are_what_is_known(quick, monkeypatch) -> None:
     """Of all looks of the search, every one asks whether it is time to stop."""
@@ -168,7 +218,7 @@ def test_bounds_that_are_cut_short_are_what_is_known(quick, monkeypatch) -> None
         monkeypatch.setattr(module, "check", check)
         return lower_bound(problem, quick=quick).T
 
-    bounds = [stopped_after(count) for count in (0, 4, 12)]
+    bounds = [stopped_after(count) for count in (0, 1, 30)]
     assert bounds == sorted(bounds)
     assert 0.0 < bounds[1] < bounds[2] <= PAIRS["rods, bent elbow"].minimum
 

@@ -51,8 +51,9 @@ def inertia_at(robot: Robot, q: Array) -> Array:
     model, data = robot.model, robot.model.createData()
     out = np.empty((q.shape[0], model.nv, model.nv))
     for k, row in enumerate(robot.expand(q)):
-        upper = np.triu(pin.crba(model, data, row))
-        out[k] = upper + np.triu(upper, 1).T
+        out[k] = pin.crba(model, data, row)
+    upper = np.triu(out)
+    out = upper + np.triu(upper, 1).transpose(0, 2, 1)
     S = robot.expansion_matrix
     return out if S is None else np.asarray(S.T @ out @ S)
 

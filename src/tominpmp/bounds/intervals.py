@@ -117,9 +117,12 @@ class Interval(NamedTuple):
         return Interval(self.low - quarter, self.high - quarter).cosine()
 
 
-def scaled(interval: Interval, factor: float) -> Interval:
-    """Intervals times a factor >= 0; none times infinity is none."""
-    if factor == 0.0:
+def scaled(interval: Interval, factor: float | Array) -> Interval:
+    """Intervals times a factor >= 0; none times infinity is none.
+
+    Several factors, of a shape that goes with that of the intervals, are > 0.
+    """
+    if np.ndim(factor) == 0 and factor == 0.0:
         return Interval(np.zeros_like(interval.low), np.zeros_like(interval.high))
     return Interval(factor * interval.low, factor * interval.high)
 

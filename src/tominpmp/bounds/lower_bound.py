@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, number_or_nan
 from tominpmp.bounds.bang_bang import least_time
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.inertia import EnergyBounds, energy_bounds
@@ -33,8 +33,8 @@ from tominpmp.bounds.joint_limits import JointReach, jerk_limited_time
 from tominpmp.bounds.result import LowerBound
 from tominpmp.bounds.single_joint import single_joint_time
 from tominpmp.bounds.two_joints import TwoJoints
-from tominpmp.bounds.two_joints_time import two_joints_time
-from tominpmp.exceptions import expect
+from tominpmp.bounds.two_joints_time import LAST_STRIDE, two_joints_time
+from tominpmp.exceptions import ProblemError, brief, expect
 from tominpmp.goals import Goal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem import Problem
@@ -43,24 +43,34 @@ from tominpmp.stopping import Stop
 __all__ = ["LowerBound", "lower_bound"]
 
 
-def lower_bound(problem: Problem, *, quick: bool = False) -> LowerBound:
+def lower_bound(
+    problem: Problem, *, quick: bool = False, known: float = math.inf
+) -> LowerBound:
     """Find a time that no motion which solves a problem can beat.
 
     Args:
         problem: The problem.
         quick: Whether to leave out what takes longer than some hundredths of a second:
             an arm with two joints has a weaker bound then.
+        known: Duration of a motion that solves it, if there is one [s]: what only a
+            longer time could tell is not computed.
 
     Returns:
         The largest bound that was found.
+
+    Raises:
+        ProblemError: If the known duration is no time.
     """
     expect(problem, Problem, "problem", "a Problem")
+    longest = number_or_nan(known)
+    if not longest > 0.0:
+        raise ProblemError(f"known is {brief(known)}, expected seconds > 0", "known")
     if problem.segments:
         return _of_segments(problem)
     start = problem.v_start
     goals = problem.goal.alternatives
     return min(
-        (_of_goal(problem, goal, start, quick=quick) for goal in goals),
+        (_of_goal(problem, goal, start, quick=quick, known=longest) for goal in goals),
         key=lambda bound: bound.T,
     )
 
@@ -102,6 +112,7 @@ def _of_goal(
     smooth_ends: bool = True,
     *,
     quick: bool = True,
+    known: float = math.inf,
 ) -> LowerBound:
     """The best bound for one goal.
 
@@ -111,12 +122,13 @@ def _of_goal(
         start: Velocities at the start, shape (n,); None if they may be any.
         smooth_ends: Whether accelerations that may not jump begin and end with zero.
         quick: Whether to leave out what takes long.
+        known: Duration of a motion, if there is one [s].
     """
     q = goal.configuration
     given = start is not None and goal.fixes_velocity
     if q is not None and given and start is not None:
         ends = np.stack([start, goal.final_velocity(problem.robot.n)])
-        bounds = _joint_bounds(problem, q, ends, smooth_ends, quick)
+        bounds = _joint_bounds(problem, q, ends, smooth_ends, (quick, known))
     else:
         bounds = _range_bounds(problem, goal, start, smooth_ends)
     bounds += tool_speed_bounds(problem, goal)
@@ -128,9 +140,17 @@ def _of_goal(
 
 
 def _joint_bounds(
-    problem: Problem, q: Array, ends: Array, smooth_ends: bool, quick: bool
+    problem: Problem,
+    q: Array,
+    ends: Array,
+    smooth_ends: bool,
+    effort: tuple[bool, float],
 ) -> list[LowerBound]:
-    """Bounds between two states; velocities at both of shape (2, n)."""
+    """Bounds between two states; velocities at both of shape (2, n).
+
+    The effort is whether to be quick, and the duration of a motion [s].
+    """
+    quick, known = effort
     way = q - problem.q_start
     found = _speed_bounds(problem, np.abs(way))
     found += _limit_bounds(problem, way, ends, smooth_ends)
@@ -142,13 +162,17 @@ def _joint_bounds(
     if alone is not None:
         reason = f"no torque moves joint {joints[0]} there sooner"
         return [*found, LowerBound(_finite(alone), reason, joints[0])]
-    pair = TwoJoints.of(problem, positions, ends)
-    if pair is not None:
-        reason = "no torques move the two joints there sooner"
-        found.append(LowerBound(two_joints_time(pair, quick=quick), reason))
     energy = energy_bounds(problem.robot, problem.motion_limits)
     if energy is not None:
         found += _energy_bounds(problem, way, ends, energy)
+    least = max((bound.T for bound in found), default=0.0)
+    if known <= LAST_STRIDE * least:
+        return found
+    pair = TwoJoints.of(problem, positions, ends)
+    if pair is not None:
+        reason = "no torques move the two joints there sooner"
+        T = two_joints_time(pair, quick=quick, least=least, known=known)
+        found.append(LowerBound(T, reason))
     return found
 
 

@@ -17,25 +17,25 @@ from tominpmp.bounds.tubes import Gates, Tube
 from tominpmp.bounds.two_joints import Row, TwoJoints
 
 
-def all_motions(arm: TwoJoints, T: float) -> Enclosures:
-    """One row: all motions that take a time [s] at most."""
-    K = INTERVALS
-    ones = np.ones((1, K))
-    far = np.full((1, len(GATES), 4), np.inf)
+def all_motions(arm: TwoJoints, T: float | Array) -> Enclosures:
+    """All motions that take a time [s] at most: one row, or one for each of m times."""
+    K, m = INTERVALS, np.size(T)
+    ones = np.ones((m, K))
+    far = np.full((m, len(GATES), 4), np.inf)
     p, y = by_energy(arm, T)
     return Enclosures(
         -far,
         far,
         Interval(arm.reach.low[0] * ones, arm.reach.high[0] * ones),
         Interval(arm.x[0] * ones, arm.x[-1] * ones),
-        Interval.around(p[None]),
-        Interval.around(y[None]),
-        np.full((1, K), arm.open),
+        Interval.around(p),
+        Interval.around(y),
+        np.full((m, K), arm.open),
     )
 
 
-def by_energy(arm: TwoJoints, T: float) -> tuple[Array, Array]:
-    """Bounds on p and y at all times from the work of the torques, shape (K,).
+def by_energy(arm: TwoJoints, T: float | Array) -> tuple[Array, Array]:
+    """Bounds on p and y at all times from the work of the torques, shape (m, K).
 
     With w the root of twice the kinetic energy, p is no larger than w times the root of
     M11, nor y than w; friction only takes energy away.
@@ -50,7 +50,8 @@ def by_energy(arm: TwoJoints, T: float) -> tuple[Array, Array]:
     least = float(mass.low[0, 0])
     most = math.hypot(forces[0] / math.sqrt(least), forces[1] / float(root.low[0, 0]))
     begun = math.hypot(arm.p[0] / math.sqrt(least), arm.y[0])
-    w = begun + most * T / INTERVALS * np.arange(1, INTERVALS + 1)
+    steps = np.reshape(T, (-1, 1)) / INTERVALS * np.arange(1, INTERVALS + 1)
+    w = begun + most * steps
     return np.asarray(w * math.sqrt(float(mass.high[0, 0]))), np.asarray(w)
 
 
@@ -72,12 +73,20 @@ def loads(
 
 
 def narrowed(
-    arm: TwoJoints, T: float, sets: Enclosures, rounds: int
+    arm: TwoJoints, T: float | Array, sets: Enclosures, rounds: int
 ) -> tuple[Enclosures, IntArray]:
-    """Those of which something is left, narrower, and which ones they were."""
+    """Those of which something is left, narrower, and which ones they were.
+
+    Args:
+        arm: The arm.
+        T: The time [s], one for all or one for each row.
+        sets: Sets of motions, m rows.
+        rounds: How often they are narrowed.
+    """
     which = np.arange(sets.rows)
+    times = np.broadcast_to(T, (sets.rows,))
     for _ in range(rounds):
-        narrowing = _Narrowing(arm, T / INTERVALS, sets)
+        narrowing = _Narrowing(arm, times[which, None] / INTERVALS, sets)
         left = np.flatnonzero(~narrowing.empty())
         sets, which = narrowing.result().taken(left), which[left]
         if not left.size:
@@ -88,7 +97,7 @@ def narrowed(
 class _Narrowing:
     """Once around; what is empty is told, and no more of it."""
 
-    def __init__(self, arm: TwoJoints, h: float, sets: Enclosures) -> None:
+    def __init__(self, arm: TwoJoints, h: Array, sets: Enclosures) -> None:
         self.arm, self.h, self.sets = arm, h, sets
         self.q1, self.q2, self.p, self.y = sets.q1, sets.q2, sets.p, sets.y
         self.roams = sets.roams
@@ -153,8 +162,11 @@ class _Narrowing:
         ends = arm.p[0] + first * arm.q[0], arm.p[1] + first * arm.q[1]
         impulse = Tube.of(ends, scaled(one.with_zero(), h), self._open)
         resisted = impulse.within().minus(scaled(self.q1, first))
-        if np.all(np.isfinite(resisted)):
-            self.p = self.p.cut(resisted)
+        known = np.isfinite(resisted.low) & np.isfinite(resisted.high)
+        self.p = Interval(
+            np.where(known, np.maximum(self.p.low, resisted.low), self.p.low),
+            np.where(known, np.minimum(self.p.high, resisted.high), self.p.high),
+        )
         return impulse, tube.empty | impulse.empty
 
     @property
@@ -231,10 +243,17 @@ class _Narrowing:
         begin, end = arm.q[0] + arm.shift[0], arm.q[1] + arm.shift[1]
         shift = Interval(turned.low - begin, turned.high - begin)
         rate = impulse.within().plus(scaled(shift, first)).over(mass)
-        if first == 0.0 or not np.all(np.isfinite(rate)):
+        known = np.isfinite(rate.low).all(axis=1) & np.isfinite(rate.high).all(axis=1)
+        known = np.reshape(known, (-1, 1))
+        if first == 0.0 or not np.any(known):
             return
+        rate = Interval(np.where(known, rate.low, 0.0), np.where(known, rate.high, 0.0))
         drag = Interval(first / mass.high, first / mass.low)
         c = Tube.damped((0.0, end - begin), rate, drag, self.h, self._open)
         around = c.within()
         place = Interval(around.low + begin, around.high + begin)
-        self.q1 = self.q1.cut(place.minus(turned))
+        found = self.q1.cut(place.minus(turned))
+        self.q1 = Interval(
+            np.where(known, found.low, self.q1.low),
+            np.where(known, found.high, self.q1.high),
+        )

@@ -60,7 +60,7 @@ class Tube:
         ends: tuple[float, float],
         rate: Interval,
         drag: Interval,
-        h: float,
+        h: Array,
         gates: Gates,
     ) -> Tube:
         """Bounds on a quantity x whose rate is another one less a drag times x.
@@ -69,7 +69,7 @@ class Tube:
             ends: What it is at start and goal.
             rate: Rate in each interval of time without the drag, shape (m, K).
             drag: Drag there, >= 0.
-            h: Length of the intervals.
+            h: Length of the intervals, shape (m, 1).
             gates: What it is on the way.
         """
         if not np.any(drag.high):
@@ -139,7 +139,7 @@ class Tube:
             self.onwards[0].hull(self.onwards[1]).cut(self.back[0].hull(self.back[1]))
         )
 
-    def integral(self, h: float) -> Interval:
+    def integral(self, h: Array) -> Interval:
         """Bounds on its integral over each interval of time, shape (m, K).
 
         The bounds are straight lines in each, or hollow ones back from the goal.
@@ -178,21 +178,21 @@ def _summed(x: float, change: Array, at: tuple[int, ...], caps: Array) -> _Side:
 
 
 def _decayed(
-    x: float, rate: Array, drag: Interval, h: float, at: tuple[int, ...], caps: Array
+    x: float, rate: Array, drag: Interval, h: Array, at: tuple[int, ...], caps: Array
 ) -> _Side:
     """Largest value over time of what grows at a rate less its drag."""
     slow = drag.low * h > 1e-9
     decay = np.exp(-drag.low * h)
     gain = np.where(slow, -np.expm1(-drag.low * h), h)
     gain = rate * np.where(slow, gain / np.where(slow, drag.low, 1.0), gain)
-    held = 1.0 - drag.high * h
+    held, change = 1.0 - drag.high * h, rate * h
 
     def step(now: Array, k: int) -> Array:
         # Below zero the drag helps, at most as long as x is what it is now.
         after = np.where(
             now >= 0.0,
             now * decay[:, k] + gain[:, k],
-            now * held[:, k] + rate[:, k] * h,
+            now * held[:, k] + change[:, k],
         )
         return np.maximum(now, after)
 
@@ -200,7 +200,7 @@ def _decayed(
 
 
 def _grown(
-    x: float, rate: Array, drag: Array, h: float, at: tuple[int, ...], caps: Array
+    x: float, rate: Array, drag: Array, h: Array, at: tuple[int, ...], caps: Array
 ) -> _Side:
     """The same back in time, when drag makes it grow, to infinity if it is strong."""
     fast = drag * h > 1e-9

@@ -8,13 +8,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.bounds.enclosures import Enclosures
 from tominpmp.bounds.narrowing import all_motions, narrowed
 from tominpmp.bounds.two_joints import TwoJoints
 from tominpmp.stopping import Stop, check
 
-# Steps of the search for the time.
-BISECTIONS = 8
+# Shortest time looked at [s], and grids of times in the search, each with so many
+# parts of a part of the one before; so many are looked at first, each twice the last.
+SHORTEST = 1e-2
+DOUBLINGS = 6
+GRIDS, PARTS = 2, 16
 # How often all motions are narrowed, and those that were cut in halves.
 ROUNDS, MORE_ROUNDS = 5, 2
 # How much longer times are that are looked at with motions told apart, and how near to
@@ -33,7 +37,9 @@ LONGEST = 1e4
 ROUNDING = 1e-5
 
 
-def two_joints_time(arm: TwoJoints, *, quick: bool = False) -> float:
+def two_joints_time(
+    arm: TwoJoints, *, quick: bool = False, least: float = 0.0, known: float = math.inf
+) -> float:
     """Time that no motion can beat, or a little less.
 
     Where it is time to stop it is what is known by then.
@@ -41,32 +47,57 @@ def two_joints_time(arm: TwoJoints, *, quick: bool = False) -> float:
     Args:
         arm: The arm.
         quick: Whether not to tell motions apart by where they are on the way.
+        least: A time that no motion can beat for other reasons [s]: where no longer one
+            is excluded the outcome may be less.
+        known: Duration of a motion, if there is one [s]: no time as long as that can be
+            excluded, and none is tried.
     """
     longest = 0.0
     with contextlib.suppress(Stop):
-        for T in _excluded_times(arm, quick):
+        for T in _excluded_times(arm, quick, least, known):
             longest = T
     return longest * (1.0 - ROUNDING)
 
 
-def _excluded_times(arm: TwoJoints, quick: bool) -> Iterator[float]:
+def _excluded_times(
+    arm: TwoJoints, quick: bool, least: float, known: float
+) -> Iterator[float]:
     """Times that no motion takes, each no less than the one before."""
-    low, high = 0.0, 1e-2
-    while excluded(arm, high):
-        yield high
-        low, high = high, 2.0 * high
-        if high > LONGEST:
-            return
-    for _ in range(BISECTIONS):
-        T = 0.5 * (low + high)
-        low, high = (T, high) if excluded(arm, T) else (low, T)
+    low, high = least, max(SHORTEST, least)
+    while high <= LONGEST:
+        doubled: Array = high * np.logspace(0, DOUBLINGS - 1, DOUBLINGS, base=2.0)
+        last = _last_excluded(arm, doubled[doubled < known])
+        if last == 0.0:
+            break
+        low, high = last, 2.0 * last
+        yield low
+        if last < doubled[-1]:
+            break
+    else:
+        return
+    high = min(high, known)
+    for _ in range(GRIDS if high > low else 0):
+        step = (high - low) / PARTS
+        times: Array = low + step * np.arange(1.0, PARTS)
+        low = max(low, _last_excluded(arm, times))
+        high = low + step
         yield low
     # Beyond that, motions are told apart by where they are on the way.
-    high = math.inf
+    high = known
     while not quick and low > 0.0 and high > LAST_STRIDE * low:
         T = min(STRIDE * low, math.sqrt(low * high))
         low, high = (T, high) if excluded(arm, T, MOST_SETS) else (low, T)
         yield low
+
+
+def _last_excluded(arm: TwoJoints, times: Array) -> float:
+    """The longest of some times that no motion takes, or zero; times rise."""
+    check()
+    if not times.size:
+        return 0.0
+    _, left = narrowed(arm, times, all_motions(arm, times), ROUNDS)
+    out = np.setdiff1d(np.arange(times.size), left)
+    return float(times[out[-1]]) if out.size else 0.0
 
 
 def excluded(arm: TwoJoints, T: float, most: int = 1) -> bool:

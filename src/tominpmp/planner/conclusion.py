@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -63,7 +64,7 @@ def conclude(
         ended = Status.UNVERIFIED
     elif ended is Status.CONVERGED and not best.feasible:
         ended = Status.INFEASIBLE
-    bound = _bound(problem, progress)
+    bound = _bound(problem, progress, best.duration if best.found else math.inf)
     return Solution(
         problem=problem,
         options=options,
@@ -80,16 +81,20 @@ def conclude(
     )
 
 
-def _bound(problem: Problem, progress: Progress) -> LowerBound | None:
+def _bound(
+    problem: Problem, progress: Progress, known: float = math.inf
+) -> LowerBound | None:
     """A lower bound on the duration, the best one if there is time for it.
 
-    Arms with two joints alone have a better one than the quick one of the search.
+    Arms with two joints alone have a better one than the quick one of the search, as
+    far as it can be below the duration of the motion that was found.
     """
     found = None
     with contextlib.suppress(Stop):
         found = progress.lower_bound(problem)
         if problem.robot.n == 2:
-            found = max(found, lower_bound(problem), key=lambda bound: bound.T)
+            better = lower_bound(problem, known=known)
+            found = max(found, better, key=lambda bound: bound.T)
     return found
 
 
