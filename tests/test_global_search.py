@@ -140,6 +140,26 @@ def test_starts_are_compared_by_what_the_finished_one_gained():
     assert coarse.loss == pytest.approx(gain)
 
 
+def test_among_obstacles_further_starts_are_judged_by_what_the_first_gained(
+    monkeypatch,
+):
+    """A second start that led to the same motion was finished, too."""
+    post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
+    judged, compare = [], CoarseSearch.compare
+
+    def told(coarse):
+        assumed = coarse.loss
+        compare(coarse)
+        judged.append((assumed, coarse.loss, coarse.progress.best))
+
+    monkeypatch.setattr(CoarseSearch, "compare", told)
+    solution = tm.plan(reach(scene=tm.Scene([post])))
+    assert solution.success
+    [(assumed, loss, best)] = judged
+    assert loss < assumed
+    assert best < np.inf
+
+
 def test_an_arm_of_many_joints_far_above_its_bound_is_searched_on_from():
     # The straight line leads to 1.219 s, which is 2.8 times the lower bound.
     arm = tm.load_robot("xarm7", friction=0.0)

@@ -177,7 +177,7 @@ class Search:
 
     def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
         """What is tried beyond the first descents."""
-        if self._many:
+        if self._many or not self.system.alone:
             coarse.compare()
         patience = MANY_IN_VAIN if self._many else IN_VAIN
         yield from coarse.probes(self._further(first), patience)
