@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -123,11 +125,13 @@ def test_no_program_confirms_that_nothing_was_gained(fastest):
     )
     start = np.array([0.0, 1.0 if fastest else 9.0])
     options = Options(trust_region=2.0)
-    result = SlpSolver(program, options, 0.0, make_solver("highs")).run(start)
-    assert result.status is Status.CONVERGED
-    assert result.best.duration == pytest.approx(1.0)
+    solver = SlpSolver(program, options, 0.0, make_solver("highs"), confirms=False)
+    result, usual = solver.run(start), replace(solver, confirms=True).run(start)
+    assert result.status is usual.status is Status.CONVERGED
+    assert result.best.duration == usual.best.duration == pytest.approx(1.0)
     assert result.best.violation == 0.0
     assert (len(result.history) == 1) == fastest
+    assert len(usual.history) > 1
 
 
 def test_contradiction_is_infeasible_never_converged():

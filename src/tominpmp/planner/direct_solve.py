@@ -216,6 +216,8 @@ def solve_from_guess(
         solver = make_slp(program, options, smoothing, lp, progress)
         exchange = RowExchange(longest=LONGEST, light=light, revise=missing)
         solver = replace(solver, exchange=exchange, squares=squares, accuracy=accuracy)
+        # Where nothing is in the way that ended some motions too soon.
+        solver = replace(solver, confirms=system.alone)
         return solver.run(z, after=after)
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:

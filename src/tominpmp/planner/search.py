@@ -171,9 +171,7 @@ class Search:
         above = record.duration / max(bound, 1e-12) - 1.0
         early = len(self.progress.records) < DIRECT
         near = early or (above <= GAP and record.violation <= NEARLY)
-        if above > ASTRAY:
-            return Status.STALLED  # for good: what is missing of it is not worth while
-        return None if near else Status.ITERATION_LIMIT
+        return None if near and above <= ASTRAY else Status.ITERATION_LIMIT
 
     def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
         """What is tried beyond the first descents."""

@@ -88,6 +88,7 @@ class SlpSolver:
             the tolerance.
         exchange: When to look at the motion between the rows of the program, and what
             finds rows that are missing; None leaves the rows as they are.
+        confirms: Whether a program has to confirm that nothing is to be gained.
     """
 
     nlp: Program
@@ -100,6 +101,7 @@ class SlpSolver:
     squares: bool = False
     accuracy: float | None = None
     exchange: RowExchange | None = None
+    confirms: bool = True
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -248,7 +250,7 @@ class SlpSolver:
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""
         little = self.options.tolerance * max(iterate.duration, SHORTEST)
-        if outcome.predicted < QUIET * little or iterate.still:
+        if outcome.predicted < QUIET * little or (iterate.still and not self.confirms):
             return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
 
