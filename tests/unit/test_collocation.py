@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from planar_samples import OBSTACLE, START, planar
-from sample_arms import make_arm, slide
+from sample_arms import DOWNWARD, make_arm, rod, slide
 
 import tominpmp as tm
 from tominpmp.linear_programs import make_solver
@@ -230,3 +230,36 @@ def test_the_papers_example(free, gravity, end, least, most):
     assert np.all(motion.q >= limits.position_lower - 1e-9)
     if not free:
         assert nlp.system.clearance.values(motion.q).max() <= 1e-6
+
+
+def test_slow_motions_have_intervals_that_the_dynamics_bear():
+    """Torques kept for 0.3 s drove the arm 444 units from the straight line."""
+    arm = make_arm(
+        rod(2.486, 1.049),
+        rod(1.476, 1.077).with_payload(1.221),
+        effort=np.array([161.476, 84.352]),
+        gravity=DOWNWARD,
+        velocity=0.14514,
+    )
+    goal = tm.JointGoal((0.38757, 0.65488))
+    problem = tm.Problem(arm, (0.77989, -1.17228), goal)
+    solution = tm.plan(problem, method="collocation", starts=1)
+    assert solution.success, solution.message
+    assert solution.lower_bound is not None
+    assert solution.T < 1.05 * solution.lower_bound.T
+
+
+def test_what_a_grid_of_torques_cannot_do_is_said():
+    """At 2 mrad/s the finest grid keeps torques for seconds."""
+    arm = make_arm(
+        rod(1.0, 1.0),
+        rod(1.0, 0.7),
+        effort=np.array([40.0, 20.0]),
+        gravity=DOWNWARD,
+        velocity=0.002,
+    )
+    problem = tm.Problem(arm, (1.0, 0.5), tm.JointGoal((-0.5, -0.3)))
+    options = tm.Options(method="collocation", starts=1, max_iterations=3)
+    solution = tm.plan(problem, options)
+    assert not solution.success
+    assert "keeps torques for up to" in solution.message

@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -18,6 +20,8 @@ from tominpmp.stopping import Stop
 from tominpmp.verification import explain
 from tominpmp.verification.verification import LONGEST
 
+# Methods whose torques are constant over intervals of the grid.
+TORQUES_KEPT = ("collocation", "adjoint", "penalty")
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -69,7 +73,8 @@ def conclude(
         problem=problem,
         options=options,
         status=ended,
-        message=_message(problem, ended, best, attempts, bound),
+        message=_message(problem, ended, best, attempts, bound)
+        + _advice(options, ended, best),
         feasible=best.found,
         trajectory=best.trajectory,
         initial=best.initial,
@@ -96,6 +101,23 @@ def _bound(
             better = lower_bound(problem, known=known)
             found = max(found, better, key=lambda bound: bound.T)
     return found
+
+
+def _advice(options: Options, status: Status, best: Attempt) -> str:
+    """What else to try where a method has found nothing; empty where there is a motion.
+
+    Methods whose torques are constant over the intervals need short ones, where an arm
+    leaves its path by itself.
+    """
+    told = (Status.INFEASIBLE, Status.INTERRUPTED)
+    if best.found or status in told or options.method not in TORQUES_KEPT:
+        return ""
+    longest = float(np.max(np.diff(best.trajectory.t)))
+    return (
+        f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
+        "which errors may grow: more intervals make it shorter, and method 'inverse' "
+        "does not depend on it."
+    )
 
 
 def _message(

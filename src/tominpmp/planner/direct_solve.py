@@ -63,6 +63,9 @@ FIRST_ITERATIONS = 10
 FREE_ACCURACY = 1e-6
 # The same for motions whose accelerations must not jump.
 SMOOTH_STRETCH = 1.3
+# Violation, in units of the rows, from which a guess on a grid of constant torques is
+# no beginning, and how often its intervals are halved at most.
+ASTRAY, HALVINGS = 1.0, 3
 
 
 def solve_and_verify(
@@ -279,13 +282,7 @@ def first_program(
     if options.method == "collocation":
         if former is not None:
             return former.lifted_program(system, *grid)
-        shares = np.sum(shares, axis=1, keepdims=True)
-        transcription = lifted = CollocationTranscription(
-            system, shares, guess.duration
-        )
-        nodes = np.concatenate([[0.0], np.cumsum(shares)])
-        path = guess.position(nodes * guess.duration)
-        start = lifted.start(path, np.array([timed * guess.duration]))
+        return collocated(system, options, guess, timed * guess.duration)
     elif options.control in DEGREES:
         degree = DEGREES[options.control]
         if former is not None:
@@ -302,6 +299,28 @@ def first_program(
         transcription = jumping = InverseTranscription(system, shares, guess.duration)
         start = jumping.start(guess.position, timed * guess.duration)
     return NonlinearProgram.of(transcription).at(start), start
+
+
+def collocated(
+    system: ProblemFunctions, options: Options, guess: Guess, duration: float
+) -> tuple[NonlinearProgram, Array]:
+    """Program in states and torques for a guess, on a grid that its dynamics bear.
+
+    Torques that are constant over an interval drive an arm away from the guess. Where
+    that is far, linear programs promise nothing, so that intervals are halved until it
+    is not, some times at most.
+    """
+    for halvings in range(HALVINGS + 1):
+        finer = replace(options, intervals=2**halvings * options.intervals)
+        shares = np.sum(guess_shares(system, finer, guess), axis=1, keepdims=True)
+        lifted = CollocationTranscription(system, shares, guess.duration)
+        nodes = np.concatenate([[0.0], np.cumsum(shares)])
+        path = guess.position(nodes * guess.duration)
+        start = lifted.start(path, np.array([duration]))
+        program = NonlinearProgram.of(lifted).at(start)
+        if program.rows.largest_violation(program.evaluate(start)) <= ASTRAY:
+            break
+    return program, start
 
 
 def segmented_program(
