@@ -230,7 +230,10 @@ class _Reading:
         apart = np.abs(H - np.average(H, weights=h))
         sigma = found.switching
         room = np.where(sigma < 0.0, self.above, self.below)
-        obeys = (room <= AT_LIMIT) | (np.abs(sigma) <= NO_SLOPE)
+        slope = np.abs(sigma)
+        obeys = (room <= AT_LIMIT) | (slope <= NO_SLOPE)
+        # Or where the Hamiltonian could fall by next to nothing of the cost of time.
+        obeys |= slope * room <= self.tolerance
         driven = motion.driven
         obeys[:, np.setdiff1d(np.arange(motion.changes.n), driven)] = True
         saturated = np.minimum(self.above, self.below) <= ON_LIMIT

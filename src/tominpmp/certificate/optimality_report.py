@@ -19,7 +19,7 @@ HAMILTONIAN = 0.2
 # Torques must obey their switching functions for this share of the time.
 SIGN_SHARE = 0.95
 # A motion this short only has a duration since the programs need one [s].
-SHORTEST_MOTION = 1e-5
+SHORTEST_MOTION = 1e-4
 # A coarse grid is mentioned where a finer one promises this share of T more.
 FINER_GAIN = 0.005
 # Shares below this are rounding.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
 from tominpmp.collision.broad import BroadPhase
 from tominpmp.collision.moving_obstacles import MovingObstacles
@@ -77,6 +77,17 @@ class Assembly:
         )
         joint = np.array([body.joint for body in bodies], dtype=np.int64)
         return cls(links, pairs, obstacle_pairs, first, second, joint, narrow, query)
+
+    @property
+    def moves(self) -> BoolArray:
+        """Which coordinates of the model change the distance of each pair.
+
+        Those that move one of its bodies and not the other, shape (pairs, nv).
+        """
+        by_joint = self.query.placements.moves
+        joint = np.where(self.joint < self.query.obstacles.first, self.joint, 0)
+        by_body = by_joint[joint]
+        return np.asarray(by_body[self.first] != by_body[self.second])
 
     def witnesses(
         self, rows: Array, instants: IntArray, pairs: IntArray, times: Array

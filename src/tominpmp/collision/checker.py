@@ -176,6 +176,19 @@ class CollisionChecker(Told):
             self._parts.joint[self._parts.second] >= self._obstacles.first
         )
 
+    @cached_property
+    def lone_joints(self) -> IntArray:
+        """The joint that alone decides the distance of each pair, shape (pairs,).
+
+        That of the first link of an arm to an obstacle at rest, for one; -1 where none
+        or several do, or the time.
+        """
+        moves = self._parts.moves
+        if self.robot.expansion_matrix is not None:
+            moves = moves @ (self.robot.expansion_matrix != 0.0)
+        alone = (moves.sum(axis=1) == 1) & ~self.moving_pairs
+        return np.where(alone, np.argmax(moves, axis=1), -1)
+
     def distances(
         self,
         q: Array,

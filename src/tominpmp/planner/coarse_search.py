@@ -167,12 +167,12 @@ class CoarseSearch:
         progress.links_touched = rough.touches or former.apart
         guess = self._former(former, rough.guess)
         solve = partial(solve_and_verify, system, fine, guess, progress)
-        with progress.judged(judge.comes_back if judge.ends else None):
+        with progress.judged(judge.of_finish(rough)):
             attempt = guarded(system.problem, fine, progress, former.name, solve)
-        if attempt is None:
-            return early if early is not None and early.found else None
         if progress.let_go and judge.ends:
             return None
+        if attempt is None or progress.let_go:
+            return early if early is not None and early.found else None
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
         if self.stopped and not attempt.found and progress.best == np.inf:

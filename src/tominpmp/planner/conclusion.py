@@ -48,16 +48,7 @@ def conclude(
         for record in attempt.history
     )
     if not attempts:
-        ended = status or Status.INFEASIBLE
-        return Solution(
-            problem,
-            options,
-            ended,
-            ended.value,
-            False,
-            None,
-            planning_time=progress.seconds,
-        )
+        return without_motion(problem, options, progress, status or Status.INFEASIBLE)
     # Of those that are as good the last one, which knows best what it is.
     order = list(reversed(attempts))
     best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
@@ -83,6 +74,33 @@ def conclude(
         violations=best.violations,
         verification=best.verification,
         lower_bound=bound,
+    )
+
+
+def without_motion(
+    problem: Problem,
+    options: Options,
+    progress: Progress,
+    status: Status,
+    message: str = "",
+) -> Solution:
+    """What a plan ends with that has no attempt to tell of.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        progress: Time that was spent.
+        status: How it ended.
+        message: Why; by default what the status says.
+    """
+    return Solution(
+        problem,
+        options,
+        status,
+        message or status.value,
+        False,
+        None,
+        planning_time=progress.seconds,
     )
 
 

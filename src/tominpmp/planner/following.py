@@ -26,7 +26,12 @@ from tominpmp.solvers.merit import WEIGHT_MARGIN, Merit
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.anchoring import anchored, padding_left, unanchored
+from tominpmp.transcription.anchoring import (
+    anchored,
+    padding_left,
+    unanchored,
+    with_nearest,
+)
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import Gridded
 from tominpmp.transcription.program import NonlinearProgram
@@ -40,8 +45,8 @@ RADIUS, LARGER, SMALLER, SMALLEST = 0.1, 2.0, 0.3, 5e-3
 WORTH, WINDOW, LITTLE = 1e-6, 4, 3e-4
 # Least weight of violations in the merit, as a share of T.
 LEAST_WEIGHT = 0.5
-# The last iterations, with rows that stay where they are.
-LAST = 8
+# The last iterations, with rows that stay where they are, and those with more of them.
+LAST, CLOSER = 8, 25
 
 
 class Budget:
@@ -62,6 +67,10 @@ class Budget:
     def spent(self) -> bool:
         """Whether there have been enough."""
         return self.used >= self.limit
+
+    def allow(self, more: int) -> None:
+        """Have so many left at least."""
+        self.limit = max(self.limit, self.used + more)
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record; a status ends the iteration."""
@@ -129,6 +138,15 @@ class Following:
             return self._solve(program, z, former, few.max_iterations)
 
         return solve_in_rounds(program, z, few, solve, rough=False)
+
+    def looked_closer(
+        self, program: NonlinearProgram, result: SlpResult
+    ) -> tuple[NonlinearProgram, SlpResult]:
+        """Settle once more, with rows where pairs are nearest beside the others."""
+        z = result.iterate.z
+        program = with_nearest(program, z, self._nearest(z))
+        self.budget.allow(min(CLOSER, self.options.max_iterations))
+        return self.settled(program, z, CLOSER)
 
     def anchored(self, z: Array) -> NonlinearProgram:
         """The program with rows of distances where pairs are nearest in an iterate."""

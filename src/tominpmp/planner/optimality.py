@@ -30,10 +30,12 @@ from tominpmp.planner.following import Budget, Following
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
+from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.slp import ACCURACY
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
@@ -47,6 +49,8 @@ FEW, NEARLY_THERE = 10, 0.03
 # Where the padding of distances is worth this share of the promise, this much of it is
 # left for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
+# Replays of a motion that was found, each with rows where the last one came nearest.
+CLOSER_LOOKS = 4
 # Rounds in a row that may bring next to nothing: this share of T.
 IDLE, LITTLE = 1, 5e-4
 # What small changes may promise, as a share of T, where effort is "thorough".
@@ -203,6 +207,9 @@ class Settling:
             further = self._further(best, layout, follow=not idle)
             gain = 1.0 - further.duration / best.duration
             idle = 0 if gain > LITTLE else idle + 1
+            if gain > self.tolerance:
+                # The search had not come to its end.
+                budget.allow(min(FEWEST, self.options.max_iterations))
             if gain > 0.0:
                 best, layout = further, further.layout
                 seen = self.examine(best)
@@ -240,17 +247,28 @@ class Settling:
         own = self.budget, self.padding, self.squares
         following = Following(of, self.options, *own)
         if follow and not self.system.problem.segments:
-            program, result = following.run(z)
+            found = following.run(z)
         else:
-            program, result = following.settled(following.plain(z), z, ITERATIONS)
-        if result.best is None:
-            return best
+            found = following.settled(following.plain(z), z, ITERATIONS)
+        for _ in range(CLOSER_LOOKS):
+            if found[1].best is not None:
+                attempt = self._replayed(best, *found)
+                if attempt is None or attempt.found:
+                    return attempt or best
+            # What passes fast may come too close between all rows.
+            found = following.looked_closer(*found)
+        return best
+
+    def _replayed(
+        self, best: Attempt, program: NonlinearProgram, result: SlpResult
+    ) -> Attempt | None:
+        """What has come of a motion, replayed; None if it is no faster."""
         found = Attempt.of(best.name, program, best.initial, result)
         found = replace(found, remark=best.remark, history=())
+        # The duration of what is no motion is infinite.
         if not found.duration < best.duration:
-            return best
-        found = found.verified(self.system.problem, self.options)
-        return found if found.duration < best.duration else best
+            return None
+        return found.verified(self.system.problem, self.options)
 
     def _concluded(self, best: Attempt, seen: Findings) -> Attempt:
         """The motion with the status that it deserves."""
@@ -265,5 +283,7 @@ class Settling:
         intervals = best.trajectory.t.size - 1
         if seen.motion is not None and seen.motion.changes.N > intervals:
             remark += f", some of them on a grid finer than its {intervals} intervals"
+        if seen.certificate.stationarity <= self.tolerance:
+            remark += f". {seen.certificate.message}".rstrip(".")  # another condition
         remark = f"{best.remark} {remark}.".strip()
         return replace(best, status=status, history=history, remark=remark)

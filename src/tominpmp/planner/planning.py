@@ -13,7 +13,8 @@ from tominpmp.options import Options
 from tominpmp.planner.alternatives import attempts_of_alternatives
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.conclusion import conclude
+from tominpmp.planner.barriers import find_barrier
+from tominpmp.planner.conclusion import conclude, without_motion
 from tominpmp.planner.continuation import continued
 from tominpmp.planner.control_period import (
     on_clock,
@@ -103,6 +104,10 @@ def _plan(
     attempts: list[Attempt] = []
     status = None
     try:
+        barrier = find_barrier(problem, options.tolerances.contact)
+        if barrier is not None:
+            ended = Status.INFEASIBLE
+            return without_motion(problem, options, progress, ended, str(barrier))
         for attempt in _attempts(problem, options, progress, start):
             attempts.append(attempt)
             status = attempt.status

@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.planner.coarse_grids import ITERATIONS, SPEED_LOSS, TOLERANCE
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.progress import Judge, Progress
 from tominpmp.planner.rough_motions import NEARLY, Rough, same, shape_of
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -30,6 +30,8 @@ AT_REST_WITH_ROWS = TOLERANCE
 STUCK = 0.02
 # What further iterations may gain altogether, in gains of the last one.
 LEFT = 3.0
+# A motion goes astray on the asked grid that becomes so many times as slow as it was.
+ASTRAY = 3.0
 # What a motion has to promise beyond the best one to be finished, as a share of T.
 PROMISE = 0.003
 
@@ -144,6 +146,20 @@ class StartJudge:
         bound = progress.lower_bound(self.system.problem).T
         joined = last.rows.size > first.rows.size
         return joined and record.duration <= (1.0 + SPEED_LOSS) * bound
+
+    def of_finish(self, rough: Rough) -> Judge:
+        """Ends what goes on from a coarse motion: where that leads far astray, or back.
+
+        A motion that passes something between the nodes becomes ever slower as rows
+        join it there, 20 times as slow and more, and does not pass it in the end.
+        """
+
+        def judge(record: IterationRecord) -> Status | None:
+            if record.duration > ASTRAY * rough.duration:
+                return Status.STALLED
+            return self.comes_back(record) if self.ends else None
+
+        return judge
 
     def comes_back(self, record: IterationRecord) -> Status | None:
         """End one that comes to a motion which was finished before, or near it.

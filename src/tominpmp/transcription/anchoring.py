@@ -21,6 +21,7 @@ from tominpmp.constraints.clearance import ClearanceConstraint, Slopes
 from tominpmp.transcription.base import Motion, Transcription
 from tominpmp.transcription.blocks import Block, Sampled
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.missing_rows import Missing, with_rows
 from tominpmp.transcription.program import NonlinearProgram
 
 # Rows of pairs beyond this, in lengths, are left as they are.
@@ -130,6 +131,29 @@ def unanchored(program: NonlinearProgram) -> NonlinearProgram:
         for block in program.blocks
     )
     return replace(program, blocks=blocks)
+
+
+def with_nearest(
+    program: NonlinearProgram, z: Array, nearest: Nearest
+) -> NonlinearProgram:
+    """The program with rows of distances where pairs are nearest beside its own.
+
+    Args:
+        program: The program.
+        z: Its iterate.
+        nearest: Where pairs are nearest in it.
+    """
+    of = program.transcription
+    motion = of.motion(z)
+    own = Instants.at_times(np.unique(nearest.times), motion.h, of.delays)
+    blocks: list[Block] = []
+    for block in program.blocks:
+        if isinstance(block, Sampled) and isinstance(
+            block.constraint, ClearanceConstraint
+        ):
+            block, _ = with_rows(block, of, motion, Missing(own))
+        blocks.append(block)
+    return replace(program, blocks=tuple(blocks))
 
 
 def padding_left(

@@ -1,0 +1,120 @@
+"""Joints that cannot pass whatever the others do: no motion exists, which is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.collision import CollisionChecker
+from tominpmp.planner.barriers import find_barrier
+from tominpmp.status import Status
+
+START, GOAL = [2.5, 1.4, 0.5], [0.5, -1.4, -0.5]
+FORGIVEN = 1e-5
+
+
+@pytest.fixture(scope="module")
+def arm() -> tm.Robot:
+    """The planar arm: its first link is 3 m long."""
+    return tm.load_robot("planar3r")
+
+
+def ball(distance: float, radius: float = 0.1, **more: object) -> tm.Scene:
+    """A ball straight up, so far from the base."""
+    place = [0.0, distance, 0.0]
+    return tm.Scene([tm.Sphere("ball", radius=radius, position=place, **more)])
+
+
+def test_a_first_link_that_cannot_pass_bars_every_motion(arm: tm.Robot) -> None:
+    problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(2.0))
+
+    solution = tm.plan(problem)
+
+    assert solution.status is Status.INFEASIBLE
+    assert not solution.success
+    assert solution.trajectory is None
+    assert "No motion exists: joint 'joint1' has to pass 1.5" in solution.message
+    assert "link 'link1' and obstacle 'ball' lack 0.1" in solution.message
+    assert solution.planning_time < 1.0
+
+
+def test_what_a_second_link_can_go_around_bars_nothing(arm: tm.Robot) -> None:
+    problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(3.5))
+
+    assert find_barrier(problem, FORGIVEN) is None
+    assert tm.plan(problem).success
+
+
+def test_the_margin_counts(arm: tm.Robot) -> None:
+    goal, scene = tm.JointGoal(GOAL), ball(3.12)
+
+    near = tm.Problem(arm, START, goal, scene, margin=0.0)
+    kept = tm.Problem(arm, START, goal, scene, margin=0.05)
+
+    assert find_barrier(near, FORGIVEN) is None
+    barrier = find_barrier(kept, FORGIVEN)
+    assert barrier is not None
+    assert barrier.contact.margin == 0.05
+    assert barrier.contact.distance > 0.0
+
+
+def test_what_moves_bars_nothing(arm: tm.Robot) -> None:
+    away = tm.ConstantVelocity([0.0, 0.5, 0.0])
+    problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(2.0, motion=away))
+
+    assert find_barrier(problem, FORGIVEN) is None
+
+
+def test_all_goals_of_a_set_have_to_be_barred(arm: tm.Robot) -> None:
+    this_side = [2.2, 1.0, 0.0]
+    one = tm.Problem(arm, START, tm.AnyGoal([tm.JointGoal(GOAL)] * 2), ball(2.0))
+    goals = tm.AnyGoal([tm.JointGoal(GOAL), tm.JointGoal(this_side)])
+    two = tm.Problem(arm, START, goals, ball(2.0))
+
+    assert find_barrier(one, FORGIVEN) is not None
+    assert find_barrier(two, FORGIVEN) is None
+
+
+def test_the_segment_is_told(arm: tm.Robot) -> None:
+    stations = [
+        tm.Segment(tm.JointGoal([2.2, 1.0, 0.0])),
+        tm.Segment(tm.JointGoal(GOAL)),
+    ]
+    problem = tm.Problem(arm, START, scene=ball(2.0), segments=stations)
+
+    barrier = find_barrier(problem, FORGIVEN)
+
+    assert barrier is not None
+    assert barrier.segment == 2
+    assert "on segment 2" in tm.plan(problem).message
+
+
+def test_goals_on_a_frame_bar_nothing(arm: tm.Robot) -> None:
+    goal = tm.PositionGoal("tip", [3.0, 2.0, 0.0])
+    problem = tm.Problem(arm, START, goal, ball(2.0))
+
+    assert find_barrier(problem, FORGIVEN) is None
+
+
+@pytest.mark.parametrize("name", ["panda", "planar3r", "ur5"])
+def test_lone_joints_alone_decide_distances(name: str) -> None:
+    """Another joint never changes them, and this one does."""
+    robot = tm.load_robot(name)
+    scene = tm.Scene([tm.Box("box", size=[0.2, 0.3, 0.4], position=[0.6, 0.7, 0.3])])
+    checker = CollisionChecker(robot, scene, self_collision=True)
+    lone = checker.lone_joints
+    rng = np.random.default_rng(7)
+    low = np.maximum(robot.limits.position_lower, -np.pi)
+    high = np.minimum(robot.limits.position_upper, np.pi)
+    for joint in range(robot.n):
+        q = rng.uniform(low, high, (12, robot.n))
+        q[:, joint] = q[0, joint]
+        same = np.ptp(checker.distances(q), axis=0) < 1e-7
+        assert np.all(same[lone == joint])
+    one = np.tile(rng.uniform(low, high), (12, 1))
+    for joint in set(lone[lone >= 0].tolist()):
+        q = one.copy()
+        q[:, joint] = np.linspace(low[joint], high[joint], 12)
+        assert np.ptp(checker.distances(q)[:, lone == joint], axis=0).max() > 1e-3
+    assert np.any(lone[: checker.obstacle_pairs] >= 0)
