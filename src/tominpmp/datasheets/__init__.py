@@ -168,6 +168,7 @@ def published_limits(
     return MotionLimits(**found) if found else None
 
 
+@cache
 def _words(name: str) -> tuple[str, ...]:
     return tuple(word for word in re.split(r"[\W_]+", name.lower()) if word)
 

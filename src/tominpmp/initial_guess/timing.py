@@ -22,6 +22,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 POINTS = 120  # grid points of s
 CORNER_POINTS = 9  # grid points added at each rounded corner
 SPEEDS = 160  # table entries of x at each of them
+# The same of a straight line, on which nothing turns: more of them take twice as long,
+# and lead to no fewer programs.
+LINE_POINTS, LINE_SPEEDS = 64, 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +71,30 @@ def time_straight_line(
         return None
     velocity = system.problem.robot.limits.velocity
     corners = np.stack([q_start, q_end])
-    return time_path(system, RoundedPath.through(corners, velocity))
+    line = RoundedPath.through(corners, velocity)
+    return time_path(system, line, LINE_POINTS, LINE_SPEEDS)
 
 
-def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
+def time_path(
+    system: ProblemFunctions,
+    path: RoundedPath,
+    points: int = POINTS,
+    speeds: int = SPEEDS,
+) -> PathTiming | None:
     """Traverse a path from rest to rest in minimum time.
 
     Args:
         system: Dynamics and limits.
         path: The path; its corners are to be rounded, for a sharp one would have to be
             passed at rest.
+        points: Grid points of s.
+        speeds: Entries of the table of x at each of them.
 
     Returns:
         The timing; None if the torque limits do not let the arm stand somewhere on it.
     """
     limits = system.problem.robot.limits
-    s = path.grid(POINTS, CORNER_POINTS)
+    s = path.grid(points, CORNER_POINTS)
     q, first, second = path.evaluate(s)
     zero = np.zeros_like(q)
     dynamics = system.dynamics
@@ -104,7 +115,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     if not (np.all(top > 0.0) and np.all(np.isfinite(top))):
         return None
     # Quadratic spacing: resolution where the motion begins and ends.
-    table = top[:, None] ** 2 * np.linspace(0.0, 1.0, SPEEDS) ** 2
+    table = top[:, None] ** 2 * np.linspace(0.0, 1.0, speeds) ** 2
     lower, upper = _acceleration_range(m, b, d, g, table, limits)
     return _integrate(path, s, table, lower, upper)
 
@@ -150,7 +161,8 @@ def _integrate(
         if not reachable[0]:
             return None
         # The set is an interval from rest; the first failure ends it.
-        last = int(np.argmin(reachable)) - 1 if not reachable.all() else SPEEDS - 1
+        reached = reachable.size if reachable.all() else int(np.argmin(reachable))
+        last = reached - 1
         controllable[i] = _refine(last, table[i], brake, target, step)
     x = np.zeros(count)
     for i in range(count - 1):
