@@ -64,8 +64,9 @@ FREE_ACCURACY = 1e-6
 # The same for motions whose accelerations must not jump.
 SMOOTH_STRETCH = 1.3
 # Violation, in units of the rows, from which a guess on a grid of constant torques is
-# no beginning, and how often its intervals are halved at most.
-ASTRAY, HALVINGS = 1.0, 3
+# no beginning, how often its intervals are halved at most, and what share of the
+# violation may be left for that to help.
+ASTRAY, HALVINGS, HELPS = 1.0, 3, 0.5
 
 
 def solve_and_verify(
@@ -310,6 +311,8 @@ def collocated(
     that is far, linear programs promise nothing, so that intervals are halved until it
     is not, some times at most.
     """
+    found: tuple[NonlinearProgram, Array] | None = None
+    least = np.inf
     for halvings in range(HALVINGS + 1):
         finer = replace(options, intervals=2**halvings * options.intervals)
         shares = np.sum(guess_shares(system, finer, guess), axis=1, keepdims=True)
@@ -318,9 +321,14 @@ def collocated(
         path = guess.position(nodes * guess.duration)
         start = lifted.start(path, np.array([duration]))
         program = NonlinearProgram.of(lifted).at(start)
-        if program.rows.largest_violation(program.evaluate(start)) <= ASTRAY:
+        violation = program.rows.largest_violation(program.evaluate(start))
+        if found is not None and not violation <= HELPS * least:
+            break  # other limits are broken, whatever the intervals
+        found, least = (program, start), violation
+        if violation <= ASTRAY:
             break
-    return program, start
+    assert found is not None  # noqa: S101
+    return found
 
 
 def segmented_program(

@@ -40,9 +40,9 @@ OTHER_WEIGHT = 10.0
 # Raising of the weights when the iteration settles on a violated constraint.
 WEIGHT_GROWTH = 10.0
 WEIGHT_RAISES = 4
-# Gap of a program that is none, as a share of the tolerance. With a quarter of it
-# programs take a twelfth more iterations, and T is the same (128 goals).
-ACCURACY = 0.2
+# Gap of a program that is none, as a share of the tolerance. With half of it programs
+# take more iterations; with twice as much warm starts on a clock took a period more.
+ACCURACY = 0.1
 # No progress is predicted if it is less than this share of the tolerance.
 QUIET = 0.1
 # Progress is judged over this many iterations.
