@@ -221,16 +221,22 @@ def test_guesses_around_obstacles_begin_straight_and_go_on_with_sampled_paths(tm
     assert sides == {1.0, -1.0}
 
 
-@needs_ompl
-def test_paths_are_sampled_only_when_asked_for(tmp_path, monkeypatch):
-    calls = []
+@pytest.fixture
+def sampled_paths(monkeypatch):
+    """Calls that sample a path, as they are made."""
+    calls, sample = [], sampling.sample_path
 
-    def count(*args, **kwargs):
-        calls.append(args)
-        return sample(*args, **kwargs)
+    def count(*arguments, **options):
+        calls.append(arguments)
+        return sample(*arguments, **options)
 
-    sample = sampling.sample_path
     monkeypatch.setattr(sampling, "sample_path", count)
+    return calls
+
+
+@needs_ompl
+def test_paths_are_sampled_only_when_asked_for(tmp_path, sampled_paths):
+    calls = sampled_paths
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     guesses = initial_guesses(system, 3, np.random.default_rng(0))
     assert next(guesses).name == "straight line" and not calls
@@ -246,15 +252,8 @@ def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
 
 
 @needs_ompl
-def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, monkeypatch):
-    calls = []
-
-    def count(*arguments, **options):
-        calls.append(arguments)
-        return sample(*arguments, **options)
-
-    sample = sampling.sample_path
-    monkeypatch.setattr(sampling, "sample_path", count)
+def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, sampled_paths):
+    calls = sampled_paths
     system, end = maze(tmp_path, wall("block", 0.0, -0.6, 0.8)), [np.array(END)]
 
     def first(enough):

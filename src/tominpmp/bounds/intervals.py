@@ -73,6 +73,12 @@ class Interval(NamedTuple):
             np.maximum(self.low, other.low), np.minimum(self.high, other.high)
         )
 
+    def where(self, known: BoolArray, other: Interval) -> Interval:
+        """Its own where that is known, and the other ones elsewhere."""
+        return Interval(
+            np.where(known, self.low, other.low), np.where(known, self.high, other.high)
+        )
+
     def hull(self, other: Interval) -> Interval:
         """The least intervals that have both in them."""
         return Interval(

@@ -163,10 +163,7 @@ class _Narrowing:
         impulse = Tube.of(ends, scaled(one.with_zero(), h), self._open)
         resisted = impulse.within().minus(scaled(self.q1, first))
         known = np.isfinite(resisted.low) & np.isfinite(resisted.high)
-        self.p = Interval(
-            np.where(known, np.maximum(self.p.low, resisted.low), self.p.low),
-            np.where(known, np.minimum(self.p.high, resisted.high), self.p.high),
-        )
+        self.p = self.p.cut(resisted).where(known, self.p)
         return impulse, tube.empty | impulse.empty
 
     @property
@@ -252,8 +249,4 @@ class _Narrowing:
         c = Tube.damped((0.0, end - begin), rate, drag, self.h, self._open)
         around = c.within()
         place = Interval(around.low + begin, around.high + begin)
-        found = self.q1.cut(place.minus(turned))
-        self.q1 = Interval(
-            np.where(known, found.low, self.q1.low),
-            np.where(known, found.high, self.q1.high),
-        )
+        self.q1 = self.q1.cut(place.minus(turned)).where(known, self.q1)

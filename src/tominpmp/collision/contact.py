@@ -25,6 +25,11 @@ class Contact(NamedTuple):
     margin: float = 0.0
 
     @property
+    def lack(self) -> float:
+        """Room that it lacks [m]; negative where there is some."""
+        return self.margin - self.distance
+
+    @property
     def pair(self) -> str:
         """Both of them, in words."""
         if self.own:

@@ -44,11 +44,10 @@ class Barrier:
     def __str__(self) -> str:
         """A sentence."""
         where = "" if self.segment is None else f" on segment {self.segment}"
-        lack = self.contact.margin - self.contact.distance
         return (
             f"No motion exists: joint {self.joint!r} has to pass {self.position:.4g} "
-            f"{self.unit}{where}, where {self.contact.pair} lack {lack:.3g} m of room "
-            "whatever the other joints do."
+            f"{self.unit}{where}, where {self.contact.pair} lack "
+            f"{self.contact.lack:.3g} m of room whatever the other joints do."
         )
 
 
@@ -96,15 +95,20 @@ def _between(
     margins = problem.margins
     distances = checker.measured(q, instants, every, margins[every])
     worst = int(np.argmin(distances - margins[every]))
-    pair, distance = int(every[worst]), float(distances[worst])
-    margin, j = float(margins[pair]), int(joint[pair])
-    if margin - distance <= forgiven + DEEP:
+    pair = int(every[worst])
+    contact = Contact(
+        *checker.pairs[pair],
+        float(distances[worst]),
+        own=pair >= checker.obstacle_pairs,
+        margin=float(margins[pair]),
+    )
+    if contact.lack <= forgiven + DEEP:
         return None
-    own = pair >= checker.obstacle_pairs
+    j = int(joint[pair])
     return Barrier(
         robot.joint_names[j],
         float(q[instants[worst], j]),
         "m" if prismatic_joints(robot)[j] else "rad",
-        Contact(*checker.pairs[pair], distance, own=own, margin=margin),
+        contact,
         segment,
     )

@@ -219,9 +219,14 @@ def solve_from_guess(
     ) -> SlpResult:
         solver = make_slp(program, options, smoothing, lp, progress)
         exchange = RowExchange(longest=LONGEST, light=light, revise=missing)
-        solver = replace(solver, exchange=exchange, squares=squares, accuracy=accuracy)
-        # Where nothing is in the way that ended some motions too soon.
-        solver = replace(solver, confirms=system.alone)
+        solver = replace(
+            solver,
+            exchange=exchange,
+            squares=squares,
+            accuracy=accuracy,
+            # Where nothing is in the way some motions ended too soon without.
+            confirms=system.alone,
+        )
         return solver.run(z, after=after)
 
     if isinstance(guess, SegmentedGuess) and not guess.solved and smooth:
@@ -275,7 +280,6 @@ def first_program(
     """Program for a guess, and the guess as its iterate."""
     former = guess if isinstance(guess, WarmStart) else None
     grid = options.intervals, options.grid
-    shares = guess_shares(system, options, guess)
     timed = GUESS_STRETCH if guess.timed else 1.0
     transcription: Transcription[Any]
     if isinstance(guess, SegmentedGuess):
@@ -284,7 +288,8 @@ def first_program(
         if former is not None:
             return former.lifted_program(system, *grid)
         return collocated(system, options, guess, timed * guess.duration)
-    elif options.control in DEGREES:
+    shares = guess_shares(system, options, guess)
+    if options.control in DEGREES:
         degree = DEGREES[options.control]
         if former is not None:
             return former.spline_program(system, *grid, degree)
@@ -311,9 +316,8 @@ def collocated(
     that is far, linear programs promise nothing, so that intervals are halved until it
     is not, some times at most.
     """
-    found: tuple[NonlinearProgram, Array] | None = None
-    least = np.inf
-    for halvings in range(HALVINGS + 1):
+
+    def halved(halvings: int) -> tuple[NonlinearProgram, Array, float]:
         finer = replace(options, intervals=2**halvings * options.intervals)
         shares = np.sum(guess_shares(system, finer, guess), axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
@@ -322,13 +326,17 @@ def collocated(
         start = lifted.start(path, np.array([duration]))
         program = NonlinearProgram.of(lifted).at(start)
         violation = program.rows.largest_violation(program.evaluate(start))
-        if found is not None and not violation <= HELPS * least:
-            break  # other limits are broken, whatever the intervals
-        found, least = (program, start), violation
+        return program, start, violation
+
+    program, start, violation = halved(0)
+    for halvings in range(1, HALVINGS + 1):
         if violation <= ASTRAY:
             break
-    assert found is not None  # noqa: S101
-    return found
+        finer = halved(halvings)
+        if not finer[2] <= HELPS * violation:
+            break  # other limits are broken, whatever the intervals
+        program, start, violation = finer
+    return program, start
 
 
 def segmented_program(

@@ -247,16 +247,17 @@ class Settling:
         own = self.budget, self.padding, self.squares
         following = Following(of, self.options, *own)
         if follow and not self.system.problem.segments:
-            found = following.run(z)
+            program, result = following.run(z)
         else:
-            found = following.settled(following.plain(z), z, ITERATIONS)
-        for _ in range(CLOSER_LOOKS):
-            if found[1].best is not None:
-                attempt = self._replayed(best, *found)
+            program, result = following.settled(following.plain(z), z, ITERATIONS)
+        for look in range(CLOSER_LOOKS):
+            if look:
+                # What passes fast may come too close between all rows.
+                program, result = following.looked_closer(program, result)
+            if result.best is not None:
+                attempt = self._replayed(best, program, result)
                 if attempt is None or attempt.found:
                     return attempt or best
-            # What passes fast may come too close between all rows.
-            found = following.looked_closer(*found)
         return best
 
     def _replayed(

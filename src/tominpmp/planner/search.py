@@ -176,11 +176,10 @@ class Search:
 
     def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
         """What is tried beyond the first descents."""
+        patience = IN_VAIN
         if self._many or not self.system.alone:
             coarse.compare()
-        patience = MANY_IN_VAIN if self._many else IN_VAIN
-        if not self.system.alone:
-            patience = PATHS_OF_FEW
+            patience = MANY_IN_VAIN  # more than there are paths
         yield from coarse.probes(self._further(first), patience)
         self.stopped = coarse.stopped
         if self.swings and not first.timed and not self.stopped:

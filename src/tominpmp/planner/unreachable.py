@@ -55,7 +55,7 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
         ((contact, q) for contact, q in contacts if contact is not None),
         key=lambda one: one[0].distance - one[0].margin,
     )
-    depth = f"lack {contact.margin - contact.distance:.4g} m of room"
+    depth = f"lack {contact.lack:.4g} m of room"
     return (
         f"all {len(blocked)} configurations found to reach it are in collision: in the "
         "one that is least so, "

@@ -10,6 +10,7 @@ the optimum.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -50,26 +51,36 @@ def anchored(
     """
     of = program.transcription
     motion = of.motion(z)
+
+    def change(block: Sampled, constraint: ClearanceConstraint) -> Sampled:
+        return _anchored(block, constraint.tightened(padding), of, motion, nearest)
+
+    return _with_distances(program, change)
+
+
+def _with_distances(
+    program: NonlinearProgram,
+    change: Callable[[Sampled, ClearanceConstraint], Sampled],
+) -> NonlinearProgram:
+    """The program with its blocks of distances changed, given their constraints."""
     blocks: list[Block] = []
     for block in program.blocks:
         if isinstance(block, Sampled) and isinstance(
             block.constraint, ClearanceConstraint
         ):
-            constraint = block.constraint.tightened(padding)
-            block = replace(block, constraint=constraint)
-            block = _anchored(block, of, motion, nearest)
+            block = change(block, block.constraint)
         blocks.append(block)
     return replace(program, blocks=tuple(blocks))
 
 
 def _anchored(
     block: Sampled,
+    constraint: ClearanceConstraint,
     of: Transcription[Any],
     motion: Motion,
     nearest: Nearest,
 ) -> Sampled:
-    constraint, (times, pairs, slopes, rates) = block.constraint, nearest
-    assert isinstance(constraint, ClearanceConstraint)  # noqa: S101
+    times, pairs, slopes, rates = nearest
     regular = of.instants(constraint.order, constraint.field)
     beside = _beside(constraint, of, motion, regular, times, pairs)
     distinct, index = np.unique(times, return_inverse=True)
@@ -123,14 +134,11 @@ def unanchored(program: NonlinearProgram) -> NonlinearProgram:
     The nearest instants of another iterate are others: those of the grid are rows, too,
     and all have the derivatives that they have there.
     """
-    blocks = tuple(
-        replace(block, constraint=block.constraint.knowing(None), ignored=None)
-        if isinstance(block, Sampled)
-        and isinstance(block.constraint, ClearanceConstraint)
-        else block
-        for block in program.blocks
-    )
-    return replace(program, blocks=blocks)
+
+    def change(block: Sampled, constraint: ClearanceConstraint) -> Sampled:
+        return replace(block, constraint=constraint.knowing(None), ignored=None)
+
+    return _with_distances(program, change)
 
 
 def with_nearest(
@@ -146,14 +154,11 @@ def with_nearest(
     of = program.transcription
     motion = of.motion(z)
     own = Instants.at_times(np.unique(nearest.times), motion.h, of.delays)
-    blocks: list[Block] = []
-    for block in program.blocks:
-        if isinstance(block, Sampled) and isinstance(
-            block.constraint, ClearanceConstraint
-        ):
-            block, _ = with_rows(block, of, motion, Missing(own))
-        blocks.append(block)
-    return replace(program, blocks=tuple(blocks))
+
+    def change(block: Sampled, constraint: ClearanceConstraint) -> Sampled:
+        return with_rows(block, of, motion, Missing(own))[0]
+
+    return _with_distances(program, change)
 
 
 def padding_left(

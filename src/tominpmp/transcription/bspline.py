@@ -230,10 +230,8 @@ class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
     def _jumps(self) -> tuple[Compressed, Array]:
         """Jumps of the jerk's control points, by the unknowns, and those for none."""
         jerk = self.basis.bands(3)
-        after, before = (
-            np.pad(jerk[1:], ((0, 0), (1, 0))),
-            np.pad(jerk[:-1], ((0, 0), (0, 1))),
-        )
+        after = np.pad(jerk[1:], ((0, 0), (1, 0)))
+        before = np.pad(jerk[:-1], ((0, 0), (0, 1)))
         jumps, points = of_each_joint(after - before, np.arange(self._n), self._n)
         matrix = self.by_unknowns(jumps, points, np.zeros((len(jumps), 1)))
         known = np.einsum("kw,kw->k", jumps, self.offset[points])

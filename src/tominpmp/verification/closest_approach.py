@@ -276,10 +276,8 @@ class Approach:
         child = number[child[inside[child]]]
         order = np.argsort(child, kind="stable")
         child, pairs = child[order], pairs[order]
-        moved, (some, column) = (
-            np.empty(child.size),
-            np.unique(pairs, return_inverse=True),
-        )
+        moved = np.empty(child.size)
+        some, column = np.unique(pairs, return_inverse=True)
         most = max(1, TABLE // self._margins.size)
         for at in range(0, stretches.time.size, most):
             part = slice(at, at + most)
