@@ -159,6 +159,25 @@ class RobotDynamics:
         tau = np.array([rnea(model, data, *row) for row in _heeding(rows, len(q))])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
 
+    def inertial(self, q: Array, a: Array) -> Array:
+        """Torque that accelerations take, beyond what holds the arm: M(q) a.
+
+        Args:
+            q: Positions, shape (m, n).
+            a: Accelerations, shape (m, n).
+
+        Returns:
+            Torques, shape (m, n) [N m or N].
+        """
+        robot, model, data = self.robot, self.robot.model.copy(), self._data
+        model.gravity = pin.Motion.Zero()
+        rnea, rest = pin.rnea, np.zeros(model.nv)
+        rows = _heeding(
+            zip(robot.expand(q), robot.expand_tangent(a), strict=True), len(q)
+        )
+        tau = np.array([rnea(model, data, at, rest, row) for at, row in rows])
+        return robot.reduce_tangent(tau.reshape(-1, model.nv))
+
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
         """Torque for a motion, with its derivatives.
 

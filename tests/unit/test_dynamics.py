@@ -120,6 +120,14 @@ def test_mass_matrix(arm: Robot, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(mass @ f_u[:, arm.n :], identity, atol=1e-8)
 
 
+def test_inertial_torque(arm: Robot, rng: np.random.Generator) -> None:
+    dynamics = RobotDynamics(arm)
+    q, v, a = states(arm, rng)
+    found = dynamics.inertial(q, a)
+    rest = dynamics.inverse(q, v, np.zeros_like(a))
+    np.testing.assert_allclose(found, dynamics.inverse(q, v, a) - rest, atol=1e-10)
+
+
 def test_power_goes_into_energy_and_friction(
     arm: Robot, rng: np.random.Generator
 ) -> None:

@@ -57,6 +57,17 @@ def test_a_plan_replays_the_motion_that_it_returns_alone(problem, replays):
     assert len(made) >= 2
 
 
+def test_nor_does_an_arm_that_is_alone_replay_what_a_finer_grid_replaces(replays):
+    made, _ = replays
+    start, goal = [0.2, -1.2, 0.0, -1.5, -0.1, 0.1], [1.1, -0.4, -1.9, 0.1, -1.2, 1.0]
+    near = tm.Problem(tm.load_robot("ur10"), start, tm.JointGoal(goal))
+    coarse = tm.plan(near, refine=None)
+    made.clear()
+    solution = tm.plan(near)
+    assert solution.T < coarse.T  # a finer grid took its place
+    assert len(made) == 1 and solution.verification is made[0]
+
+
 def test_a_replay_that_has_waited_and_fails_leads_to_another_plan(problem, replays):
     made, fail = replays
     fail.add(1)

@@ -120,10 +120,12 @@ def _solve_and_verify(
 ) -> Attempt:
     problem = system.problem
     attempt = solve_from_guess(system, options, guess, progress)
-    if _replayed_last(system, attempt, progress):
+    last = _replayed_last(system, attempt, progress)
+    if last and not system.alone:
         return attempt
-    # One that was let go is not gone on with.
-    later = progress.puts_off or progress.let_go
+    # One that was let go is not gone on with. Links of an arm that is alone have no
+    # rows, and are looked at.
+    later = last or progress.puts_off or progress.let_go
     attempt = attempt.verified(problem, options, later=later)
     unwatched = system.clearance is None
     for _ in range(REFINEMENTS):
@@ -150,9 +152,9 @@ def _replayed_last(
     """Whether a motion is replayed in the end, if it is still the best one then.
 
     Where it is near what none can beat the search ends with it, and mostly a finer grid
-    takes its place. Links of an arm that is alone have no rows, and may touch.
+    takes its place.
     """
-    if not progress.replays_last or system.alone or not attempt.feasible:
+    if not progress.replays_last or not attempt.feasible:
         return False
     T = attempt.trajectory.duration
     return T <= (1.0 + GAP) * progress.lower_bound(system.problem).T

@@ -184,9 +184,12 @@ class Integration:
         error: Its errors at the end, in shares of the growth of errors on the way.
         evaluations: How often the dynamics have been evaluated.
         lsoda_tightness: See :data:`LSODA_TIGHTNESS`.
+        hurried: Whether LSODA begins with a step over the whole piece, and not with one
+            that is short enough for any motion.
+        atol: See :data:`ATOL`; without dry friction.
     """
 
-    lsoda_tightness = LSODA_TIGHTNESS
+    lsoda_tightness, hurried, atol = LSODA_TIGHTNESS, False, ATOL
 
     def __init__(
         self,
@@ -215,7 +218,8 @@ class Integration:
         self.error = RTOL * (ERRORS[self.integrator] if smooth else ERROR_WITH_FRICTION)
         if self.integrator == "LSODA" and smooth:
             tightness *= self.lsoda_tightness
-        self._tolerance = RTOL / tightness, ATOL / tightness
+        atol = self.atol if smooth else ATOL
+        self._tolerance = RTOL / tightness, atol / tightness
         self.evaluations = 0
         self._stride = np.inf
 
@@ -304,6 +308,7 @@ class Integration:
     def _fortran(self, x: Array, begin: float, ticks: Array) -> Array:
         """Integrate with LSODA; no rows if the motion was lost."""
         times = np.concatenate([[begin], ticks])
+        first = float(ticks[-1]) - begin if self.hurried else 0.0  # 0: its own
         with LSODA_AT_WORK, warnings.catch_warnings():
             warnings.simplefilter("error", ODEintWarning)
             try:
@@ -315,6 +320,7 @@ class Integration:
                     tfirst=True,
                     rtol=self._tolerance[0],
                     atol=self._tolerance[1],
+                    h0=first,
                     tcrit=ticks[-1:],  # the torque must not be asked for beyond it
                     mxstep=LSODA_STEPS,
                 )
