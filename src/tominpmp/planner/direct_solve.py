@@ -156,8 +156,12 @@ def _replayed_last(
     """
     if not progress.replays_last or not attempt.feasible:
         return False
-    T = attempt.trajectory.duration
-    return T <= (1.0 + GAP) * progress.lower_bound(system.problem).T
+    return attempt.trajectory.duration <= _near(system, progress)
+
+
+def _near(system: ProblemFunctions, progress: Progress) -> float:
+    """T up to which a motion is near what none can beat [s]."""
+    return (1.0 + GAP) * progress.lower_bound(system.problem).T
 
 
 def make_slp(
@@ -215,6 +219,10 @@ def solve_from_guess(
     initial = program.trajectory(start)
     missing = partial(with_missing_rows, overload=overload)
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
+    confirms_above = np.inf
+    if system.alone:
+        # Motions that are far above what none can beat ended too soon without.
+        confirms_above = _near(system, progress)
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
@@ -226,8 +234,7 @@ def solve_from_guess(
             exchange=exchange,
             squares=squares,
             accuracy=accuracy,
-            # Where nothing is in the way some motions ended too soon without.
-            confirms=system.alone,
+            confirms_above=confirms_above,
         )
         return solver.run(z, after=after)
 

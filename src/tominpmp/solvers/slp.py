@@ -88,7 +88,8 @@ class SlpSolver:
             the tolerance.
         exchange: When to look at the motion between the rows of the program, and what
             finds rows that are missing; None leaves the rows as they are.
-        confirms: Whether a program has to confirm that nothing is to be gained.
+        confirms_above: T above which another program has to confirm that nothing is to
+            be gained where a step has mended all and gained next to nothing [s].
     """
 
     nlp: Program
@@ -101,7 +102,7 @@ class SlpSolver:
     squares: bool = False
     accuracy: float | None = None
     exchange: RowExchange | None = None
-    confirms: bool = True
+    confirms_above: float = 0.0
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -250,7 +251,8 @@ class SlpSolver:
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""
         little = self.options.tolerance * max(iterate.duration, SHORTEST)
-        if outcome.predicted < QUIET * little or (iterate.still and not self.confirms):
+        sure = iterate.duration <= self.confirms_above
+        if outcome.predicted < QUIET * little or (iterate.still and sure):
             return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
 
