@@ -86,6 +86,18 @@ def test_a_motion_that_is_none_is_improved_until_it_is_one(name, request):
     assert found.history  # iterations are accounted for
 
 
+def test_what_promises_half_of_what_it_may_is_gone_on_with(free, monkeypatch):
+    """A motion that is 0.7 % too slow is certified, and made faster all the same."""
+    attempt = slower(free, 1.007)
+    [found] = judged(free, attempt)
+    assert found.status is tm.Status.CONVERGED
+    assert found.duration < attempt.duration / 1.005
+    monkeypatch.setattr(optimality, "WORTH_A_TRY", 1.0)
+    [left] = judged(free, attempt)
+    assert left.status is tm.Status.CONVERGED
+    assert left.duration == attempt.duration
+
+
 def test_where_nothing_can_be_gained_it_says_so(free, monkeypatch):
     """A promise that no iteration keeps is not called an optimum."""
     monkeypatch.setattr(optimality, "ROUNDS", 0)
