@@ -195,8 +195,8 @@ def _curvature(
     if root is None:
         return own
     of_step = root[:, free]
-    rest = sp.csc_matrix((size - free.size, size - free.size))
-    curved = sp.block_diag([of_step.T @ of_step, rest], format="csc")
+    curved = sp.csc_matrix(of_step.T @ of_step)
+    curved.resize(size, size)  # all other columns have none
     return curved if own is None else sp.csc_matrix(curved + own)
 
 

@@ -263,9 +263,11 @@ def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
     Returns:
         Indices of the instants.
     """
+    # Tables may be large, and most pairs are far apart all the time.
+    missing = missing[:, np.max(missing, axis=0, initial=-np.inf) > -close]
     step = np.diff(missing, axis=0)
     np.abs(step, out=step)
-    change = np.zeros_like(missing)  # tables may be large: no more of them than needed
+    change = np.zeros_like(missing)
     change[1:] = step
     np.maximum(change[:-1], step, out=change[:-1])
     # Half a step away it has risen by half of that at the most, if evenly.

@@ -39,8 +39,9 @@ class Rows:
 
     def violation(self, values: Array) -> Array:
         """Violation of each row, >= 0, shape (m,)."""
-        excess = np.maximum(self.lower - values, values - self.upper)
-        return np.asarray(np.maximum(excess, 0.0))
+        excess, below = values - self.upper, self.lower - values
+        np.maximum(excess, below, out=excess)
+        return np.maximum(excess, 0.0, out=excess)
 
     def largest_violation(self, values: Array) -> float:
         """Largest violation of all rows."""
