@@ -226,3 +226,29 @@ def test_curved_programs_of_short_rows_are_solved_stage_by_stage_to_the_same(
     assert one.optimal and one.iterations == other.iterations
     np.testing.assert_allclose(one.x, other.x, atol=1e-9)
     np.testing.assert_allclose(one.row_duals, other.row_duals, atol=1e-9)
+
+
+@pytest.mark.parametrize("largest", [1e6, 1e9, 1e10])
+def test_curved_programs_of_huge_coefficients_are_left_to_no_simplex(largest):
+    """Third differences over short intervals: stages leave no numbers from 1e9 on."""
+    rng, columns = np.random.default_rng(0), 60
+    rows = columns - 3
+    jerks = sp.diags([1.0, -3.0, 3.0, -1.0], range(4), (rows, columns))
+    sizes = rng.permutation(np.geomspace(1e3, largest, rows))
+    places = sp.diags(rng.normal(size=columns))
+    matrix = sp.vstack([sp.diags(sizes) @ jerks, places, places]).toarray()
+    ones, wide = np.ones(len(matrix)), 1e-3 * np.ones(columns)
+    cost = rng.normal(size=columns)
+    flat = program(cost, matrix, -ones, ones, -wide, wide)
+    curved = replace(flat, curvature=2e-4 * sp.identity(columns, format="csc"))
+    solver = PiqpSolver()
+    found = solver.solve(curved)
+    assert found.optimal
+    assert found.curved  # which the simplex method leaves out
+    exact = make_solver("highs").solve(flat)
+    assert cost @ found.x == pytest.approx(cost @ exact.x, abs=1e-4)
+    # What follows from it does not try stages again.
+    begun = found.iterations
+    again = solver.resolve(0.9 * flat.row_lower, 0.9 * flat.row_upper)
+    assert again.optimal and again.iterations <= begun
+    assert solver.solve(curved).iterations < 60

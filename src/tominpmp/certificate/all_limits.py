@@ -11,6 +11,7 @@ from tominpmp.certificate.bulges import bulges
 from tominpmp.certificate.clearances import clearances
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.state_limits import constraints
+from tominpmp.certificate.stays import arrivals
 
 
 def limits_of(motion: Motion, far: float, near: bool = True) -> list[LimitRows]:
@@ -21,7 +22,7 @@ def limits_of(motion: Motion, far: float, near: bool = True) -> list[LimitRows]:
         far: Torques with more room than this to both limits are left out.
         near: Whether distances are looked at: for them all meshes are cut.
     """
-    found: list[LimitRows] = []
+    found: list[LimitRows] = arrivals(motion)
     pairs = asked = 0
     for part in motion.segments:
         for rows in part.own(part.efforts()):

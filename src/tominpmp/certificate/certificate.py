@@ -14,8 +14,8 @@ class ActiveLimit(Record):
 
     Attributes:
         kind: "effort", "velocity", "position", "acceleration", "jerk", "effort rate",
-            "effort over speed" or "clearance".
-        name: The joint, or the pair as "one and other".
+            "effort over speed", "clearance" or "arrival".
+        name: The joint, the pair as "one and other", or the segment.
         begin: Beginnings of the intervals on which it holds [s], shape (m,).
         end: Their ends [s], shape (m,).
         multiplier: Time gained per time and unit of the limit: its share, rad or m,

@@ -24,6 +24,7 @@ from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
 from tominpmp.certificate.perturbations import Linearised
+from tominpmp.certificate.stays import still_nodes
 from tominpmp.linear_programs import Nearly, PiqpSolver
 from tominpmp.program_records import LinearProgram, LpSolution
 
@@ -154,11 +155,8 @@ class _Program:
             least = largest = np.concatenate([motion.a[:, 0], motion.a[-1:, 1]])
         below = np.minimum((-most - least) / self.acceleration_scale, 0.0)
         above = np.maximum((most - largest) / self.acceleration_scale, 0.0)
-        for part, place in ((motion.segments[0], 0), (motion.segments[-1], -1)):
-            limits = part.task.problem.motion_limits
-            if limits is not None and limits.continuous:
-                # Accelerations that must not jump begin and end with none.
-                below[place] = above[place] = 0.0
+        still = still_nodes(motion)
+        below[still] = above[still] = 0.0
         return below, above, most
 
     # -- rows --------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.multipliers import GOAL, TRUST
+from tominpmp.certificate.stays import ARRIVAL
 from tominpmp.options import Tolerances
 from tominpmp.verification.verification import Verification
 
@@ -31,6 +32,8 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
     if kind == "clearance":
         one, other = motion.pairs[subject]
         return f"{one} and {other}"
+    if kind == ARRIVAL:
+        return f"segment {subject + 1}"
     for item in motion.constraints:
         if item.name == kind:
             return str(item.subject)
@@ -38,8 +41,30 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
 
 
 def autonomous(motion: Motion) -> bool:
-    """Whether nothing but the state decides what is allowed, so that H is constant."""
-    return not any(one.task.problem.scene.moving for one in motion.segments)
+    """Whether nothing but the state decides what is allowed, so that H is constant.
+
+    Obstacles that move, times at which goals are to be met, and constraints that hold
+    for a time depend on more.
+    """
+    return not (_obstacles_move(motion) or _on_time(motion))
+
+
+def _obstacles_move(motion: Motion) -> bool:
+    return any(one.task.problem.scene.moving for one in motion.segments)
+
+
+def _on_time(motion: Motion) -> bool:
+    """Whether something is asked for at some times only."""
+    timed = any(one.arrival is not None for one in motion.task.problem.segments)
+    held = (item for one in motion.segments for item in one.task.problem.constraints)
+    return timed or any(item.during is not None for item in held)
+
+
+def _what_depends_on_time(motion: Motion) -> str:
+    """Why the Hamiltonian may change."""
+    if _obstacles_move(motion):
+        return "Obstacles move"
+    return "Limits depend on time"
 
 
 def no_time(duration: float) -> bool:
@@ -70,7 +95,8 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
         f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
         if autonomous(motion)
-        else "Obstacles move, so that the Hamiltonian need not be constant. Torques"
+        else f"{_what_depends_on_time(motion)}, so that the Hamiltonian need not be "
+        "constant. Torques"
     )
     text = (
         "The motion satisfies the first-order conditions to "
@@ -228,6 +254,12 @@ class _Failures:
             return (
                 f"Most of it, {share}: {name} are {1e3 * room:.3g} mm farther apart "
                 f"than need be at {when:.3f} s."
+            )
+        if kind == ARRIVAL:
+            return (
+                f"Most of it, {share}: the goal of segment {subject + 1} is met "
+                f"{_time(room)} {'earlier' if given.upper[peak] else 'later'} than "
+                "need be."
             )
         if kind == GOAL:
             return f"Most of it, {share}, is in where the motion ends."

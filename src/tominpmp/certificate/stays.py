@@ -2,6 +2,9 @@
 
 Nothing can be gained there, and all that matters is how the arm comes and goes: where
 nothing but the arm moves, it may as well go on at once.
+
+Where it comes and goes with accelerations that must not jump these are zero, and when
+goals are met is counted with the stays before.
 """
 
 from __future__ import annotations
@@ -9,11 +12,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 
+from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.limit_rows import LimitRows
+from tominpmp.certificate.perturbations import Linearised
 from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 
+# What a problem with times at which goals are to be met has rows of.
+ARRIVAL = "arrival"
 # Nodes this near to a time are at it, as a share of the duration.
 SAME = 1e-9
 
@@ -72,3 +81,62 @@ def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
     )
     places = np.argmin(np.abs(found.t[:, None] - new), axis=0)
     return replace(found, segment_ends=found.t[places])
+
+
+def still_nodes(motion: Motion) -> list[int]:
+    """Nodes at which there is no acceleration: those that must not jump have none.
+
+    That is at both ends, and where the arm stays; controls at the ends of intervals
+    have the indices of their nodes.
+
+    Args:
+        motion: The motion, without its stays.
+    """
+
+    def smooth(part: Motion) -> bool:
+        limits = part.task.problem.motion_limits
+        return limits is not None and limits.continuous
+
+    parts = motion.segments
+    found = [place for place in (0, -1) if smooth(parts[place])]
+    if motion.changes.controls > motion.changes.N:
+        for part, after, segment in zip(
+            parts[:-1], parts[1:], motion.task.problem.segments[:-1], strict=True
+        ):
+            if segment.dwell > 0.0 and (smooth(part) or smooth(after)):
+                found.append(part.span[1])
+    return found
+
+
+def arrivals(motion: Motion) -> list[LimitRows]:
+    """Rows of the times at which goals are met, where these are limited.
+
+    Args:
+        motion: The motion, without its stays.
+    """
+    changes, T = motion.changes, float(motion.changes.t[-1])
+    found, stayed = [], 0.0
+    segments = motion.task.problem.segments
+    for number, (part, segment) in enumerate(
+        zip(motion.segments, segments, strict=False)
+    ):
+        if segment.arrival is not None:
+            end = part.span[1]
+            room = (np.array(segment.arrival) - stayed - float(changes.t[end])) / T
+            before = np.where(np.arange(changes.N) < end, 1.0 / T, 0.0)
+            found.append(
+                LimitRows(
+                    kind=ARRIVAL,
+                    change=Linearised(
+                        sp.csr_matrix((1, changes.size)), sp.csr_matrix(before)
+                    ),
+                    lower=np.minimum(room[:1], 0.0),
+                    upper=np.maximum(room[1:], 0.0),
+                    interval=np.array([end - 1]),
+                    subject=np.array([number]),
+                    share=1.0,
+                    unit=T,
+                )
+            )
+        stayed += segment.dwell
+    return found

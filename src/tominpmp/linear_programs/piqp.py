@@ -120,15 +120,19 @@ class PiqpSolver(LpSolver):
         self._solver = solver
         self._scale: Array = np.zeros(0)
         self._equal: BoolArray = np.zeros(0, dtype=bool)
-        self._pace = 0.0
+        self._pace, self._stages_fail = 0.0, False
         self._program: LinearProgram | None = None
         self._other: HighsSolver | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program; interior points have no warm start."""
         begin = time.perf_counter()
-        equal = program.row_lower == program.row_upper
-        self._equal, self._program, self._other = equal, program, None
+        self._program, self._other = program, None
+        self._set_up(program)
+        return self._run(begin)
+
+    def _set_up(self, program: LinearProgram) -> None:
+        self._equal = equal = program.row_lower == program.row_upper
         others, equations = program.matrix, None
         self._scale = np.zeros(0)
         if equal.any():
@@ -137,7 +141,9 @@ class PiqpSolver(LpSolver):
             self._scale = equation_scale(own)
             equations = own.times(self._scale).columns()
         settings = self._solver.settings
-        settings.kkt_solver = factorisation(program, equations is not None)
+        settings.kkt_solver = piqp.KKTSolver.sparse_ldlt
+        if not self._stages_fail:
+            settings.kkt_solver = factorisation(program, equations is not None)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
             program.curved,
@@ -150,7 +156,6 @@ class PiqpSolver(LpSolver):
             np.maximum(program.lower, -HUGE),
             np.minimum(program.upper, HUGE),
         )
-        return self._run(begin)
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve again, with the symbolic factorisation kept."""
@@ -170,6 +175,12 @@ class PiqpSolver(LpSolver):
     def _run(self, begin: float) -> LpSolution:
         assert self._program is not None  # noqa: S101
         spent = self._try(begin, self._nearly.residual)
+        if self._lost and self._solver.settings.kkt_solver == STAGED:
+            # Without pivots between stages, coefficients of 1e9 beside those of one may
+            # leave no number; the other programs of the same motion have them, too.
+            self._stages_fail = True
+            self._set_up(self._program)
+            spent += self._try(begin, self._nearly.residual)
         if not self._solved and (self._ended or self._program.cost.size > MANY_COLUMNS):
             spent += self._try(begin, RESIDUAL, refined=True)
         if not self._solved:
@@ -209,6 +220,12 @@ class PiqpSolver(LpSolver):
         gap = max(nearly.gap, nearly.share * abs(info.primal_obj))
         near = info.duality_gap <= gap and info.dual_res <= NEARLY_DUALS
         return self._ended or bool(near)
+
+    @property
+    def _lost(self) -> bool:
+        """Whether there are no numbers left, as factors were none."""
+        info = self._solver.result.info
+        return not bool(np.isfinite(info.duality_gap) and np.isfinite(info.dual_res))
 
     @property
     def _ended(self) -> bool:

@@ -1,0 +1,88 @@
+"""The certificate of motions of which something is asked at some times only."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import tominpmp as tm
+from tests.sample_arms import make_arm, slide
+from tests.unit.test_time_windows import with_a_slow_beginning
+
+OPTIONS = {"intervals": 40, "effort": "quick"}
+ARM = make_arm(slide(1.0), effort=1.0)
+
+
+def to(x: float, **more) -> tm.Segment:
+    return tm.Segment(tm.JointGoal([x]), **more)
+
+
+def by_way_of(*segments: tm.Segment, **more) -> tm.Problem:
+    return tm.Problem(ARM, [0.0], segments=segments, **more)
+
+
+def in_windows(*constraints) -> tm.Problem:
+    return tm.Problem(ARM, [0.0], tm.JointGoal([1.0]), constraints=constraints)
+
+
+def certified(problem: tm.Problem) -> tm.Solution:
+    solution = tm.plan(problem, **OPTIONS)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    found = solution.certificate
+    assert found.ok, found.message
+    return solution
+
+
+def test_a_goal_that_must_not_be_met_sooner_holds_a_motion():
+    """Half way no sooner than after 3 s, and from there as fast as it can stop."""
+    solution = certified(by_way_of(to(0.5, arrival=(3.0, 9.0)), to(1.0)))
+    assert pytest.approx(4.0, rel=1e-3) == solution.T
+    found = solution.certificate
+    assert "Limits depend on time" in found.message
+    assert ("arrival", "segment 1") in {(x.kind, x.name) for x in found.active}
+
+
+def test_a_goal_that_is_met_later_than_need_be_is_told():
+    solution = certified(by_way_of(to(0.5, arrival=(3.5, 9.0)), to(1.0)))
+    sooner = by_way_of(to(0.5, arrival=(3.0, 9.0)), to(1.0))
+    found = tm.certify(sooner, solution.trajectory)
+    assert not found.ok
+    assert found.stationarity == pytest.approx(0.5 / solution.T, rel=0.1)
+    assert "the goal of segment 1 is met 0.5 s later than need be" in found.message
+
+
+def test_stays_count_until_a_goal_is_met():
+    """There and back, with a stay: the second goal waits for its time."""
+    early, late = to(0.5, dwell=0.4), to(0.2, arrival=(3.0, 9.0), dwell=0.3)
+    solution = certified(by_way_of(early, late, to(1.0)))
+    assert pytest.approx(3.3 + 2.0 * math.sqrt(0.8), rel=1e-3) == solution.T
+    sooner = by_way_of(early, to(0.2, arrival=(2.8, 9.0), dwell=0.3), to(1.0))
+    assert not tm.certify(sooner, solution.trajectory).ok
+
+
+def test_accelerations_are_zero_where_an_arm_stays():
+    """There and back with a limit of jerk: through the turn it would not stop."""
+    limits = tm.MotionLimits(jerk=10.0)
+    staying = by_way_of(to(1.0, dwell=0.2), to(0.4), motion_limits=limits)
+    solution = certified(staying)
+    turning = by_way_of(to(1.0, stop=True), to(0.4), motion_limits=limits)
+    assert certified(turning).T < 0.98 * (solution.T - 0.2)
+
+
+def test_what_ends_to_hold_lets_the_hamiltonian_jump():
+    solution = certified(in_windows(tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8))))
+    assert pytest.approx(with_a_slow_beginning(0.3, 0.8), rel=3e-3) == solution.T
+    assert "Limits depend on time" in solution.certificate.message
+    slower = certified(in_windows(tm.ToolSpeed("tip", 0.1, during=(0.0, 0.8))))
+    problem = in_windows(tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8)))
+    assert not tm.certify(problem, slower.trajectory).ok
+
+
+def test_a_place_that_must_not_be_left_before_its_time_stays_at_that_time():
+    """It is left at the speed that can be braked: sooner is not to be had."""
+    place = tm.WithinRegion(
+        "tip", (-9.0, -9.0, -9.0), (0.3, 9.0, 9.0), during=(0.0, 2.0)
+    )
+    solution = certified(in_windows(place))
+    assert pytest.approx(2.0 + math.sqrt(1.4), rel=3e-3) == solution.T
