@@ -252,3 +252,18 @@ def test_curved_programs_of_huge_coefficients_are_left_to_no_simplex(largest):
     again = solver.resolve(0.9 * flat.row_lower, 0.9 * flat.row_upper)
     assert again.optimal and again.iterations <= begun
     assert solver.solve(curved).iterations < 60
+
+
+def test_matrices_may_have_their_columns_in_any_order():
+    """As products of sparse matrices have; PIQP by itself may end the process."""
+    rng = np.random.default_rng(1)
+    root = sp.random(80, 60, 0.1, format="csr", random_state=rng)
+    product = sp.csc_matrix(root.T @ root)
+    assert not product.has_sorted_indices
+    ones, cost = np.ones(60), rng.normal(size=60)
+    whole = program(cost, product.toarray(), -ones, ones, -ones, ones)
+    ordered = replace(whole, curvature=product.sorted_indices())
+    mixed = replace(whole, matrix=product, curvature=product.copy())
+    one, other = (PiqpSolver().solve(p) for p in (ordered, mixed))
+    assert one.optimal and one.iterations == other.iterations
+    np.testing.assert_array_equal(one.x, other.x)

@@ -78,6 +78,18 @@ def factorisation(program: LinearProgram, equations: bool) -> Any:
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
+def in_order(matrix: sp.csc_matrix) -> sp.csc_matrix:
+    """A matrix with its columns in the order of rows.
+
+    Products of sparse matrices have them in any order, and PIQP writes beside its
+    memory then.
+
+    Args:
+        matrix: By columns.
+    """
+    return matrix if matrix.has_sorted_indices else matrix.sorted_indices()
+
+
 def equation_scale(equations: Compressed) -> Array:
     """Factors that make the largest coefficient of equations one at most, shape (m,).
 
@@ -146,11 +158,11 @@ class PiqpSolver(LpSolver):
             settings.kkt_solver = factorisation(program, equations is not None)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
-            program.curved,
+            in_order(program.curved),
             program.cost,
-            equations,
+            None if equations is None else in_order(equations),
             None if equations is None else self._scale * program.row_lower[equal],
-            others,
+            in_order(others),
             np.maximum(program.row_lower[~equal], -HUGE),
             np.minimum(program.row_upper[~equal], HUGE),
             np.maximum(program.lower, -HUGE),

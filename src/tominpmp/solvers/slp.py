@@ -82,7 +82,7 @@ class SlpSolver:
             inequalities.
         keep: Is given the best motion so far, or the present one while there is none:
             the iteration may be told to stop at any time.
-        squares: Whether controls vary by their squares, for solvers that heed curvature.
+        squares: Whether controls vary by squares, for solvers that heed curvature.
         accuracy: Gap of a program that is none, in T; None fits it to the tolerance.
         exchange: When to look at the motion between the rows of the program, and what
             finds rows that are missing; None leaves the rows as they are.
