@@ -34,7 +34,7 @@ from tominpmp.planner.continuation import outdone, solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
 from tominpmp.planner.progress import Judge, Progress
 from tominpmp.planner.rescue import guarded
-from tominpmp.planner.search import Remembered, Search
+from tominpmp.planner.search import Remembered, Search, further_paths
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.planner.unreachable import unreachable
 from tominpmp.status import IterationRecord, Status
@@ -156,7 +156,10 @@ def _from_guesses(
     make = guesses_among_moving if system.problem.scene.moving else initial_guesses
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    made = make(system, count.most, rng, options.initial_duration, progress.ends)
+    most = count.most
+    if suits(system, options) and not system.alone:
+        most = max(most, count.usual + further_paths(system))
+    made = make(system, most, rng, options.initial_duration, progress.ends)
     first = next(made, None)
     if first is None:
         raise unreachable(system, rng)
