@@ -106,6 +106,12 @@ def marks(solution: tm.Solution) -> str:
     return "*" * (not solution.success) + "+" * (solution.status in CUT_OFF)
 
 
+def label(method: str, solution: tm.Solution) -> str:
+    """Name of a motion in figures, with the same in words."""
+    violates, cut = not solution.success, solution.status in CUT_OFF
+    return method + ", goal or limits violated" * violates + ", cut off" * cut
+
+
 def row(solution: tm.Solution) -> list[str]:
     """Cells of one method: T, iterations, seconds."""
     motion = solution.trajectory  # the best there is, also of what is no success
@@ -168,7 +174,7 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
         (CASES[1], "figure_6_controls_constrained", "figure_7_motion_constrained"),
     ):
         found = {m: solutions[case, gravity, m] for m in ("adjoint", "penalty")}
-        motions = {m: s.trajectory for m, s in found.items()}
+        motions = {label(m, s): s.trajectory for m, s in found.items()}
         plot_controls(found["adjoint"].problem, motions, path(f"{controls}.png"))
         plot_motion(found["adjoint"].problem, motions, path(f"{motion}.png"))
     # Of the first start; what refines it afterwards begins to count anew.

@@ -17,6 +17,7 @@ import meshcat
 import numpy as np
 import pinocchio as pin
 import pytest
+import robot_samples
 import umsgpack
 from motion_samples import (
     END,
@@ -29,7 +30,7 @@ from motion_samples import (
     simple_arm,
     speed_up_and_brake,
 )
-from robot_samples import write_tetrahedron
+from robot_samples import INERTIAL, link, write_tetrahedron
 
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -179,6 +180,33 @@ def test_collision_geometry_stands_in_for_missing_visuals(tmp_path: Path) -> Non
     assert [body.joint for body in bodies] == [1, 2]
     assert all(body.color == STEEL for body in bodies)
     assert np.abs(bodies[0].surface.vertices).max() == pytest.approx(0.2)
+
+
+def test_links_without_visuals_are_shown_as_they_collide(tmp_path: Path) -> None:
+    ball = '<geometry><sphere radius="{}"/></geometry>'
+    solid, shown = (
+        f"<{kind}>{ball.format(radius)}</{kind}>"
+        for kind, radius in (("collision", 0.2), ("visual", 0.1))
+    )
+    joint = robot_samples.joint
+    robot = robot_samples.load(
+        tmp_path,
+        robot_samples.robot(
+            link("base", ""),
+            link("seen", INERTIAL + shown + solid),
+            link("unseen", INERTIAL + solid),
+            link("shell", solid),
+            joint("a", "base", "seen", axis="0 0 1"),
+            joint("b", "seen", "unseen", axis="0 0 1"),
+            joint("c", "seen", "shell", kind="fixed"),
+        ),
+    )
+    found = {body.joint: body for body in robot_bodies(robot)}
+    assert len(found) == len(robot_bodies(robot)) == 2  # no shell about what is seen
+    radii = {k: np.abs(body.surface.vertices).max() for k, body in found.items()}
+    assert radii == pytest.approx({1: 0.1, 2: 0.2})
+    assert found[1].color != STEEL
+    assert found[2].color == STEEL
 
 
 def test_unreadable_visuals_cause_a_warning(tmp_path: Path) -> None:
@@ -627,6 +655,10 @@ def test_wrong_arguments(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="No such file or directory"):
         play(problem, held, path=tmp_path / "nowhere" / "m.html")
     assert list(tmp_path.glob("*.html")) == []
+    for name in ("motion.pdf", "motion"):
+        with pytest.raises(ProblemError, match=r"pages are not written as .*\.html"):
+            play(problem, held, path=tmp_path / name)
+        assert not (tmp_path / name).exists()
 
 
 # Showing it

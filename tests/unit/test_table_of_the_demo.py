@@ -28,6 +28,10 @@ def test_what_was_cut_off_or_violates_something_is_marked(
     # Not infinite: the best motion there is has a duration.
     assert paper_demo.row(broken)[0] == f"{T}*+"
     assert paper_demo.row(replace(broken, trajectory=None))[0] == "none*+"
+    # The figures say so, too.
+    assert paper_demo.label("penalty", solution) == "penalty"
+    said = paper_demo.label("penalty", broken)
+    assert said == "penalty, goal or limits violated, cut off"
 
 
 def test_the_marks_are_explained(

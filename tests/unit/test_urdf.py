@@ -122,6 +122,13 @@ def test_binary_file_is_no_xml(tmp_path: Path) -> None:
         read_urdf(path)
 
 
+def test_scenario_in_yaml_is_told_what_it_is_to_be(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.yaml"
+    path.write_text("robot: panda\n", encoding="utf-8")
+    with pytest.raises(RobotLoadError, match=r"is no XML: .*, which is TOML"):
+        read_urdf(path)
+
+
 def test_entities_are_refused(tmp_path: Path) -> None:
     lines = ['<!ENTITY e0 "lol">']
     lines += [f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12)]

@@ -25,6 +25,9 @@ MAX_DEPTH = 64
 # No attribute of a description is longer; other parsers stumble over such.
 MAX_TEXT = 100_000
 
+# Of files that were meant for scenarios more likely than for robots.
+OTHER_ENDINGS = (".yaml", ".yml", ".json", ".toml")
+
 # Lengths, masses and inertias beyond this are mistakes, and their squares overflow.
 MAX_NUMBER = 1e9
 
@@ -100,7 +103,10 @@ def parse_xml(content: bytes, path: Path) -> Element:
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, LookupError, ValueError) as error:
-        raise RobotLoadError(f"{path} is no XML: {error}", path) from error
+        hint = ""
+        if path.suffix.lower() in OTHER_ENDINGS:
+            hint = "; expected a URDF file, or a scenario file, which is TOML (.toml)"
+        raise RobotLoadError(f"{path} is no XML: {error}{hint}", path) from error
     return builder.close()
 
 

@@ -52,16 +52,22 @@ class Body:
 def robot_bodies(robot: Robot) -> list[Body]:
     """List the bodies of a robot.
 
-    They are its visuals; where it has none (or they cannot be read) its collision
-    geometry; where there is none either, sticks from joint to joint.
+    They are its visuals, and the collision geometry of what moves with a joint and has
+    none (or of all, if they cannot be read); where there is none either, sticks from
+    joint to joint.
     """
     try:
         bodies = _geometry_bodies(robot.visual_model, color=None)
     except RobotLoadError as error:
         warn_caller(f"the collision geometry is shown instead: {error}")
         bodies = []
-    if not any(body.joint for body in bodies):
-        bodies += _geometry_bodies(robot.collision_model, color=STEEL)
+    # By joint, not by link: links that are there to collide only are fixed to others.
+    seen = {body.joint for body in bodies}
+    bodies += [
+        body
+        for body in _geometry_bodies(robot.collision_model, color=STEEL)
+        if body.joint not in seen
+    ]
     if not any(body.joint for body in bodies):
         bodies += _sticks(robot)
     return bodies

@@ -13,7 +13,8 @@ import numpy as np
 
 from tominpmp.arguments import is_whole
 from tominpmp.arrays import number_or_nan
-from tominpmp.exceptions import OptionsError, brief, expect, warn_caller
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import OptionsError, ProblemError, brief, expect, warn_caller
 from tominpmp.io.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
@@ -23,6 +24,8 @@ from tominpmp.viz.page import build_page
 from tominpmp.viz.shares import shares_of_limits
 from tominpmp.viz.skeleton import check_motion
 from tominpmp.viz.viewer import Recorder, import_meshcat
+
+PAGE_ENDINGS = (".html", ".htm")
 
 
 def play(
@@ -49,8 +52,8 @@ def play(
     Args:
         problem: The problem, for robot, obstacles and goal.
         trajectory: The motion.
-        path: Where to write the page. Without it a temporary file is written and opened
-            in the browser.
+        path: Where to write the page (.html or .htm). Without it a temporary file is
+            written and opened in the browser.
         open_browser: Whether to open it, if there is no path.
         viewer: A ``meshcat.Visualizer`` to show the motion in, instead of a page; for
             notebooks and distant machines.
@@ -68,7 +71,7 @@ def play(
 
     Raises:
         ProblemError: If the motion is not one of the problem's robot, or a title, twins
-            or a viewer are of another type.
+            or a viewer are of another type, or the ending of the path is no page's.
         FrameNotFound: If there is no such frame.
         OptionsError: If a number is out of range.
         ScenarioError: If the page cannot be written.
@@ -80,6 +83,8 @@ def play(
     for motion in (trajectory, *twins.values()):
         check_motion(problem, motion)
     _check_positive(rate=rate, fps=fps)
+    if path is not None:
+        _check_ending(path)
     if not is_whole(ghosts) or not 0 <= ghosts <= 100:
         raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
     appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
@@ -108,6 +113,17 @@ def play(
     if open_browser and not show_page(page):
         warn_caller(f"no browser could be opened; the page is {temporary}")
     return Path(temporary)
+
+
+def _check_ending(path: str | Path) -> None:
+    """Check that a browser will take the file for a page."""
+    ending = checked_path(path).suffix.lower()
+    if ending not in PAGE_ENDINGS:
+        raise ProblemError(
+            f"{path}: pages are not written as {ending or 'files without ending'}; "
+            f"there are: {', '.join(PAGE_ENDINGS)}",
+            "path",
+        )
 
 
 def _check_positive(**values: float) -> None:
