@@ -148,6 +148,8 @@ def clearly(
     h = np.diff(attempt.trajectory.t)
     if np.max(h) > LONGEST * h.sum():
         return False  # the certificate allows of more changes than the grid
+    if np.any(problem.robot.friction):
+        return False  # nor does a program let joints turn elsewhere
     if anything_near(problem, attempt):
         return False
     before, last = attempt.history[-2:]
