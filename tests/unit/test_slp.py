@@ -125,10 +125,8 @@ def test_no_program_confirms_that_nothing_was_gained(fastest):
     )
     start = np.array([0.0, 1.0 if fastest else 9.0])
     options = Options(trust_region=2.0)
-    solver = SlpSolver(
-        program, options, 0.0, make_solver("highs"), confirms_above=np.inf
-    )
-    result, usual = solver.run(start), replace(solver, confirms_above=0.0).run(start)
+    solver = SlpSolver(program, options, 0.0, make_solver("highs"), sure=lambda T: True)
+    result, usual = solver.run(start), replace(solver, sure=None).run(start)
     assert result.status is usual.status is Status.CONVERGED
     assert result.best.duration == usual.best.duration == pytest.approx(1.0)
     assert result.best.violation == 0.0

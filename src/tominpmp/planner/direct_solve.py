@@ -219,10 +219,10 @@ def solve_from_guess(
     initial = program.trajectory(start)
     missing = partial(with_missing_rows, overload=overload)
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
-    confirms_above = np.inf
-    if system.alone:
-        # Motions that are far above what none can beat ended too soon without.
-        confirms_above = _near(system, progress)
+
+    def sure(duration: float) -> bool:
+        # With nothing in the way motions that are far from it ended too soon without.
+        return not system.alone or duration <= _near(system, progress)
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
@@ -234,7 +234,7 @@ def solve_from_guess(
             exchange=exchange,
             squares=squares,
             accuracy=accuracy,
-            confirms_above=confirms_above,
+            sure=sure,
         )
         return solver.run(z, after=after)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,10 +85,8 @@ class SlpSolver:
             the iteration may be told to stop at any time.
         squares: Whether controls vary by squares, for solvers that heed curvature.
         accuracy: Gap of a program that is none, in T; None fits it to the tolerance.
-        exchange: When to look at the motion between the rows of the program, and what
-            finds rows that are missing; None leaves the rows as they are.
-        confirms_above: T above which another program has to confirm that nothing is to
-            be gained where a step has mended all and gained next to nothing [s].
+        exchange: When to look between the rows, and what finds those missing, if any.
+        sure: Whether a motion of T [s] that is still needs no program to confirm it.
     """
 
     nlp: Program
@@ -100,7 +99,7 @@ class SlpSolver:
     squares: bool = False
     accuracy: float | None = None
     exchange: RowExchange | None = None
-    confirms_above: float = 0.0
+    sure: Callable[[float], bool] | None = None
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -249,8 +248,9 @@ class SlpSolver:
     def settled(self, iterate: Iterate, outcome: Outcome) -> bool:
         """Whether no more progress is predicted, or was had lately."""
         little = self.options.tolerance * max(iterate.duration, SHORTEST)
-        sure = iterate.duration <= self.confirms_above
-        if outcome.predicted < QUIET * little or (iterate.still and sure):
+        if outcome.predicted < QUIET * little:
+            return True
+        if iterate.still and self.sure is not None and self.sure(iterate.duration):
             return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
 
