@@ -15,13 +15,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.instants import Instants, local_maxima
 from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.perturbations import Linearised, picked
+from tominpmp.certificate.perturbations import picked
 from tominpmp.certificate.task import Room
 
 # Where a pair that stays near is a row, too: the middles and the ends of the intervals.
@@ -242,10 +241,7 @@ def _rows(motion: Motion, found: Contacts) -> LimitRows:
         rows = ((at.interval[:, None] + 1) * changes.n + joints).ravel()
         change = changes.fixed(by_q @ changes.positions[rows])
     if motion.task.room is not None and motion.task.room.moving:
-        passed = np.where(at.interval[:, None] > np.arange(changes.N), 1.0, 0.0)
-        passed[np.arange(pair.size), at.interval] = at.share
-        late = sp.csr_matrix(rates[:, None] * passed)
-        change = Linearised(change.matrix, change.by_length + late)
+        change = at.with_time(change, rates)
     return LimitRows(
         kind="clearance",
         change=change,

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.perturbations import JUST_INSIDE, Perturbations
+from tominpmp.certificate.perturbations import JUST_INSIDE, Linearised, Perturbations
 
 
 class Instants(NamedTuple):
@@ -45,6 +46,19 @@ class Instants(NamedTuple):
         """When they are [s], shape (m,)."""
         h = changes.h[self.interval]
         return np.asarray(changes.t[self.interval] + self.share * h)
+
+    def with_time(self, change: Linearised, rate: Array) -> Linearised:
+        """Rows with what the times of the instants add, which follow the lengths.
+
+        Args:
+            change: The rows at the shares of the intervals, whatever the time.
+            rate: What they change by with time alone, shape (m,), in their units [1/s].
+        """
+        columns = np.arange(change.by_length.shape[1])
+        passed = np.where(self.interval[:, None] > columns, 1.0, 0.0)
+        passed[np.arange(rate.size), self.interval] = self.share
+        later = sp.csr_matrix(rate[:, None] * passed)
+        return Linearised(change.matrix, (change.by_length + later).tocsr())
 
     def kept(self, which: IntArray | BoolArray) -> Instants:
         """Some of them."""

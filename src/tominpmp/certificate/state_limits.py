@@ -7,15 +7,13 @@ their own. A limit is looked at closely in time, and where it is nearest is a ro
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import BoolArray
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.instants import Instants, beside, local_maxima
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import (
     JUST_INSIDE,
-    Linearised,
     Perturbations,
     picked,
 )
@@ -64,10 +62,11 @@ def _constraint(motion: Motion, index: int) -> LimitRows | None:
             parts.append(source.after(picked(mine, k.size, np.arange(k.size))))
     here, change = values[k, which], sum(parts[1:], parts[0])
     if item.window is not None:
-        # Slopes by accelerations count for nothing: these run, if at all, little.
+        # It stays at its times: what is earlier by so much is on its way for that much
+        # longer. Slopes by accelerations count for nothing: those run little.
         rate = np.einsum("kj,kj->k", slopes[0], state.v[k])
         rate += np.einsum("kj,kj->k", slopes[1], state.a[k])
-        change = _at_its_time(change, at, rate)
+        change = at.with_time(change, -rate)
     return LimitRows(
         kind=item.name,
         change=change,
@@ -81,23 +80,6 @@ def _constraint(motion: Motion, index: int) -> LimitRows | None:
         unit=item.scale,
         component=which,
     )
-
-
-def _at_its_time(change: Linearised, at: Instants, rate: Array) -> Linearised:
-    """Rows that stay at their times where what comes before gets shorter.
-
-    What is earlier by so much is on its way for that much longer.
-
-    Args:
-        change: The rows at shares of intervals.
-        at: The shares.
-        rate: What the motion changes the values by, shape (m,), in units of them [1/s].
-    """
-    rows, columns = np.arange(rate.size), np.arange(change.by_length.shape[1])
-    passed = np.where(at.interval[:, None] > columns, 1.0, 0.0)
-    passed[rows, at.interval] = at.share
-    late = sp.csr_matrix(rate[:, None] * passed)
-    return Linearised(change.matrix, (change.by_length - late).tocsr())
 
 
 def _looked_at(changes: Perturbations, order: int) -> tuple[Instants, BoolArray]:

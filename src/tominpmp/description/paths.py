@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 
 from tominpmp.exceptions import ProblemError, TominpmpError, brief
@@ -10,6 +11,27 @@ from tominpmp.exceptions import ProblemError, TominpmpError, brief
 # What file systems take [bytes]; beyond, they fail in ways of their own.
 LONGEST_NAME = 255
 LONGEST_PATH = 4096
+
+
+def checked_ending(path: object, known: Collection[str], refused: str) -> str:
+    """Take the ending of a caller's path, in lower case.
+
+    Args:
+        path: The path.
+        known: The endings that there are.
+        refused: What is said of others, as in "motions are not kept as".
+
+    Raises:
+        ProblemError: If the ending is of none of these, or the path is none.
+    """
+    ending = checked_path(path).suffix.lower()
+    if ending not in known:
+        raise ProblemError(
+            f"{path}: {refused} {ending or 'files without ending'}; "
+            f"there are: {', '.join(known)}",
+            "path",
+        )
+    return ending
 
 
 def checked_path(

@@ -22,7 +22,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
-from tominpmp.description.paths import checked_path
+from tominpmp.description.paths import checked_ending, checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError, brief, expect
 from tominpmp.io.bag import parse_bag, write_bag
@@ -218,14 +218,7 @@ def message_motion(message: Any, path: Path) -> Samples:
 def _chosen(
     table: Mapping[str, Callable[..., Any]], path: str | Path
 ) -> Callable[..., Any]:
-    ending = checked_path(path).suffix.lower()
-    if ending not in table:
-        raise ProblemError(
-            f"{path}: motions are not kept as {ending or 'files without ending'}; "
-            f"there are: {', '.join(table)}",
-            "path",
-        )
-    return table[ending]
+    return table[checked_ending(path, table, "motions are not kept as")]
 
 
 def _node_samples(trajectory: Trajectory) -> Samples:

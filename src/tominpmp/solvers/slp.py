@@ -84,7 +84,7 @@ class SlpSolver:
         keep: Is given the best motion so far, or the present one while there is none:
             the iteration may be told to stop at any time.
         squares: Whether controls vary by squares, for solvers that heed curvature.
-        accuracy: Gap of a program that is none, in T; None fits it to the tolerance.
+        accuracy: Gap of a program that is none, as a share of T; None fits tolerance.
         exchange: When to look between the rows, and what finds those missing, if any.
         sure: Whether a motion of T [s] that is still needs no program to confirm it.
     """

@@ -13,8 +13,8 @@ import numpy as np
 
 from tominpmp.arguments import is_whole
 from tominpmp.arrays import number_or_nan
-from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import OptionsError, ProblemError, brief, expect, warn_caller
+from tominpmp.description.paths import checked_ending
+from tominpmp.exceptions import OptionsError, brief, expect, warn_caller
 from tominpmp.io.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
@@ -84,7 +84,7 @@ def play(
         check_motion(problem, motion)
     _check_positive(rate=rate, fps=fps)
     if path is not None:
-        _check_ending(path)
+        checked_ending(path, PAGE_ENDINGS, "pages are not written as")
     if not is_whole(ghosts) or not 0 <= ghosts <= 100:
         raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
     appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
@@ -113,17 +113,6 @@ def play(
     if open_browser and not show_page(page):
         warn_caller(f"no browser could be opened; the page is {temporary}")
     return Path(temporary)
-
-
-def _check_ending(path: str | Path) -> None:
-    """Check that a browser will take the file for a page."""
-    ending = checked_path(path).suffix.lower()
-    if ending not in PAGE_ENDINGS:
-        raise ProblemError(
-            f"{path}: pages are not written as {ending or 'files without ending'}; "
-            f"there are: {', '.join(PAGE_ENDINGS)}",
-            "path",
-        )
 
 
 def _check_positive(**values: float) -> None:
