@@ -18,7 +18,7 @@ from tominpmp.planner import direct_solve as guessed
 from tominpmp.planner.attempt import Attempt
 from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.solvers.torque_variation import TorqueVariationSolver
+from tominpmp.solvers.smoothing import SmoothingSolver
 from tominpmp.stopping import Deadline, Stop
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
@@ -137,13 +137,13 @@ def test_interrupted_in_a_later_stage(monkeypatch, stage):
 
 @pytest.mark.usefixtures("clock")
 def test_interrupted_while_torques_are_made_quiet(monkeypatch):
-    usual = TorqueVariationSolver.step
+    usual = SmoothingSolver.step
 
     def pressed(self, *arguments):
         press()
         return usual(self, *arguments)
 
-    monkeypatch.setattr(TorqueVariationSolver, "step", pressed)
+    monkeypatch.setattr(SmoothingSolver, "step", pressed)
     solution = tm.plan(reach(), tm.Options(effort="quick", slack=0.02))
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok

@@ -17,12 +17,12 @@ from tominpmp.accelerations import (
 from tominpmp.arguments import Told
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
+from tominpmp.motion_measures import energy_of, roughness, work_of
 from tominpmp.notebook import outcome_card
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
-from tominpmp.torque_measures import energy_of, roughness, work_of
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:

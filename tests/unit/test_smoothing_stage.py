@@ -9,7 +9,9 @@ import pytest
 from scipy.optimize import LinearConstraint, minimize
 
 import tominpmp as tm
-from tominpmp.torque_measures import roughness
+from tominpmp.motion_measures import roughness
+from tominpmp.solvers.mean_speeds import MeanSpeeds
+from tominpmp.solvers.smoothing import SmoothingSolver
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
@@ -83,6 +85,55 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
     )
     found = np.sum((jumps @ quiet.trajectory.u[:-1, 0]) ** 2)
     assert found == pytest.approx(best.fun, rel=1e-2)
+
+
+def ways(solution: tm.Solution) -> np.ndarray:
+    """What the joints go beyond the straight way [rad]."""
+    q = solution.trajectory(np.linspace(0.0, solution.T, 500)).q
+    return np.abs(np.diff(q, axis=0)).sum(axis=0) - np.abs(q[-1] - q[0])
+
+
+@pytest.mark.parametrize(("slack", "left"), [(0.0, 0.8), (0.003, 0.5)])
+def test_joints_with_time_to_spare_go_straight(slack, left):
+    """Light joints swing out where that helps by a ten-thousandth of T."""
+    arm = tm.load_robot("ur5")
+    start = [0.3, -1.6, 1.2, -1.4, 0.4, -0.5]
+    problem = tm.Problem(arm, start, tm.JointGoal([2.6, -0.6, -1.0, 0.4, 1.1, 0.3]))
+    solution = plan_quickly(problem)
+    quiet = tm.smooth(solution, slack)
+    assert quiet.success
+    assert quiet.T == pytest.approx((1.0 + slack) * solution.T, rel=1e-9)
+    assert ways(solution).sum() > 0.5
+    assert ways(quiet).sum() < left * ways(solution).sum()
+    assert "ways shorter by" in quiet.message
+
+
+@pytest.mark.parametrize("options", FORMS[:2] + FORMS[3:5], ids=str)
+def test_mean_speeds_are_those_between_the_nodes(problem, options):
+    """They are linear in the unknowns, and those of the motion, by every form."""
+    solution = plan_quickly(problem, tm.Options(starts=1, **options))
+    seen = []
+
+    def kept(self, z):
+        mean = MeanSpeeds.of(self.nlp, z)
+        seen.append((mean, z))
+        return usual(self, z)
+
+    usual = SmoothingSolver.run
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SmoothingSolver, "run", kept)
+        tm.smooth(solution, 0.02)
+    mean, z = seen[0]
+    speeds = mean.linearized(z)
+    away = z + 1e-3 * np.random.default_rng(0).normal(size=z.size) * (
+        mean.nlp.cost == 0.0
+    )
+    for here in (z, away):
+        motion = mean.nlp.trajectory(here)
+        q, h = motion.q, np.diff(motion.t)[:, None]
+        by_hand = np.diff(q, axis=0) / mean.scale / np.sqrt(h * motion.duration)
+        found = (speeds.matrix @ here + speeds.offset).reshape(by_hand.shape)
+        np.testing.assert_allclose(found, by_hand, atol=1e-9)
 
 
 def test_more_slack_is_quieter(planar3r):

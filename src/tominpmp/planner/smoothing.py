@@ -1,4 +1,4 @@
-"""Smoothing, the second stage of a plan: time given away for less torque variation."""
+"""Smoothing, the second stage of a plan: time given away for quiet torques."""
 
 from __future__ import annotations
 
@@ -10,20 +10,24 @@ import numpy as np
 from tominpmp.arrays import Array, number_or_nan
 from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.motion_measures import roughness, way_of
 from tominpmp.options import Options
 from tominpmp.planner.later_stage import Over, bettered, made
 from tominpmp.solution import Solution
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.solvers.torque_variation import TorqueVariationSolver
+from tominpmp.solvers.smoothing import SmoothingSolver
 from tominpmp.status import Status
-from tominpmp.torque_measures import roughness
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.ticks import Ticks, ticks_of
 
 NO_QUIETER = "no quieter motion was found."
+# Ways of all joints that are shorter by this share are a gain without quieter torques.
+WORTH_IT = 0.01
+# Ways are told in shares of this at least [s].
+SHORTEST_WAY = 1e-9
 
 
 def smooth(solution: Solution, slack: float = 0.01) -> Solution:
@@ -32,17 +36,20 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     The duration is fixed at (1 + slack) T, or at the next multiple of the control
     period if the motion was planned for one, and the squared differences of successive
     torques are minimised, with all limits and clearances held and the start and the
-    goal met. Quadratic programs are solved one after the other, as the constraints are
-    not linear, and the result is verified by its replay.
+    goal met. The squares of the speeds count a little beside them: joints that have
+    time to spare, which the fastest motion lets go to and fro where that helps it by
+    next to nothing, go as straight as they can. Quadratic programs are solved one after
+    the other, as the constraints are not linear, and the result is verified by its
+    replay.
 
     Args:
         solution: A motion by any method.
         slack: Share of T to give away; 0 quietens what the minimum time leaves free.
 
     Returns:
-        The quieter motion; its ``initial`` is the motion as it was, and ``roughness``
-        tells how much was gained. If none is found, the solution as it was, and its
-        message says so.
+        The quieter motion; its ``initial`` is the motion as it was, ``roughness`` tells
+        how much was gained, and the message how much shorter the ways of the joints
+        are. If none is found, the solution as it was, and its message says so.
 
     Raises:
         ProblemError: If there is no motion that keeps all constraints.
@@ -81,14 +88,16 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
     if not found.verification.ok:
         return found.verification.message
     after = roughness(trajectory, limits)
-    if after >= before:
+    saved = 1.0 - way_of(trajectory, limits) / max(way_of(former, limits), SHORTEST_WAY)
+    if after >= before and saved < WORTH_IT:
         return NO_QUIETER
-    gained = trajectory.duration / former.duration - 1.0
+    slower = trajectory.duration / former.duration - 1.0
+    ways = f" and ways shorter by {100 * saved:.3g} %" if saved >= WORTH_IT else ""
     return replace(
         solution,
         options=replace(options, slack=share or None),
         message=f"{solution.message} Quiet torques: roughness {before:.3g} to "
-        f"{after:.3g} for {100 * gained:.3g} % more time, T = "
+        f"{after:.3g}{ways} for {100 * slower:.3g} % more time, T = "
         f"{trajectory.duration:.4f} s.",
         trajectory=trajectory,
         initial=former,
@@ -121,7 +130,7 @@ def _quieter(
         program: NonlinearProgram, z: Array, options: Options, _: SlpResult | None
     ) -> SlpResult:
         times = program.transcription.sequence_times(z)
-        return TorqueVariationSolver(program, options, times, over).run(z)
+        return SmoothingSolver(program, options, times, over).run(z)
 
     program, result = solve_in_rounds(program, z, options, solve, rough=False)
     if result.best is None:

@@ -1,4 +1,4 @@
-"""Measures of the torques of a motion: how unquiet they are, and their energy."""
+"""Measures of a motion: how unquiet its torques are, its way, and its energy."""
 
 from __future__ import annotations
 
@@ -25,6 +25,15 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
     span = limits.effort_upper - limits.effort_lower
     driven = span > 0.0
     return float(np.sum((np.diff(u[:, driven], axis=0) / span[driven]) ** 2))
+
+
+def way_of(trajectory: Trajectory, limits: JointLimits) -> float:
+    """What all joints would take for their ways one after the other [s].
+
+    Each at the limit of its speed, those without one at 1 rad/s or m/s.
+    """
+    speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
+    return float(np.sum(np.abs(np.diff(trajectory.q, axis=0)) / speed))
 
 
 def energy_of(trajectory: Trajectory) -> float:
