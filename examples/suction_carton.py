@@ -23,7 +23,7 @@ GOAL = (0.8, -1.5, 1.7, -1.7708, -1.5708, 0.0)
 MASS, SIZE = 3.0, (0.2, 0.2, 0.2)  # of the carton [kg, m]
 FRICTION, RADIUS = 0.5, 0.04  # of the cup [1, m]
 PULLS = (150.0, 90.0)  # [N]
-OPTIONS = tm.Options(intervals=20, control="constant", effort="quick", refine=None)
+OPTIONS = tm.Options(intervals=40, control="linear", effort="quick", refine=None)
 
 
 def problem(pull: float) -> tm.Problem:

@@ -23,9 +23,10 @@ from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.optimality_report import no_time
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
+from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.direct_solve import SMOOTHING_SHARE, by_squares
+from tominpmp.planner.direct_solve import SMOOTHING_SHARE
 from tominpmp.planner.following import Budget, Following
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
@@ -198,7 +199,9 @@ class Settling:
         smoothing = options.smoothing
         if smoothing is None:
             smoothing = min(SMOOTHING_SHARE, SMOOTHING * tolerance)
-        self.squares = by_squares(system, options)
+        # Their sum takes three times the columns, which fine grids have too many of.
+        curved = make_solver(options.lp_solver).curved
+        self.squares = curved and options.smoothing is None
         self.options = replace(options, smoothing=smoothing)
 
     def run(self, attempt: Attempt) -> Attempt:
