@@ -62,6 +62,30 @@ def test_a_window_without_an_end_holds_to_the_goal():
     assert 0.995 < solution.T / fastest < 1.03  # a coarse grid has no switch at 0.8 s
 
 
+@pytest.mark.parametrize(("until", "middle"), [(2.5, 1.0), (6.0, 1.0), (3.0, 0.5)])
+def test_what_is_forbidden_for_a_while_is_waited_for(until, middle):
+    """With a run-up the rail is at full braking speed when the way is free again.
+
+    It passes the near side with the speed from which it can just stop at the goal.
+    """
+    away = tm.KeepAway("tip", (middle, 0, 0), 0.3, during=(0.0, until))
+    solution = tm.plan(rail(away, distance=2.0, effort=2.0))
+    assert solution.success, solution.message
+    left = 2.0 - (middle - 0.3)
+    expected = until + math.sqrt(2.0 * left / 2.0)
+    assert pytest.approx(expected, rel=2e-3) == solution.T
+    q = solution.trajectory(np.linspace(0.0, until, 800)).q[:, 0]
+    assert q.max() < middle - 0.3 + 1e-3
+
+
+def test_nobody_stays_where_it_is_still_forbidden():
+    """The goal itself is only free after the window: the arm comes when it may."""
+    away = tm.KeepAway("tip", (1.0, 0, 0), 0.3, during=(0.5, 2.0))
+    solution = tm.plan(rail(away, effort=2.0))
+    assert solution.success, solution.message
+    assert pytest.approx(2.0 + math.sqrt(0.3), rel=2e-3) == solution.T
+
+
 def test_what_holds_after_the_end_holds_at_the_goal():
     """A motion is not hurried on to escape a window, nor slowed down by one."""
     near = tm.WithinRegion("tip", (0.9, -9, -9), (9, 9, 9), during=(3.0, 4.0))

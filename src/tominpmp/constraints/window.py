@@ -13,8 +13,9 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, pair_or_nan
 from tominpmp.exceptions import ProblemError, brief
 
-# Rows to begin with, and how far apart they are where the window has no end [s].
-FIRST_TIMES, FIRST_STEP = 21, 0.1
+# Rows to begin with, at least and at most, and how far apart they are [s]: what passes
+# between two of them may be pushed to the other side by one that is put in later.
+FIRST_TIMES, MOST_TIMES, FIRST_STEP = 21, 401, 0.1
 # Times closer than this are one [s].
 SAME = 1e-6
 
@@ -42,8 +43,10 @@ class Window:
         if during is None:
             return None
         begin, end = during
-        last = min(end, begin + FIRST_STEP * (FIRST_TIMES - 1))
-        return cls(begin, end, np.linspace(begin, last, FIRST_TIMES))
+        last = end if np.isfinite(end) else begin + FIRST_STEP * (FIRST_TIMES - 1)
+        asked = 1 + np.ceil((last - begin) / FIRST_STEP)
+        count = int(np.clip(asked, FIRST_TIMES, MOST_TIMES))
+        return cls(begin, end, np.linspace(begin, last, count))
 
     def asked(self, t: Array) -> BoolArray:
         """Whether it holds at times of a motion, shape (m,)."""

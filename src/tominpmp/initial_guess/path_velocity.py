@@ -1,23 +1,27 @@
-"""Path-velocity decomposition: when to wait on a path for moving obstacles.
+"""Path-velocity decomposition: when to wait on a path for what passes.
 
-A path is given, and obstacles that move cross it. Whether the arm is free depends on
-how far along the path it is and on the time: in the plane of these two, the way that
-arrives first is sought by going, waiting and going back (path-velocity decomposition,
-Kant and Zucker, 1986). The arm never goes faster than on the timed path it follows, and
-the time of waiting is part of the motion: T counts from the start.
+A path is given, and obstacles that move cross it, or constraints forbid some of it for
+a part of the motion. Whether the arm is free depends on how far along the path it is
+and on the time: in the plane of these two, the way that arrives first is sought by
+going, waiting and going back (path-velocity decomposition, Kant and Zucker, 1986). The
+arm never goes faster than on the timed path it follows, and the time of waiting is part
+of the motion: T counts from the start.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.window import Window
 from tominpmp.initial_guess.guess import SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -30,6 +34,8 @@ CHECKS = 30_000
 # long [s].
 PATIENCE = 10.0
 LONG = 10.0
+# What constraints on positions may lack, as a share of their scale.
+KEPT = 1e-6
 # Obstacles at rest are left to the path: they do not go away [m].
 ANY_DEPTH = -1e6
 # A cautious passage keeps this share of the reach free beside the margin.
@@ -42,18 +48,29 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 ANYWHERE = "via point"
 
 
-def guesses_among_moving(
+def waiting_helps(system: ProblemFunctions) -> bool:
+    """Whether something is in the way for a part of the motion only."""
+    return bool(system.problem.scene.moving or _passing(system))
+
+
+def _passing(system: ProblemFunctions) -> list[PathConstraint]:
+    """Constraints on positions that hold during a part of the motion."""
+    every = system.problem.ready_constraints
+    return [item for item in every if item.order == 0 and item.window is not None]
+
+
+def waiting_guesses(
     system: ProblemFunctions,
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
     deadline: float | None = None,
 ) -> Iterator[Guess]:
-    """Initial guesses where obstacles move, the most promising first.
+    """Initial guesses where something passes, the most promising first.
 
-    Those for the scene without them come first, each beside the same path traversed in
-    such a way that they are let pass. Then paths follow that are free where they stand
-    still at some instant. For the arguments see
+    Those for the scene without what moves come first, each beside the same path
+    traversed in such a way that all that passes is let pass. Then paths follow that are
+    free where obstacles stand still at some instant. For the arguments see
     :func:`~tominpmp.initial_guess.guess.initial_guesses`.
     """
     found = _guesses(system, count, rng, duration, deadline)
@@ -78,7 +95,7 @@ def _guesses(
         yield from _with_passages(system, guess)
     if first is None:
         return
-    for share in MOMENTS:
+    for share in MOMENTS if system.problem.scene.moving else ():
         still = system.resting(share * first.duration)
         for guess in initial_guesses(still, count, rng, duration, deadline):
             if guess.name == ANYWHERE:
@@ -91,13 +108,21 @@ def _guesses(
 
 
 def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
-    """A guess, after the way in which its path lets pass what moves, if there is one.
+    """A guess, beside the way in which its path lets pass what does, if there is one.
 
     That is an admissible start, or nearly, while the optimiser may drive a motion that
-    goes through an obstacle to either side of it, or nowhere.
+    goes through an obstacle to either side of it, or nowhere: it comes first where
+    obstacles move. Where constraints hold for a while, most motions find their way.
     """
     passed = let_pass(system, guess)
-    if passed is not None and passed is not guess:
+    if passed is guess:
+        passed = None
+    if not system.problem.scene.moving:
+        yield guess
+        if passed is not None:
+            yield passed
+        return
+    if passed is not None:
         yield passed
     yield guess
     slower = let_pass(system, guess, CAUTION)
@@ -109,10 +134,10 @@ def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
 def let_pass(
     system: ProblemFunctions, guess: Guess, caution: float = 0.0
 ) -> Guess | None:
-    """Traverse the path of a guess so that obstacles that move are let pass.
+    """Traverse the path of a guess so that what passes is let pass.
 
     Args:
-        system: Clearance and margin.
+        system: Clearance, margin, and constraints that hold for a while.
         guess: A path over time.
         caution: Distance to keep beyond the margin, as a share of the reach.
 
@@ -120,17 +145,19 @@ def let_pass(
         The guess that arrives first as far as this is known; the same guess if nothing
         is in its way, and None if there is no way.
     """
-    clearance = system.clearance
-    if not isinstance(clearance, ClearanceConstraint) or not clearance.moving:
+    clearance, holding = system.clearance, _passing(system)
+    bodies: _Bodies | None = None
+    if isinstance(clearance, ClearanceConstraint) and clearance.moving:
+        far = clearance.margin + caution * system.reach
+        moving = clearance.checker.moving_pairs
+        bodies = _Bodies(clearance.checker, np.where(moving, far, ANY_DEPTH))
+    elif not holding:
         return guess
-    checker = clearance.checker
-    margin = np.where(
-        checker.moving_pairs, clearance.margin + caution * system.reach, ANY_DEPTH
-    )
     count = min(PLACES, max(int(guess.duration / SHORTEST), 2))
     step = float(guess.duration) / count
     q = guess.position(np.linspace(0.0, guess.duration, count + 1))
-    places = _passage(_Plane(checker, q, margin, step))
+    windows = [_Forbidden.of(item, q) for item in holding]
+    places = _passage(_Plane(bodies, windows, q, step))
     if places is None:
         return None
     if places.size == count + 1:
@@ -141,13 +168,40 @@ def let_pass(
     return replace(guess, name=name, t=t, q=q[places], delay=waits)
 
 
+class _Bodies(NamedTuple):
+    """Obstacles that move, and how far away they have to be, shape (pairs,) [m]."""
+
+    checker: CollisionChecker
+    margin: Array
+
+
+class _Forbidden(NamedTuple):
+    """Where a constraint does not let the arm be while it holds, shape (places,)."""
+
+    window: Window
+    places: BoolArray
+
+    @classmethod
+    def of(cls, item: PathConstraint, q: Array) -> _Forbidden:
+        """Those of a path."""
+        assert item.window is not None  # noqa: S101
+        rest = np.zeros(q.shape[1])
+        lacks = [bool(item.lack(place, rest, KEPT)) for place in q]
+        return cls(item.window, np.array(lacks))
+
+
 class _Plane:
     """Which places on a path are free at which times."""
 
     def __init__(
-        self, checker: CollisionChecker, q: Array, margin: Array, step: float
+        self,
+        bodies: _Bodies | None,
+        windows: Sequence[_Forbidden],
+        q: Array,
+        step: float,
     ) -> None:
-        self._checker, self._q, self._margin, self.step = checker, q, margin, step
+        self._bodies, self._windows, self._q = bodies, windows, q
+        self.step = step
         self.checks = 0
 
     @property
@@ -157,12 +211,26 @@ class _Plane:
 
     def free(self, places: BoolArray, number: int) -> BoolArray:
         """Which of some places are free at a time, counted in steps."""
-        out = np.zeros_like(places)
-        for place in np.flatnonzero(places).tolist():
+        time = number * self.step
+        out = places.copy()
+        for window, forbidden in self._windows:
+            # With what is between this time and the next ones.
+            if window.begin - self.step < time < window.end + self.step:
+                out &= ~forbidden
+        if self._bodies is None:
+            return out
+        checker, margin = self._bodies
+        for place in np.flatnonzero(out).tolist():
             self.checks += 1
-            time = number * self.step
-            out[place] = self._checker.is_free(self._q[place], self._margin, time)
+            out[place] = checker.is_free(self._q[place], margin, time)
         return out
+
+    def ends(self, number: int) -> bool:
+        """Whether the arm may stay at the end from a time on, counted in steps."""
+        time = number * self.step
+        return all(
+            time >= window.end or not places[-1] for window, places in self._windows
+        )
 
 
 def _passage(plane: _Plane) -> IntArray | None:
@@ -171,7 +239,7 @@ def _passage(plane: _Plane) -> IntArray | None:
     here[0] = True
     reached = [here]
     most = int(max(PATIENCE * (plane.places - 1), LONG / plane.step))
-    while not here[-1]:
+    while not (here[-1] and plane.ends(len(reached) - 1)):
         ahead = here.copy()
         ahead[1:] |= here[:-1]
         ahead[:-1] |= here[1:]

@@ -18,7 +18,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import held_positions
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
-from tominpmp.initial_guess.path_velocity import guesses_among_moving
+from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.problem import Problem
 from tominpmp.segments import Segment, segments_of
 from tominpmp.trajectory import Trajectory
@@ -91,7 +91,7 @@ def _guess(
     for place, part in enumerate(system.parts):
         alone = _from(part, q)
         if part.problem.scene.moving:
-            guesses = guesses_among_moving(alone, number + 2, rng, duration, deadline)
+            guesses = waiting_guesses(alone, number + 2, rng, duration, deadline)
         else:
             ahead = following(system, place)
             guesses = initial_guesses(

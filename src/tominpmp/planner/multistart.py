@@ -24,7 +24,7 @@ from tominpmp.initial_guess.parallel import (
     ready,
     run_parallel,
 )
-from tominpmp.initial_guess.path_velocity import guesses_among_moving
+from tominpmp.initial_guess.path_velocity import waiting_guesses, waiting_helps
 from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
@@ -153,7 +153,7 @@ def _from_guesses(
 ) -> Iterator[Attempt | None]:
     rng = np.random.default_rng(options.seed)
     count = Count.of(system, options)
-    make = guesses_among_moving if system.problem.scene.moving else initial_guesses
+    make = waiting_guesses if waiting_helps(system) else initial_guesses
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
     most = count.most
