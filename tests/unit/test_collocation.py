@@ -249,6 +249,17 @@ def test_slow_motions_have_intervals_that_the_dynamics_bear():
     assert solution.T < 1.05 * solution.lower_bound.T
 
 
+def test_swift_motions_get_a_grid_that_their_replay_bears():
+    """Two finer grids were not enough: every start failed its replay, for 100 s."""
+    start = [-0.492, 2.918, 1.347, -2.1, -3.037, 2.053]
+    goal = tm.JointGoal([2.45, -3.074, -2.031, -2.455, 1.546, -0.541])
+    problem = tm.Problem(tm.load_robot("ur5"), start, goal)
+    solution = tm.plan(problem, method="collocation", starts=1, max_iterations=100)
+    assert solution.success, solution.message
+    smooth = tm.plan(problem, starts=1)
+    assert solution.T < 1.05 * smooth.T
+
+
 def test_what_a_grid_of_torques_cannot_do_is_said():
     """At 2 mrad/s the finest grid keeps torques for seconds."""
     arm = make_arm(

@@ -61,6 +61,9 @@ FIRST_ITERATIONS = 10
 # Gap of programs, as a share of T, where the final configuration is free: looser ones
 # lead to more iterations there.
 FREE_ACCURACY = 1e-6
+# Finer grids that motions on grids of constant torques may need until their replay
+# holds: swift ones need more than the others, and none of them takes long.
+REFINEMENTS_OF_COLLOCATION = 3
 # The same for motions whose accelerations must not jump.
 SMOOTH_STRETCH = 1.3
 # Violation, in units of the rows, from which a guess on a grid of constant torques is
@@ -128,7 +131,8 @@ def _solve_and_verify(
     later = last or progress.puts_off or progress.let_go
     attempt = attempt.verified(problem, options, later=later)
     unwatched = system.clearance is None
-    for _ in range(REFINEMENTS):
+    torques_kept = options.method == "collocation"
+    for _ in range(REFINEMENTS_OF_COLLOCATION if torques_kept else REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:
             break
         if unwatched and attempt.touches:
