@@ -140,7 +140,10 @@ def main() -> int:
     parser.add_argument("--csv", type=Path, default=Path("out/continuum.csv"))
     arguments = parser.parse_args()
     sheet = Sheet(arguments.csv, COLUMNS)
-    wanted = MODES if arguments.modes is None else arguments.modes.split(";")
+    wanted = list(MODES) if arguments.modes is None else arguments.modes.split(";")
+    for mode in wanted:
+        if mode not in MODES:
+            parser.error(f"no mode {mode!r}; there are {'; '.join(MODES)}")
     for mode in wanted:
         drawn = problems(mode, arguments.robots, arguments.count, arguments.seed)
         for name, problem in drawn:

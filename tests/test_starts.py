@@ -32,7 +32,7 @@ class Table:
         self.promised = rng.uniform(1.0, 4.0, 40)
         self.shot = float(rng.choice([np.inf, rng.uniform(1.0, 3.0)]))
         self.tried = []
-        monkeypatch.setattr(starts, "initial_guesses", self.guesses)
+        monkeypatch.setattr(starts, "guesses_of", self.guesses)
         monkeypatch.setattr(starts, "solve_and_verify", self.solve)
         monkeypatch.setattr(starts, "shots", self.shots)
         # Nothing is judged on coarse grids before.

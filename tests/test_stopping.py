@@ -108,7 +108,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
         press()
         stopping.check()
 
-    monkeypatch.setattr("tominpmp.planner.multistart.initial_guesses", pressed)
+    monkeypatch.setattr("tominpmp.planner.multistart.guesses_of", pressed)
     solution = tm.plan(reach(), effort="quick")
     assert solution.status is tm.Status.INTERRUPTED
     assert not solution.success and solution.trajectory is None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,10 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.clearances import Nearest, nearest_instants
 from tominpmp.certificate.task import Task
+from tominpmp.planner.attempt import Attempt
 from tominpmp.status import Status
 from tominpmp.transcription.anchoring import with_nearest
+from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -61,6 +65,58 @@ def test_rows_where_pairs_are_nearest_join_the_others(problem: tm.Problem) -> No
     lacks = [_clearance(one, z).max() for one in (program, more)]
     assert lacks[1] > lacks[0]
     np.testing.assert_array_equal(none.evaluate(z), before)
+
+
+@pytest.mark.parametrize("angle", np.linspace(1.38, 1.52, 8))
+def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> None:
+    """The tip goes 19 cm from one look to the next, and through a ball of 10 cm."""
+    place = 5.95 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    ball = tm.Sphere("ball", radius=0.05, position=place)
+    start, way = np.array([0.2, 0.0, 0.0]), np.array([2.7, 0.0, 0.0])
+    arm = tm.load_robot("planar3r", velocity=100.0)
+    problem = tm.Problem(arm, start, tm.JointGoal(start + way), tm.Scene([ball]))
+    system = ProblemFunctions.of(problem)
+    of = InverseTranscription(system, np.full((6, 1), 1.0 / 6.0), 0.2)
+
+    def path(t: Array) -> Array:
+        share = t / 0.2
+        return start + np.multiply.outer(share**2 * (3.0 - 2.0 * share), way)
+
+    z = of.start(path, 0.2)
+    program = NonlinearProgram.of(of).at(z)
+    nearest = nearest_instants(Motion.of(Task.of(problem), of.trajectory(z)))
+    assert nearest.times.size
+
+    more = exchanged(program, z)
+
+    assert more is not None
+    assert _clearance(program, z).max() < 0.0 < _clearance(more, z).max()
+
+
+def test_replays_find_nothing_that_the_rows_have_missed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Instants near others were left out, where a tip goes 3 cm on from one to one."""
+    replayed: list[Attempt] = []
+
+    def verified(self: Attempt, *args: Any, **options: Any) -> Attempt:
+        replayed.append(found := judge(self, *args, **options))
+        return found
+
+    judge = Attempt.verified
+    monkeypatch.setattr(Attempt, "verified", verified)
+    arm = tm.load_robot("planar3r")
+    arm = arm.with_changes(velocity=4.0 * arm.limits.velocity)
+    box = tm.Box("box", size=[0.2192, 0.3548, 0.3104], position=[-4.1142, -1.59, 0.0])
+    ball = tm.Sphere("ball", radius=0.17434, position=[-5.1363, -1.5947, 0.0])
+    goal = tm.JointGoal([2.6893, 0.8554, 1.4335])
+    problem = tm.Problem(arm, [2.2786, 0.5413, -2.6622], goal, tm.Scene([box, ball]))
+
+    assert tm.plan(problem).success
+
+    verdicts = [one.verification for one in replayed if one.verification is not None]
+    assert verdicts
+    assert all(one.ok for one in verdicts)
 
 
 def _clearance(program: NonlinearProgram, z: Array) -> Array:

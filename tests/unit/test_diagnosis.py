@@ -11,9 +11,11 @@ from sample_arms import DOWNWARD, make_arm
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import JointGoal, PositionGoal
+from tominpmp.payload import Payload
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene, Sphere
+from tominpmp.segments import Segment
 from tominpmp.status import IterationRecord, Status
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import explain
@@ -52,6 +54,26 @@ def test_weight_that_cannot_be_held_is_named_with_both_torques() -> None:
     assert "19.6 N m needed, 15 allowed" in found
     assert "would need" in found and "more effort of joint joint1" in found
     assert found.startswith("No motion was found that keeps all constraints")
+
+
+def test_weights_are_those_at_the_goal_of_their_segment() -> None:
+    """The end of the whole motion was looked at, with the load of another one."""
+    arm = make_arm(ROD, ROD, effort=np.array([50.0, 9.0]), gravity=DOWNWARD)
+    level, down = np.array([-1.5, 1.5]), np.array([-1.5, 0.0])
+    loaded = Payload(5.0, "tip")
+    segments = [
+        Segment(JointGoal(down), payload=loaded, stop=True),
+        Segment(JointGoal(level)),
+    ]
+    problem = Problem(arm, np.array([-1.7, 0.1]), segments=segments)
+    q, T = np.array([[-1.7, 0.1], down, level]), np.array([0.0, 0.1, 4.0])
+    motion = Trajectory(arm.joint_names, T, q, 0.0 * q, np.zeros((3, 2)))
+    motion = replace(motion, segment_ends=T[1:])
+    dynamics = [RobotDynamics(phase.robot).inverse for phase in problem.phases]
+    motion = motion.with_torques(dynamics[0], dynamics)
+    found = explain(problem, [Outcome(motion)], Status.INFEASIBLE)
+    assert "on segment 1" in found and "joint joint2 would need" in found
+    assert "cannot hold its weight" not in found
 
 
 def test_motion_that_is_too_strong_is_told_with_its_time() -> None:

@@ -26,6 +26,7 @@ from tominpmp.initial_guess.rrt import (
     sampling_available,
 )
 from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
+from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.turns import directions
 
@@ -82,6 +83,12 @@ class Guess:
     delay: float = 0.0
     keeps: bool = True
     blocked: bool = False
+
+    @classmethod
+    def of_motion(cls, name: str, motion: Trajectory, count: int = 200) -> Guess:
+        """The way of a motion, at so many instants."""
+        t = np.linspace(0.0, motion.duration, count)
+        return cls(name, t, motion(t).q, False)
 
     @property
     def duration(self) -> float:

@@ -48,9 +48,20 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 ANYWHERE = "via point"
 
 
-def waiting_helps(system: ProblemFunctions) -> bool:
-    """Whether something is in the way for a part of the motion only."""
-    return bool(system.problem.scene.moving or _passing(system))
+def guesses_of(
+    system: ProblemFunctions,
+    count: int,
+    rng: np.random.Generator,
+    duration: float | None = None,
+    deadline: float | None = None,
+) -> Iterator[Guess]:
+    """Initial guesses for a problem, which wait where something passes.
+
+    For the arguments see :func:`~tominpmp.initial_guess.guess.initial_guesses`.
+    """
+    passes = system.problem.scene.moving or _passing(system)
+    make = waiting_guesses if passes else initial_guesses
+    yield from make(system, count, rng, duration, deadline)
 
 
 def _passing(system: ProblemFunctions) -> list[PathConstraint]:

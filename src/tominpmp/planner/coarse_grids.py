@@ -39,7 +39,6 @@ def suits(system: ProblemFunctions, options: Options) -> bool:
         and options.objective == "time"
         and options.intervals >= LEAST_INTERVALS
         and not system.parts
-        and not system.problem.scene.moving
     )
 
 

@@ -271,6 +271,12 @@ class CoarseSearch:
             self.rough(further)
         yield from self.saved()
 
+    def know(self, attempt: Attempt) -> None:
+        """Have a motion that was found elsewhere stand for what coarse grids cost."""
+        rough = self.rough(Guess.of_motion(attempt.name, attempt.trajectory))
+        if rough is not None:
+            self._gains.append(rough.duration / attempt.duration - 1.0)
+
     def compare(self) -> None:
         """Have starts promise only what is less than the coarse motions so far.
 

@@ -63,7 +63,7 @@ FIRST_ITERATIONS = 10
 FREE_ACCURACY = 1e-6
 # Finer grids that motions on grids of constant torques may need until their replay
 # holds: swift ones need more than the others, and none of them takes long.
-REFINEMENTS_OF_COLLOCATION = 3
+REFINEMENTS_OF_COLLOCATION = 4
 # The same for motions whose accelerations must not jump.
 SMOOTH_STRETCH = 1.3
 # Violation, in units of the rows, from which a guess on a grid of constant torques is

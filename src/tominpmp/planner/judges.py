@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tominpmp.planner.progress import Judge
+from tominpmp.planner.progress import Judge, Progress
 from tominpmp.status import IterationRecord, Status
 
 # An iteration is given up after so many steps if it breaks limits by more than is near
@@ -11,6 +11,9 @@ PATIENCE, LATELY, FALLING = 10, 5, 0.9
 # One is lost that has become so many times as slow, and breaks limits by more than
 # this share all the same.
 EVER_SLOWER, FAR = 10.0, 1e-3
+# A start of several segments is given up after so many iterations if its motion takes
+# this many times as long as its guess and breaks limits by more than this share.
+ITERATIONS, HOPELESS, ASTRAY = 15, 3.0, 1e-2
 
 
 def stagnating(far: float) -> Judge:
@@ -42,5 +45,22 @@ def ever_slower(duration: float) -> Judge:
     def judge(record: IterationRecord) -> Status | None:
         slow = record.duration > EVER_SLOWER * duration
         return Status.STALLED if slow and record.violation > FAR else None
+
+    return judge
+
+
+def hopeless(duration: float, progress: Progress) -> Judge:
+    """Ends a start that is slow and far from any motion.
+
+    Args:
+        duration: T of its guess [s].
+        progress: Has seen its iterations.
+    """
+
+    def judge(record: IterationRecord) -> Status | None:
+        slow = record.duration > HOPELESS * duration
+        late = len(progress.records) >= ITERATIONS
+        over = late and slow and record.violation > ASTRAY
+        return Status.ITERATION_LIMIT if over else None
 
     return judge

@@ -10,21 +10,21 @@ from __future__ import annotations
 import itertools
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.initial_guess.guess import FEW_LINES, Guess, initial_guesses
+from tominpmp.initial_guess.guess import FEW_LINES, Guess
 from tominpmp.initial_guess.parallel import (
     asked_to_stop,
     available_processes,
     ready,
     run_parallel,
 )
-from tominpmp.initial_guess.path_velocity import waiting_guesses, waiting_helps
+from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
@@ -32,12 +32,13 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_grids import suits
 from tominpmp.planner.continuation import outdone, solve_from_warm_start
 from tominpmp.planner.direct_solve import solve_and_verify
-from tominpmp.planner.progress import Judge, Progress
+from tominpmp.planner.judges import hopeless
+from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.search import Remembered, Search, further_paths
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.planner.unreachable import unreachable
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -57,9 +58,8 @@ TOO_SLOW = 1.6
 FEW_MOTORS, FEW_MOTORS_RESCUE_STARTS = 3, 2
 # More guesses are made, up to this number, while none has led to a motion.
 RESCUE_STARTS = 8
-# A start of several segments is given up after so many iterations if its motion takes
-# this many times as long as its guess and breaks limits by more than this share.
-PATIENCE, HOPELESS, FAR = 15, 3.0, 1e-2
+# So many motions on grids of constant torques whose replays fail are enough.
+REFUTED = 2
 # Processes that are started at least where several are asked for; beyond the number of
 # cores they would only wait for each other.
 LEAST_PROCESSES = 2
@@ -153,11 +153,11 @@ def _from_guesses(
 ) -> Iterator[Attempt | None]:
     rng = np.random.default_rng(options.seed)
     count = Count.of(system, options)
-    make = waiting_guesses if waiting_helps(system) else initial_guesses
+    make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    most = count.most
-    if suits(system, options) and not system.alone:
+    most, searched = count.most, suits(system, options)
+    if searched and not system.alone:
         most = max(most, count.usual + further_paths(system))
     made = make(system, most, rng, options.initial_duration, progress.ends)
     first = next(made, None)
@@ -168,16 +168,12 @@ def _from_guesses(
         # A motion may end where none was looked for; more of the same would not.
         count = count._replace(rescues=count.usual)
         guesses = itertools.islice(guesses, count.most)
-    if suits(system, options):
-        remembered = Remembered(guesses)
-        search = Search(
-            system,
-            options,
-            progress,
-            remembered,
-            count.usual,
-            swings=count.swings,
-        )
+    remembered = Remembered(guesses)
+    search = Search(
+        system, options, progress, remembered, count.usual, swings=count.swings
+    )
+    guesses, moving = remembered.since(0), bool(system.problem.scene.moving)
+    if searched and not moving:
         alone = _Source(system, options, progress, iter(()))
         yield from search.run(partial(alone.solve, 0))
         if search.stopped or first.blocked:
@@ -185,11 +181,26 @@ def _from_guesses(
         # Where that has led to nothing, everything is tried in full.
         done = 0 if progress.best == np.inf else 1
         guesses, count = remembered.since(done), count.less(done)
+    best = yield from _in_full(system, options, progress, guesses, count)
+    if best is not None and searched and moving:
+        # Of what passes, motions that are made in full tell more than coarse grids.
+        yield from search.beyond(best)
+
+
+def _in_full(
+    system: ProblemFunctions,
+    options: Options,
+    progress: Progress,
+    guesses: Iterator[Guess],
+    count: Count,
+) -> Generator[Attempt | None, None, Attempt | None]:
+    """Improve guesses on the grid that is asked for; return the fastest attempt."""
     source: _Source = _Source(system, options, progress, guesses)
     left = progress.left
     if options.processes > 1 and (left is None or left > TO_START or ready()):
         source = _SourceOfMany(system, options, progress, guesses)
-    swings = count.swings
+    best: Attempt | None = None
+    swings, kept, refuted = count.swings, options.method == "collocation", 0
     for number in itertools.count():
         if number >= count.rescues and swings and progress.best == np.inf:
             swings = False
@@ -205,7 +216,9 @@ def _from_guesses(
             yield None
             continue
         # The last one may take as long as it likes.
-        judge = _hopeless(guess, progress) if number + 1 < count.rescues else None
+        judge = None
+        if number + 1 < count.rescues and isinstance(guess, SegmentedGuess):
+            judge = hopeless(guess.duration, progress)
         try:
             with progress.judged(judge):
                 attempt = source.solve(number, guess)
@@ -214,22 +227,15 @@ def _from_guesses(
             yield from (_noted(progress, attempt) for attempt in source.left())
             raise
         yield _noted(progress, attempt)
+        if attempt is not None and attempt.duration == progress.best < np.inf:
+            best = attempt
+        if kept and attempt is not None:
+            refuted += attempt.feasible and not attempt.found
+        if refuted >= REFUTED:
+            return None  # the grid is too rough for the arm, whatever the start
     if swings and progress.best == np.inf:
         yield from shots(system, replace(options, **SHOOTING), progress)
-
-
-def _hopeless(guess: Guess, progress: Progress) -> Judge | None:
-    """Ends a start of several segments that is slow and far from any motion."""
-    if not isinstance(guess, SegmentedGuess):
-        return None
-
-    def judge(record: IterationRecord) -> Status | None:
-        slow = record.duration > HOPELESS * guess.duration
-        late = len(progress.records) >= PATIENCE
-        over = late and slow and record.violation > FAR
-        return Status.ITERATION_LIMIT if over else None
-
-    return judge
+    return best
 
 
 def _noted(progress: Progress, attempt: Attempt | None) -> Attempt | None:

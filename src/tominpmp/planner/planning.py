@@ -152,7 +152,7 @@ def _attempts(
     for attempt in _last_stages(problem, options, progress, searched):
         attempts.append(attempt)
         yield attempt
-    if options.starts is not None:
+    if options.starts is not None or problem.scene.moving:
         for leader in former_leaders(searched):
             for attempt in stages(leader):
                 attempts.append(attempt)

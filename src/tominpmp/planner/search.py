@@ -44,6 +44,8 @@ IN_VAIN, MANY_IN_VAIN = 4, 8
 # 42 problems of a planar arm seven ended 0.2 to 45 % faster by the seventh to
 # fourteenth, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
 PATHS, PATHS_OF_FEW = 2, 14
+# And where obstacles move, beside which a path may be gone along sooner or later.
+PATHS_WHILE_MOVING = 6
 
 # Torques from nowhere that are tried where a motion has to swing.
 SHOTS = 3
@@ -53,7 +55,9 @@ Solve = Callable[[Guess], Attempt | None]
 
 def further_paths(system: ProblemFunctions) -> int:
     """How many paths among obstacles are tried beyond the first descents."""
-    return PATHS_OF_FEW if system.n <= FEW_JOINTS else PATHS
+    if system.n <= FEW_JOINTS:
+        return PATHS_OF_FEW
+    return PATHS_WHILE_MOVING if system.problem.scene.moving else PATHS
 
 
 class Remembered:
@@ -117,13 +121,10 @@ class Search:
         Args:
             solve: Improves a guess on the grid that is asked for.
         """
-        system = self.system
-        guesses = list(itertools.islice(self.guesses.since(0), self.wanted))
-        if not guesses:
+        begun = self._begin()
+        if begun is None:
             return
-        first = next((guess for guess in guesses if guess.timed), guesses[0])
-        torques = torques_rule(system, first)
-        coarse = CoarseSearch(system, self.options, self.progress, torques=torques)
+        first, torques, coarse = begun
         try:
             yield from self._descents(coarse, first, torques, solve)
             if not self.stopped and self.options.effort != "quick" and self.promising:
@@ -131,6 +132,34 @@ class Search:
         except Stop:
             yield from coarse.saved()
             raise
+
+    def beyond(self, best: Attempt) -> Iterator[Attempt]:
+        """Search on from the best of the wanted guesses, which were improved in full.
+
+        Args:
+            best: What it has led to.
+        """
+        begun = self._begin()
+        if begun is None or self.options.effort == "quick" or not self.promising:
+            return
+        first, _, coarse = begun
+        # What the coarse grid costs; other starts that lead there are let go.
+        coarse.know(best)
+        yield from self._beyond(coarse, first)
+
+    def _begin(self) -> tuple[Guess, bool, CoarseSearch] | None:
+        """The first guess, whether torques rule there, and the coarse grids for that.
+
+        None if there are no guesses.
+        """
+        system = self.system
+        guesses = list(itertools.islice(self.guesses.since(0), self.wanted))
+        if not guesses:
+            return None
+        first = next((guess for guess in guesses if guess.timed), guesses[0])
+        torques = torques_rule(system, first)
+        coarse = CoarseSearch(system, self.options, self.progress, torques=torques)
+        return first, torques, coarse
 
     def _descents(
         self, coarse: CoarseSearch, first: Guess, torques: bool, solve: Solve

@@ -17,10 +17,10 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
-from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -32,7 +32,6 @@ from tominpmp.planner.finer_grid import LAVISH, on_finer_grid
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
-from tominpmp.planner.rough_motions import Rough
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.problem import Problem
 from tominpmp.status import STOPPED
@@ -207,10 +206,7 @@ class Waves:
         if self.coarse is None:
             return
         if best is not None:
-            motion = best.trajectory
-            q = motion(np.linspace(0.0, motion.duration, 200)).q
-            t = np.linspace(0.0, motion.duration, len(q))
-            self.best = Guess(best.name, t, q, False)
+            self.best = Guess.of_motion(best.name, best.trajectory)
         turns = itertools.cycle(self.sources)
         guesses = (next(source, None) for source in itertools.islice(turns, WAVE))
         tried = self._lighter(number, guesses)
@@ -221,7 +217,7 @@ class Waves:
     def _begin(self) -> None:
         """Prepare the sources of starts."""
         system, options = self.system, self.options
-        every = initial_guesses(
+        every = guesses_of(
             system,
             MOST_WAVES * WAVE,
             self._rng(GUESS),
@@ -266,7 +262,9 @@ class Waves:
         light = replace(system, dynamics=RobotDynamics(robot, dry=False))
         search = CoarseSearch(light, self.options, self.progress, torques=True)
         rough = search.rough(guess)
-        return guess if rough is None else _as_guess(rough, guess)
+        if rough is None:
+            return guess
+        return Guess.of_motion(guess.name, rough.attempt.trajectory, len(guess.t))
 
     def _shots(self) -> Iterator[Attempt]:
         """Torques from nowhere, improved in full."""
@@ -278,10 +276,3 @@ class Waves:
         for attempt in shots(system, shooting, self.progress, MOST_WAVES):
             if attempt is not None:
                 yield attempt
-
-
-def _as_guess(rough: Rough, guess: Guess) -> Guess:
-    motion = rough.attempt.trajectory
-    t = np.linspace(0.0, motion.duration, len(guess.t))
-    q: Array = motion(t).q
-    return Guess(guess.name, t, q, False)

@@ -36,10 +36,10 @@ SAMPLES = 4
 # these places around an instant, in shares of the step; of other constraints, values.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
 CLOSER_LOOK = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
-# Instants closer than this share of an interval are one; where obstacles move, only if
-# they are closer than this, too [s].
+# Instants closer than this share of an interval are one; of distances, only if they are
+# closer than this, too [s]: a tip at 20 m/s goes 3 cm in that share.
 APART = 0.03
-APART_MOVING = 2e-5
+APART_IN_TIME = 2e-5
 # Where obstacles move, they are looked at so often that they move by no more than this
 # share of the padding, but no oftener than by this factor.
 FINE = 0.25
@@ -181,7 +181,9 @@ class _Continuous:
             block = missing[inside]
             pairs = np.flatnonzero(block.max(axis=0) > 0.0)
             peaks = inside[np.argmax(block[:, pairs], axis=0)]
-            apart = min(APART, APART_MOVING / float(h[k])) if moving else APART
+            apart = APART
+            if self._constraint.gradual:
+                apart = min(apart, APART_IN_TIME / float(h[k]))
             for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
                 share = float(at.share[index])
                 near = taken.setdefault(k, [])
@@ -201,8 +203,9 @@ class _Continuous:
         Returns:
             The instants, and what is missing there.
         """
-        missing = self._missing(at, self._close)
-        near = between_samples(missing, 0.0, self._close)
+        close = self._attention(at)
+        missing = self._missing(at, close)
+        near = between_samples(missing, 0.0, close)
         near = _worst(near, missing, CLOSER_LOOK.size, self._most)
         if not near.size:
             return at, missing
@@ -211,6 +214,19 @@ class _Continuous:
         share = at.share[near, None] + CLOSER_LOOK * width[:, None]
         more = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
         return at.joined(more), np.concatenate([missing, self._missing(more, 0.0)])
+
+    def _attention(self, at: Instants) -> float:
+        """How far below their bounds values may pass them between two instants.
+
+        Corners pass each other in between: the tip of an arm of 5 m moves by
+        centimetres.
+        """
+        if not self._constraint.gradual:
+            return self._close
+        step = self._motion.h[at.interval] / np.bincount(at.interval)[at.interval]
+        v = self._of.states(self._motion, at, 1).v / self._of.system.step_scale
+        way = 0.5 * step * np.max(np.abs(v), axis=1)
+        return max(self._close, float(np.max(way, initial=0.0)))
 
     def _finer(self, at: Instants) -> tuple[Instants, Array]:
         """Instants between given ones at which something that moves comes too close.

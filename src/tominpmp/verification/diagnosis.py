@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
@@ -99,7 +100,7 @@ def explain(
     everywhere = _everywhere(problem, outcomes, [item for _, item in found])
     clauses = [
         _on(stage)
-        + _clause(stage.problem, least.trajectory, item)
+        + _clause(stage, least.trajectory, item)
         + (" in every start tried" if item.name in everywhere else "")
         for stage, item in found
     ]
@@ -154,11 +155,13 @@ def _everywhere(
     return names
 
 
-def _clause(problem: Problem, trajectory: Trajectory, item: LimitViolation) -> str:
+def _clause(stage: Stage, trajectory: Trajectory, item: LimitViolation) -> str:
+    problem = stage.problem
     if item.kind == "goal":
         return _of_goal(problem, item)
     if item.kind == "effort":
-        return _of_effort(problem, trajectory, item)
+        first, last = trajectory(np.array([stage.begin, stage.end])).q
+        return _of_effort(problem, first, last, item)
     if item.kind == "clearance":
         return _of_clearance(problem, item)
     return item.clause
@@ -176,11 +179,16 @@ def _of_goal(problem: Problem, item: LimitViolation) -> str:
     return f"{item.name} comes no nearer to its goal than {item.amount:.3g} {item.unit}"
 
 
-def _of_effort(problem: Problem, trajectory: Trajectory, item: LimitViolation) -> str:
-    """A weight that cannot be held at the goal, or a motion that is too strong."""
-    robot = problem.robot
+def _of_effort(
+    problem: Problem, first: Array, last: Array, item: LimitViolation
+) -> str:
+    """A weight that cannot be held at the goal, or a motion that is too strong.
+
+    The motion leads from the first to the last configuration, each of shape (n,).
+    """
+    robot, known = problem.robot, problem.goal.configuration
     i = robot.joint_names.index(item.name)
-    q, rest = trajectory.q[-1:], np.zeros((1, robot.n))
+    q, rest = (last if known is None else known)[None], np.zeros((1, robot.n))
     holding = float(RobotDynamics(robot).inverse(q, rest, rest)[0, i])
     low, high = _allowed(problem, i)
     if problem.goal.fixes_velocity and not np.any(problem.goal.final_velocity(robot.n)):
@@ -191,7 +199,7 @@ def _of_effort(problem: Problem, trajectory: Trajectory, item: LimitViolation) -
                 f"joint {item.name} cannot hold its weight at the goal: "
                 f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
             )
-    stuck = _stuck(problem, trajectory, i)
+    stuck = _stuck(problem, first, last, i)
     if stuck is not None:
         return (
             f"joint {item.name} cannot overcome its dry friction of "
@@ -205,11 +213,11 @@ def _of_effort(problem: Problem, trajectory: Trajectory, item: LimitViolation) -
     )
 
 
-def _stuck(problem: Problem, trajectory: Trajectory, i: int) -> float | None:
+def _stuck(problem: Problem, first: Array, last: Array, i: int) -> float | None:
     """Torque that sets a joint moving from the start on, if the motor lacks it."""
-    robot, way = problem.robot, float(trajectory.q[-1, i] - trajectory.q[0, i])
+    robot, way = problem.robot, float(last[i] - first[i])
     rest = np.zeros((1, robot.n))
-    holding = RobotDynamics(robot).inverse(problem.q_start[None], rest, rest)[0, i]
+    holding = RobotDynamics(robot).inverse(first[None], rest, rest)[0, i]
     needed = float(holding + np.sign(way) * robot.friction[i])
     low, high = _allowed(problem, i)
     moves = low < needed < high or robot.friction[i] == 0.0 or way == 0.0
