@@ -22,6 +22,9 @@ from tominpmp.verification.verification import LONGEST, Verification, verify
 
 # Doublings of the grid, or of the steps, of a motion that the replay does not confirm.
 REFINEMENTS = 2
+# Motions this much slower than the best one, as a share of T, are nearly as fast: what
+# grids cost differs by less.
+TIE = 0.01
 
 
 @dataclass(frozen=True, eq=False)

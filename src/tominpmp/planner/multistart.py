@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -156,7 +156,9 @@ def _from_guesses(
     make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    most, searched = count.most, suits(system, options)
+    moving = bool(system.problem.scene.moving)
+    searched = suits(system, options) and not moving
+    most = count.most
     if searched and not system.alone:
         most = max(most, count.usual + further_paths(system))
     made = make(system, most, rng, options.initial_duration, progress.ends)
@@ -168,12 +170,11 @@ def _from_guesses(
         # A motion may end where none was looked for; more of the same would not.
         count = count._replace(rescues=count.usual)
         guesses = itertools.islice(guesses, count.most)
-    remembered = Remembered(guesses)
-    search = Search(
-        system, options, progress, remembered, count.usual, swings=count.swings
-    )
-    guesses, moving = remembered.since(0), bool(system.problem.scene.moving)
-    if searched and not moving:
+    if searched:
+        remembered = Remembered(guesses)
+        search = Search(
+            system, options, progress, remembered, count.usual, swings=count.swings
+        )
         alone = _Source(system, options, progress, iter(()))
         yield from search.run(partial(alone.solve, 0))
         if search.stopped or first.blocked:
@@ -181,10 +182,7 @@ def _from_guesses(
         # Where that has led to nothing, everything is tried in full.
         done = 0 if progress.best == np.inf else 1
         guesses, count = remembered.since(done), count.less(done)
-    best = yield from _in_full(system, options, progress, guesses, count)
-    if best is not None and searched and moving:
-        # Of what passes, motions that are made in full tell more than coarse grids.
-        yield from search.beyond(best)
+    yield from _in_full(system, options, progress, guesses, count)
 
 
 def _in_full(
@@ -193,13 +191,12 @@ def _in_full(
     progress: Progress,
     guesses: Iterator[Guess],
     count: Count,
-) -> Generator[Attempt | None, None, Attempt | None]:
-    """Improve guesses on the grid that is asked for; return the fastest attempt."""
+) -> Iterator[Attempt | None]:
+    """Improve guesses on the grid that is asked for."""
     source: _Source = _Source(system, options, progress, guesses)
     left = progress.left
     if options.processes > 1 and (left is None or left > TO_START or ready()):
         source = _SourceOfMany(system, options, progress, guesses)
-    best: Attempt | None = None
     swings, kept, refuted = count.swings, options.method == "collocation", 0
     for number in itertools.count():
         if number >= count.rescues and swings and progress.best == np.inf:
@@ -227,15 +224,12 @@ def _in_full(
             yield from (_noted(progress, attempt) for attempt in source.left())
             raise
         yield _noted(progress, attempt)
-        if attempt is not None and attempt.duration == progress.best < np.inf:
-            best = attempt
         if kept and attempt is not None:
             refuted += attempt.feasible and not attempt.found
         if refuted >= REFUTED:
-            return None  # the grid is too rough for the arm, whatever the start
+            return  # the grid is too rough for the arm, whatever the start
     if swings and progress.best == np.inf:
         yield from shots(system, replace(options, **SHOOTING), progress)
-    return best
 
 
 def _noted(progress: Progress, attempt: Attempt | None) -> Attempt | None:

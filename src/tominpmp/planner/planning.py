@@ -11,7 +11,7 @@ from typing import Any
 from tominpmp.exceptions import ProblemError, expect
 from tominpmp.options import Options
 from tominpmp.planner.alternatives import attempts_of_alternatives
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.attempt import TIE, Attempt
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
 from tominpmp.planner.conclusion import conclude, without_motion
@@ -23,6 +23,7 @@ from tominpmp.planner.control_period import (
 )
 from tominpmp.planner.energy import economical
 from tominpmp.planner.finer_grid import on_finer_grid
+from tominpmp.planner.moving_search import search_among_moving
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
@@ -37,10 +38,6 @@ from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
-
-# Motions this much slower than the best one, as a share of T, are nearly as fast: what
-# grids cost differs by less.
-TIE = 0.01
 
 
 def plan(
@@ -152,11 +149,14 @@ def _attempts(
     for attempt in _last_stages(problem, options, progress, searched):
         attempts.append(attempt)
         yield attempt
-    if options.starts is not None or problem.scene.moving:
+    if options.starts is not None:
         for leader in former_leaders(searched):
             for attempt in stages(leader):
                 attempts.append(attempt)
                 yield attempt
+    for attempt in search_among_moving(problem, options, progress, attempts, stages):
+        attempts.append(attempt)
+        yield attempt
     yield from thorough_search(problem, options, progress, attempts, stages)
 
 
