@@ -121,8 +121,12 @@ def test_nobody_reads_the_output(args: list[str]) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("args", [["robots"], ["--help"]])
-def test_output_cannot_be_written(args: list[str]) -> None:
+def test_output_cannot_be_written(
+    args: list[str], unbuffered: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     with open("/dev/full", "w") as full:
         result = program(*args, capture_output=False, stdout=full, stderr=-1)
     assert result.returncode == 2

@@ -154,11 +154,15 @@ def logged(verbose: bool, console: Console) -> Iterator[None]:
         logger.setLevel(level)
 
 
-def flush_output() -> int:
+def flush_output(code: int = 0) -> int:
     """Write what is still buffered.
 
+    Args:
+        code: The exit code so far. An output that could not be written may have been
+            complained of as an error: what is left of it is not, once more.
+
     Returns:
-        0, or the exit code if that fails.
+        The exit code.
     """
     try:
         if sys.stdout is not None:
@@ -167,9 +171,10 @@ def flush_output() -> int:
         discard_output()
         if isinstance(error, BrokenPipeError):
             return CLOSED_PIPE
-        complain("error", f"standard output: {error.strerror}")
+        if code != BAD_INPUT:
+            complain("error", f"standard output: {error.strerror}")
         return BAD_INPUT
-    return 0
+    return code
 
 
 def discard_output() -> None:

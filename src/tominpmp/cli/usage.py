@@ -103,7 +103,7 @@ class Commands(TyperGroup):
                 code = int(super().main(*args, **kwargs) or 0)
         except typer.Exit as end:
             code = end.exit_code
-        code = flush_output() or code
+        code = flush_output(code)
         if standalone_mode:
             sys.exit(code)
         return code
