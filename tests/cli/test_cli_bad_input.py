@@ -82,6 +82,14 @@ BAD = {
         "plan planar3r --start start --goal 1,1,1 --effort elbow=1",
         "no joint 'elbow'",
     ),
+    "search effort as torque limit": (
+        "plan planar3r --start start --goal 1,1,1 --effort quick",
+        "how far to search is --planning-effort quick",
+    ),
+    "torque limit as search effort": (
+        "plan planar3r --start start --goal 1,1,1 --planning-effort 30",
+        "torque limits are --effort",
+    ),
     "gravity of two": ("info planar3r --gravity 0,1", "gravity"),
     "lock without value": ("info planar3r --lock joint1", "'joint1', expected JOINT="),
     "lock twice": ("info planar3r --lock joint1=1 --lock joint1=2", "twice"),

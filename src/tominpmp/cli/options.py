@@ -58,7 +58,8 @@ class RobotOptions:
         lock (JOINT=VALUE): Hold a joint at a position (rad or m), repeatable.
         gravity (X Y Z): Gravity (m/s^2) instead of the robot's own.
         effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for
-            all joints; or one for each; or JOINT=VALUE,...
+            all joints; or one for each; or JOINT=VALUE,... How far to search is
+            --planning-effort.
         velocity (VALUES): Velocity limits (rad/s or m/s), likewise.
         position_lower (VALUES): Lower position limits (rad or m), likewise.
         position_upper (VALUES): Upper position limits (rad or m), likewise.

@@ -31,7 +31,7 @@ from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.options import Options
+from tominpmp.options import EFFORTS, Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, read_source
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
@@ -63,6 +63,12 @@ def load_problem(
         TominpmpError: If anything given is wrong or contradicts something else.
     """
     given, args = dict(options or {}), problem_args.options
+    if given.get("effort", EFFORTS[0]) not in EFFORTS:
+        raise OptionsError(
+            f"--planning-effort is {given['effort']!r}, expected "
+            f"{', '.join(EFFORTS)}; torque limits are --effort",
+            "--planning-effort",
+        )
     chosen = Options(**given)  # a wrong one is told of before a robot is loaded
     beside = {
         name: getattr(args, name)
@@ -118,6 +124,12 @@ def load_changed_robot(
     Raises:
         TominpmpError: If anything in it is wrong.
     """
+    if args.effort in EFFORTS:
+        raise OptionsError(
+            f"--effort is {args.effort!r}, expected torque limits (N m or N); how far "
+            f"to search is --planning-effort {args.effort}",
+            "--effort",
+        )
     locked = joint_pairs(args.lock or (), "--lock")
     changes: dict[str, Any] = {
         name: joint_values(getattr(args, name), _flag(name))
