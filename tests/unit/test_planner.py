@@ -259,3 +259,22 @@ def test_no_warnings_from_numerics(planar3r):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         plan_quickly(tm.Problem(planar3r, START, tm.JointGoal((1.0, 0.5, 0.0))))
+
+
+@pytest.mark.parametrize(
+    ("options", "among"),
+    [
+        ({"control": "constant"}, "piecewise constant accelerations on 40 intervals"),
+        ({"control": "linear"}, "piecewise linear accelerations on 40 intervals"),
+        ({"control": "spline"}, "piecewise cubic accelerations on 40 intervals"),
+        ({"method": "collocation"}, "piecewise constant torques on 40 intervals"),
+    ],
+)
+def test_motions_on_a_grid_that_was_asked_for_are_optimal_on_it_only(
+    planar3r, options, among
+):
+    problem = tm.Problem(planar3r, START, tm.JointGoal([1.5, 1.0, -0.7]))
+    coarse = tm.plan(problem, refine=None, **options)
+    assert coarse.status is tm.Status.CONVERGED
+    assert f"motion was found among {among}. T = " in coarse.message
+    assert "among" not in tm.plan(problem).message

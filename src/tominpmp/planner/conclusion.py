@@ -17,11 +17,16 @@ from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
+from tominpmp.trajectory import Trajectory
 from tominpmp.verification import explain
 from tominpmp.verification.verification import LONGEST
 
 # Methods whose torques are constant over intervals of the grid.
 TORQUES_KEPT = ("collocation", "adjoint", "penalty")
+# Those of them whose grid is never refined.
+TORQUES_FIXED = ("adjoint", "penalty")
+# How accelerations run, by the degree of the positions.
+ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -64,7 +69,7 @@ def conclude(
         problem=problem,
         options=options,
         status=ended,
-        message=_message(problem, ended, best, attempts, bound)
+        message=_message(problem, options, ended, best, attempts, bound)
         + _advice(options, ended, best),
         feasible=best.found,
         trajectory=best.trajectory,
@@ -138,8 +143,22 @@ def _advice(options: Options, status: Status, best: Attempt) -> str:
     )
 
 
+def _scope(options: Options, motion: Trajectory) -> str:
+    """Motions among which one is optimal whose grid was not refined, as was asked.
+
+    A finer grid, or controls of a higher degree, may allow a faster motion there.
+    """
+    if options.refine is not None and options.method not in TORQUES_FIXED:
+        return ""
+    controls = "constant torques"
+    if motion.inverse_dynamics is not None:
+        controls = f"{ACCELERATIONS[motion.degree]} accelerations"
+    return f" among piecewise {controls} on {len(motion.t) - 1} intervals"
+
+
 def _message(
     problem: Problem,
+    options: Options,
     status: Status,
     best: Attempt,
     attempts: Sequence[Attempt],
@@ -147,9 +166,12 @@ def _message(
 ) -> str:
     if best.found:
         T = best.trajectory.duration
-        sentence = f"{status.value} T = {T:.4f} s"
-        if T < BRIEF_TIME:
-            sentence = f"{status.value} T = {T:.3g} s"
+        said = status.value
+        if status is Status.CONVERGED:
+            said = f"{said[:-1]}{_scope(options, best.trajectory)}."
+        sentence = (
+            f"{said} T = {T:.3g} s" if T < BRIEF_TIME else f"{said} T = {T:.4f} s"
+        )
         near = "" if bound is None else bound.comparison(T)
         if near:
             sentence = f"{sentence}, {near}"
