@@ -38,7 +38,7 @@ test-all: setup ## Run all tests, with those that take minutes
 	@$(BIN)/python -m pytest -m 'nightly or not nightly' $(PYTEST_ARGS)
 
 .PHONY: check
-check: lint types layers spelling ## Lint, formatting, types, import layers, spelling
+check: lint types layers house spelling ## Lint, formatting, types, import layers, budget, spelling
 
 .PHONY: lint
 lint: setup
@@ -53,6 +53,14 @@ types: setup
 .PHONY: layers
 layers: setup
 	$(BIN)/lint-imports --no-logo
+
+.PHONY: house
+house: setup ## Code lines by room, held against their budget
+	@$(BIN)/python tools/house.py
+
+.PHONY: house-lower
+house-lower: setup ## Take off the budget what a change has saved
+	@$(BIN)/python tools/house.py --lower
 
 .PHONY: spelling
 spelling: setup

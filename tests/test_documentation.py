@@ -86,38 +86,48 @@ def has(owner: Any, name: str) -> bool:
     return hasattr(owner, name) or name in {item.name for item in fields(owner)}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=label)
-def test_names_are_public(page: Path) -> None:
-    text = page.read_text("utf-8")
-    found = {match.groups() for match in ATTRIBUTE.finditer(text)}
-    # A file's name is no attribute.
-    found = {(o, n) for o, n in found if n not in FILE_ENDINGS}
-    assert {(o, n) for o, n in found if not has(OBJECTS[o], n)} == set()
+def test_names_are_public() -> None:
+    wrong = [
+        f"{label(page)}: {owner}.{name}"
+        for page in PAGES
+        for owner, name in ATTRIBUTE.findall(page.read_text("utf-8"))
+        # A file's name is no attribute.
+        if name not in FILE_ENDINGS and not has(OBJECTS[owner], name)
+    ]
+    assert wrong == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=label)
-def test_options_of_plans_are_there(page: Path) -> None:
+def test_options_of_plans_are_there() -> None:
     known = {*tm.Options.names(), "start"}
-    for arguments in CALL.findall(page.read_text("utf-8")):
-        assert set(re.findall(r"(\w+)=", arguments)) <= known, arguments
+    wrong = [
+        f"{label(page)}: {arguments}"
+        for page in PAGES
+        for arguments in CALL.findall(page.read_text("utf-8"))
+        if not set(re.findall(r"(\w+)=", arguments)) <= known
+    ]
+    assert wrong == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=label)
-def test_flags_of_commands_are_there(page: Path) -> None:
+def test_flags_of_commands_are_there() -> None:
     import typer
 
     from tominpmp.cli.app import app
 
     group: Any = typer.main.get_command(app)
-    for name, arguments in COMMAND.findall(page.read_text("utf-8")):
-        assert name in group.commands, name
-        known = {
-            flag
-            for option in group.commands[name].params
-            for flag in (*option.opts, *option.secondary_opts)
-        } | {"--help", "-h"}
-        given = set(re.findall(r"(?<=\s)--?[a-z][\w-]*", arguments))
-        assert given <= known, (name, given - known)
+    known = {
+        name: {flag for item in command.params for flag in item.opts}
+        | {flag for item in command.params for flag in item.secondary_opts}
+        | {"--help", "-h"}
+        for name, command in group.commands.items()
+    }
+    wrong = [
+        f"{label(page)}: {name} {arguments}"
+        for page in PAGES
+        for name, arguments in COMMAND.findall(page.read_text("utf-8"))
+        if not set(re.findall(r"(?<=\s)--?[a-z][\w-]*", arguments))
+        <= known.get(name, set())
+    ]
+    assert wrong == []
 
 
 def test_wrong_names_are_found() -> None:
@@ -133,11 +143,11 @@ def test_wrong_names_are_found() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", from_the_code.CONTENTS)
-def test_reference_is_made_from_the_code(name: str) -> None:
-    lines = from_the_code.CONTENTS[name]()
-    assert len(lines) > 4
-    # A row whose last cell is empty is a field that its docstring does not tell of.
+def test_reference_is_made_from_the_code() -> None:
+    contents = {name: make() for name, make in from_the_code.CONTENTS.items()}
+    assert [name for name, lines in contents.items() if len(lines) <= 4] == []
+    # A row whose last cell is empty is a field without a text in its docstring.
+    lines = [line for lines in contents.values() for line in lines]
     assert [line for line in lines if line.endswith("|  |")] == []
 
 
@@ -178,9 +188,9 @@ def test_every_public_name_has_a_docstring() -> None:
         assert (value.__doc__ or "").strip(), name
 
 
-@pytest.mark.parametrize("name", tm.__all__)
-def test_every_public_name_is_used_in_an_example(name: str) -> None:
-    assert from_the_code.examples_of(name)
+def test_every_public_name_is_used_in_an_example() -> None:
+    unused = [name for name in tm.__all__ if not from_the_code.examples_of(name)]
+    assert unused == []
 
 
 def test_the_reference_has_every_public_name_once() -> None:
@@ -191,29 +201,37 @@ def test_the_reference_has_every_public_name_once() -> None:
     assert sorted(found) == sorted(set(tm.__all__) - raised)
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in tm.__all__ if inspect.isfunction(getattr(tm, n))]
-)
-def test_public_functions_tell_of_their_arguments(name: str) -> None:
-    function = getattr(tm, name)
-    told = from_the_code.entries(function.__doc__, "Args")
-    parameters = inspect.signature(function).parameters.values()
-    asked = {item.name for item in parameters if item.kind is not item.VAR_KEYWORD}
-    assert asked <= set(told)
+def test_public_functions_tell_of_their_arguments() -> None:
+    unsaid = []
+    for name in tm.__all__:
+        function = getattr(tm, name)
+        if inspect.isfunction(function):
+            said = from_the_code.entries(function.__doc__, "Args")
+            parameters = inspect.signature(function).parameters.values()
+            unsaid += [
+                f"{name}: {item.name}"
+                for item in parameters
+                if item.kind is not item.VAR_KEYWORD and item.name not in said
+            ]
+    assert unsaid == []
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in tm.__all__ if is_dataclass(getattr(tm, n))]
-)
-def test_arrays_of_public_classes_tell_of_their_shapes(name: str) -> None:
-    kind = getattr(tm, name)
-    told: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        told |= from_the_code.entries(base.__doc__, "Attributes")
-    for item in fields(kind):
-        if "Array" in str(item.type):
-            text = f"{kind.__doc__.partition('Attributes:')[0]} {told[item.name]}"
-            assert "shape" in text, item.name
+def test_arrays_of_public_classes_tell_of_their_shapes() -> None:
+    unsaid = []
+    for name in tm.__all__:
+        kind = getattr(tm, name)
+        if not is_dataclass(kind):
+            continue
+        said: dict[str, str] = {}
+        for base in reversed(kind.__mro__):
+            said |= from_the_code.entries(base.__doc__, "Attributes")
+        head = kind.__doc__.partition("Attributes:")[0]
+        unsaid += [
+            f"{name}.{item.name}"
+            for item in fields(kind)
+            if "Array" in str(item.type) and "shape" not in f"{head} {said[item.name]}"
+        ]
+    assert unsaid == []
 
 
 def test_pages_stand_in_one_table_of_contents_each() -> None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 LINES = (ROOT / "tests" / "nightly.txt").read_text("utf-8").splitlines()
 
 
-@pytest.mark.parametrize("line", sorted({line.split("[")[0] for line in LINES}))
-def test_it_is_there(line: str) -> None:
-    file, name = line.split("::")
-    assert f"def {name}(" in (ROOT / file).read_text("utf-8")
+def test_they_are_there() -> None:
+    missing = []
+    for line in LINES:
+        file, name = line.split("[")[0].split("::")
+        path = ROOT / file
+        if not path.exists() or f"def {name}(" not in path.read_text("utf-8"):
+            missing.append(line)
+    assert missing == []
 
 
 def test_none_is_named_twice_and_all_are_sorted() -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "tominpmp"
@@ -23,10 +22,6 @@ PATHS = re.compile(r"`([\w./-]+(?:\.py|\.md|/))`|\]\(([^)#:]+)(?:#[^)]*)?\)")
 NAMES = re.compile(r"`(tominpmp(?:\.\w+)+)`")
 COMMANDS = re.compile(r"python -m (benchmarks(?:\.\w+)+)")
 
-each_document = pytest.mark.parametrize(
-    "document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT))
-)
-
 
 def is_there(text: str, document: Path) -> bool:
     """Whether there is such a file; one without a folder may be in any."""
@@ -35,30 +30,39 @@ def is_there(text: str, document: Path) -> bool:
     return "/" not in text and any(SOURCE.rglob(text))
 
 
-@each_document
-def test_files_and_folders_are_there(document: Path) -> None:
-    found = PATHS.findall(document.read_text("utf-8"))
-    missing = {
-        one or other for one, other in found if not is_there(one or other, document)
-    }
-    assert missing == set()
+def mentions(pattern: re.Pattern[str]) -> Iterator[tuple[Path, str]]:
+    """What a pattern finds in the documents, beside the document."""
+    for document in DOCUMENTS:
+        for groups in pattern.finditer(document.read_text("utf-8")):
+            yield document, next(group for group in groups.groups() if group)
 
 
-@each_document
-def test_names_are_there(document: Path) -> None:
-    for name in NAMES.findall(document.read_text("utf-8")):
-        try:
-            importlib.import_module(name)
-        except ModuleNotFoundError:
-            module, _, last = name.rpartition(".")
-            assert hasattr(importlib.import_module(module), last), name
+def test_files_and_folders_are_there() -> None:
+    missing = [
+        f"{document.relative_to(ROOT)}: {text}"
+        for document, text in mentions(PATHS)
+        if not is_there(text, document)
+    ]
+    assert missing == []
 
 
-@each_document
-def test_benchmarks_are_there(document: Path) -> None:
-    for name in COMMANDS.findall(document.read_text("utf-8")):
+def test_names_are_there() -> None:
+    missing = [
+        f"{document.relative_to(ROOT)}: {name}"
+        for document, name in mentions(NAMES)
+        if not resolved(name)
+    ]
+    assert missing == []
+
+
+def test_benchmarks_are_there() -> None:
+    missing = []
+    for document, name in mentions(COMMANDS):
         path = ROOT / Path(*name.split("."))
-        assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), name
+        program = path / "__main__.py"
+        if not (path.with_suffix(".py").exists() or program.exists()):
+            missing.append(f"{document.relative_to(ROOT)}: {name}")
+    assert missing == []
 
 
 def test_the_layers_are_those_that_are_checked() -> None:
