@@ -27,6 +27,7 @@ NOT_AT_IMPORT = {
 
 # Distributions that are named unlike the package in them.
 DISTRIBUTIONS = {
+    "lazy_loader": "lazy-loader",
     "pinocchio": "pin",
     "tomli_w": "tomli-w",
     "umsgpack": "u-msgpack-python",

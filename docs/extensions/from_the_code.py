@@ -129,20 +129,14 @@ def data_sheets() -> list[str]:
     return rows
 
 
-def parts_of(page: str) -> list[str]:
-    """Parts of the library on a page of the reference of Python, in order."""
-    homes = {part: part.partition(".")[0] for part in tm._HOMES}
-    own = [part for top in PARTS[page] for part in homes if homes[part] == top]
-    if page == list(PARTS)[-1]:
-        known = {"exceptions", *(top for tops in PARTS.values() for top in tops)}
-        own += [part for part in homes if homes[part] not in known]
-    return own
-
-
 def names_of(page: str) -> list[str]:
     """Public names on a page of the reference of Python: functions before classes."""
-    names = [name for part in parts_of(page) for name in tm._HOMES[part]]
-    return sorted(names, key=lambda name: inspect.isclass(getattr(tm, name)))
+    listed = {part for parts in PARTS.values() for part in parts} | {"exceptions"}
+    parts = {name: getattr(tm, name).__module__.split(".")[1] for name in tm.__all__}
+    found = [name for part in PARTS[page] for name in parts if parts[name] == part]
+    if page == list(PARTS)[-1]:
+        found += [name for name in parts if parts[name] not in listed]
+    return sorted(found, key=lambda name: inspect.isclass(getattr(tm, name)))
 
 
 def public_names() -> list[str]:

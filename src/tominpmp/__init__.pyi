@@ -1,0 +1,144 @@
+"""Where the public names of the package are; read by type checkers and at import."""
+
+from .batch import (
+    Dataset as Dataset,
+    Outcome as Outcome,
+    plan_many as plan_many,
+)
+from .bounds import (
+    LowerBound as LowerBound,
+    lower_bound as lower_bound,
+)
+from .certificate import (
+    Certificate as Certificate,
+    certify as certify,
+)
+from .combined_robots import combine_robots as combine_robots
+from .constraints import (
+    AxisFixed as AxisFixed,
+    FirmGrasp as FirmGrasp,
+    JointCoupling as JointCoupling,
+    KeepAway as KeepAway,
+    KeepOrientation as KeepOrientation,
+    KeepUpright as KeepUpright,
+    PathConstraint as PathConstraint,
+    StableContact as StableContact,
+    ToolAcceleration as ToolAcceleration,
+    ToolArc as ToolArc,
+    ToolLine as ToolLine,
+    ToolPolyline as ToolPolyline,
+    ToolSpeed as ToolSpeed,
+    WithinRegion as WithinRegion,
+)
+from .exceptions import (
+    FrameNotFound as FrameNotFound,
+    JointNotFound as JointNotFound,
+    MissingDependency as MissingDependency,
+    OptionsError as OptionsError,
+    PlanningFailed as PlanningFailed,
+    ProblemError as ProblemError,
+    RobotLoadError as RobotLoadError,
+    ScenarioError as ScenarioError,
+    SceneError as SceneError,
+    SolverNotFound as SolverNotFound,
+    TominpmpError as TominpmpError,
+    TominpmpWarning as TominpmpWarning,
+)
+from .goals import (
+    AllGoals as AllGoals,
+    AnyGoal as AnyGoal,
+    AxisGoal as AxisGoal,
+    Goal as Goal,
+    JointGoal as JointGoal,
+    JointRegionGoal as JointRegionGoal,
+    PoseGoal as PoseGoal,
+    PositionGoal as PositionGoal,
+    RegionGoal as RegionGoal,
+)
+from .io.export import load_motion as load_motion
+from .io.export_check import (
+    ExportCheck as ExportCheck,
+    check_export as check_export,
+    check_file as check_file,
+)
+from .io.ros_rules import (
+    Refusal as Refusal,
+    controller_refusals as controller_refusals,
+)
+from .motion_limits import (
+    EffortCurve as EffortCurve,
+    MotionLimits as MotionLimits,
+)
+from .options import (
+    Options as Options,
+    Tolerances as Tolerances,
+)
+from .payload import Payload as Payload
+from .placement import (
+    ImprovedPlacement as ImprovedPlacement,
+    improve_placement as improve_placement,
+    robot_at as robot_at,
+)
+from .planner.planning import plan as plan
+from .planner.smoothing import smooth as smooth
+from .problem import Problem as Problem
+from .robot import (
+    JointLimits as JointLimits,
+    Robot as Robot,
+    load_robot as load_robot,
+)
+from .samples import Samples as Samples
+from .scenario.joint_limits import (
+    MoveItLimits as MoveItLimits,
+    load_joint_limits as load_joint_limits,
+)
+from .scenario.motion_limits import load_motion_limits as load_motion_limits
+from .scenario.moveit import (
+    load_moveit as load_moveit,
+    load_moveit_scene as load_moveit_scene,
+)
+from .scenario.scenario import (
+    Scenario as Scenario,
+    load_scenario as load_scenario,
+    save_scenario as save_scenario,
+)
+from .scene import (
+    Box as Box,
+    Capsule as Capsule,
+    ConstantVelocity as ConstantVelocity,
+    Cylinder as Cylinder,
+    HeightField as HeightField,
+    Mesh as Mesh,
+    Motion as Motion,
+    Obstacle as Obstacle,
+    OcTree as OcTree,
+    PoseFunction as PoseFunction,
+    Scene as Scene,
+    Sphere as Sphere,
+    Waypoints as Waypoints,
+)
+from .segments import Segment as Segment
+from .solution import Solution as Solution
+from .status import (
+    IterationRecord as IterationRecord,
+    Status as Status,
+)
+from .tours import (
+    Station as Station,
+    Tour as Tour,
+    Visit as Visit,
+    plan_tour as plan_tour,
+)
+from .trajectory import (
+    State as State,
+    Trajectory as Trajectory,
+)
+from .verification import (
+    ClearanceProof as ClearanceProof,
+    Verification as Verification,
+    prove_clearance as prove_clearance,
+    verify as verify,
+)
+from .workcell import Workcell as Workcell
+
+__version__: str
