@@ -8,32 +8,34 @@ solution = tm.plan(problem)
 print(solution.T, solution.trajectory(0.1).q)
 
 ``__init__.pyi`` says where the public names are: a module is imported when one of its
-names is first used, so that the command line shows its help without loading the
-robotics libraries.
+names is first used, so that the command line heeds signals, and shows its help, before
+anything that takes long is imported.
 """
 
 from __future__ import annotations
 
-import logging
-from typing import Any
+TYPE_CHECKING = False  # typing takes long to import
+if TYPE_CHECKING:
+    from typing import Any
 
-import lazy_loader
-
-_of_a_module, _public_names, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-# A library leaves it to the application whether its log is shown.
-logging.getLogger(__name__).addHandler(logging.NullHandler())
+_attached: Any = None
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
+    global _attached
     if name == "__version__":
         from importlib.metadata import version
 
         return version("tominpmp")
-    return _of_a_module(name)
+    if _attached is None:
+        import lazy_loader
+
+        _attached = lazy_loader.attach_stub(__name__, __file__)
+    of_a_module, _, names = _attached
+    return names if name == "__all__" else of_a_module(name)
 
 
 def __dir__() -> list[str]:
     """List the public names, imported or not."""
-    return sorted({*globals(), *__all__, "__version__"})
+    return sorted({*globals(), *__getattr__("__all__"), "__version__"})
