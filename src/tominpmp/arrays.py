@@ -13,7 +13,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.arguments import Told
 from tominpmp.exceptions import brief, shortened
 
 Array = NDArray[np.float64]
@@ -106,9 +105,10 @@ def pair_or_nan(value: object) -> tuple[float, float]:
 def is_single(value: object) -> bool:
     """Whether a caller's value is one number, or anything that is no row of them.
 
-    Ranges are rows however long they are, without being written out.
+    Ranges are rows however long they are, without being written out; so are lists of
+    whatever they hold.
     """
-    return not isinstance(value, range) and np.ndim(value) == 0  # type: ignore[arg-type]
+    return not isinstance(value, range | list | tuple) and np.ndim(value) == 0  # type: ignore[arg-type]
 
 
 def comparable(value: Any) -> Any:
@@ -148,7 +148,7 @@ def in_brief(value: object) -> str:
     return brief(value)
 
 
-class Record(Told):
+class Record:
     """Base of frozen dataclasses that hold arrays; to be declared with ``eq=False``.
 
     Records are equal if they are of one class and all fields are, arrays element by

@@ -182,24 +182,6 @@ def told_of(what: str, field: str | None = None) -> Iterator[None]:
         raise told from error
 
 
-def expect(
-    value: object, kinds: type | tuple[type, ...], field: str, expected: str
-) -> None:
-    """Check the type of an argument.
-
-    Args:
-        value: The argument.
-        kinds: What it may be.
-        field: Its name.
-        expected: What was expected, in words.
-
-    Raises:
-        ProblemError: If it is of another type.
-    """
-    if not isinstance(value, kinds):
-        raise ProblemError(f"{field} is {brief(value)}, expected {expected}", field)
-
-
 class OptionsError(TominpmpError):
     """An option has a value it cannot have.
 

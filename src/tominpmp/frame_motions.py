@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.checks import JOINTS, array
 from tominpmp.robot import Robot
 
 LOCAL = pin.ReferenceFrame.LOCAL
@@ -85,8 +86,9 @@ class FrameMotions:
     def placements(self, q: Array) -> Placements:
         """Where the frame is at positions, shape (m, n) [rad or m]."""
         model, data, index = self.robot.model, self._data, self._index
-        found = Placements(np.empty((len(q), 3, 3)), np.empty((len(q), 3)))
-        for k, row in enumerate(self.robot.expand(q)):
+        (rows,) = self._expanded(q)
+        found = Placements(np.empty((len(rows), 3, 3)), np.empty((len(rows), 3)))
+        for k, row in enumerate(rows):
             pin.forwardKinematics(model, data, row)
             place = pin.updateFramePlacement(model, data, index)
             found.rotation[k], found.origin[k] = place.rotation, place.translation
@@ -101,8 +103,9 @@ class FrameMotions:
         """
         model, data, index = self.robot.model, self._data, self._index
         axes, nv = LOCAL if local else WORLD, self.robot.model.nv
-        found = np.empty((len(q), 6, nv))
-        for k, row in enumerate(self.robot.expand(q)):
+        (rows,) = self._expanded(q)
+        found = np.empty((len(rows), 6, nv))
+        for k, row in enumerate(rows):
             jacobian = pin.computeFrameJacobian(model, data, row, index, axes)
             # Pinocchio drops the second dimension of arms with a single joint.
             found[k] = jacobian.reshape(6, nv)
@@ -111,9 +114,9 @@ class FrameMotions:
     def velocities(self, q: Array, v: Array) -> Array:
         """Velocities of its origin in the world, shape (m, 3) [m/s]."""
         model, data, index = self.robot.model, self._data, self._index
-        found = np.empty((len(q), 3))
-        states = zip(self.robot.expand(q), self.robot.expand_tangent(v), strict=True)
-        for k, state in enumerate(states):
+        parts = self._expanded(q, v=v)
+        found = np.empty((len(parts[0]), 3))
+        for k, state in enumerate(zip(*parts, strict=True)):
             pin.forwardKinematics(model, data, *state)
             found[k] = pin.getFrameVelocity(model, data, index, WORLD).linear
         return found
@@ -124,7 +127,8 @@ class FrameMotions:
         Returns:
             Shapes (m, 3), (m, 3, n) and (m, 3, n).
         """
-        state, slopes = self.spatial_slopes(q, v, np.zeros_like(v))
+        q = array(q, "q", (None, self.robot.n), JOINTS)
+        state, slopes = self.spatial_slopes(q, v, np.zeros_like(q))
         linear = state.velocity[:, :3]
         # d(R v) = R (dv + w x v), as the axes of the frame turn with q.
         turned = slopes.v_q[:, :3] - skew(linear) @ slopes.v_v[:, 3:]
@@ -164,9 +168,10 @@ class FrameMotions:
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
         """
-        found = self._empty(len(q))
+        parts = self._expanded(q, v=v, a=a)
+        found = self._empty(len(parts[0]))
         model, data = self.robot.model, self._data
-        for k, state in enumerate(self._expanded(q, v, a)):
+        for k, state in enumerate(zip(*parts, strict=True)):
             pin.forwardKinematics(model, data, *state)
             self._read(found, k)
         return found
@@ -175,10 +180,11 @@ class FrameMotions:
         self, q: Array, v: Array, a: Array
     ) -> tuple[SpatialStates, SpatialSlopes]:
         """Spatial velocities and accelerations, and their derivatives."""
-        found, robot = self._empty(len(q)), self.robot
+        states, robot = self._expanded(q, v=v, a=a), self.robot
+        found = self._empty(len(states[0]))
         model, data, index, nv = robot.model, self._data, self._index, robot.model.nv
-        parts = np.empty((4, len(q), 6, nv))
-        for k, state in enumerate(self._expanded(q, v, a)):
+        parts = np.empty((4, len(states[0]), 6, nv))
+        for k, state in enumerate(zip(*states, strict=True)):
             pin.computeForwardKinematicsDerivatives(model, data, *state)
             by = pin.getFrameAccelerationDerivatives(model, data, index, LOCAL)
             for part, slope in zip(parts, by, strict=True):
@@ -187,14 +193,12 @@ class FrameMotions:
         v_q, a_q, a_v, v_v = robot.reduce_tangent(parts)
         return found, SpatialSlopes(v_q, v_v, a_q, a_v)
 
-    def _expanded(self, q: Array, v: Array, a: Array) -> Any:
+    def _expanded(self, q: Array, **rates: Array) -> tuple[Array, ...]:
+        """Check states in rows, and bring them to the joints of the model."""
         robot = self.robot
-        return zip(
-            robot.expand(q),
-            robot.expand_tangent(v),
-            robot.expand_tangent(a),
-            strict=True,
-        )
+        q = array(q, "q", (None, robot.n), JOINTS)
+        rows = [array(x, name, q.shape, JOINTS) for name, x in rates.items()]
+        return robot.expand(q), *map(robot.expand_tangent, rows)
 
     @staticmethod
     def _empty(m: int) -> SpatialStates:

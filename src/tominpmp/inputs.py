@@ -14,7 +14,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, array_or_nan, real_array, real_number
+from tominpmp.arrays import (
+    Array,
+    array_or_nan,
+    frozen_array,
+    real_array,
+    real_number,
+)
+from tominpmp.checks import wrong
 from tominpmp.exceptions import ProblemError, brief, closest
 
 #: A point or another vector in space: three numbers, or what has x, y and z.
@@ -35,6 +42,8 @@ PLACES = ("position", "translation", "xyz")
 TURNS = ("rotation", "orientation", "quaternion", "xyzw", "quat")
 # A locked joint that is given may be this far from where it is [rad or m].
 SAME = 1e-6
+# What the square of a unit vector may be off by.
+ROUNDING = 1e-15
 
 
 def plain_vector(value: object) -> object:
@@ -108,6 +117,56 @@ def _by_axes(value: object, names: str) -> object:
     return found if all(map(_is_number, found)) and not more else value
 
 
+def vector(
+    value: object,
+    name: str,
+    expected: str,
+    size: int | None = None,
+    *,
+    infinite: bool = False,
+) -> Array:
+    """Check a caller's vector.
+
+    Args:
+        value: What the caller gave.
+        name: What it is, for the message.
+        expected: What it should be.
+        size: How many numbers; None for any.
+        infinite: Whether they may be infinite.
+
+    Raises:
+        ProblemError: If it is none.
+    """
+    try:
+        array = real_array(plain_vector(value) if size == 3 else value)
+    except ValueError as error:
+        raise wrong(value, name, expected) from error
+    if array.ndim != 1 or size not in (None, array.size):
+        raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
+    if np.any(np.isnan(array)) or not (infinite or np.all(np.isfinite(array))):
+        which = "none of them NaN" if infinite else "all finite"
+        raise wrong(array.tolist(), name, f"{expected}, {which}")
+    return array
+
+
+def direction(value: object, name: str) -> Array:
+    """Check a caller's direction, of any length but zero, and make it one of length 1.
+
+    Raises:
+        ProblemError: If it is none.
+    """
+    expected = "three numbers, not all zero"
+    found = vector(value, name, expected, 3)
+    largest = float(np.max(np.abs(found)))
+    if largest == 0.0:
+        raise wrong(found.tolist(), name, expected)
+    # Divided again, as by saving and loading, a unit vector would change.
+    if largest > 1.0 or abs(float(found @ found) - 1.0) > ROUNDING:
+        found = found / largest  # so that no square overflows
+        found = found / np.linalg.norm(found)
+    return frozen_array(found)
+
+
 def _attribute(value: object, name: str) -> Any:
     try:
         return getattr(value, name, None)
@@ -155,44 +214,8 @@ def named_row(value: object, name: str) -> tuple[tuple[str, ...] | None, object]
     if found is None:
         return None, value
     if not all(isinstance(joint, str) and joint for joint in found):
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected numbers, or numbers by joint name",
-            name,
-        )
+        raise wrong(value, name, "numbers, or numbers by joint name")
     return tuple(found), [_number(x, joint, name) for joint, x in found.items()]
-
-
-def numbers_of_joints(value: ArrayLike, name: str, count: int) -> Array:
-    """Rows of numbers, one for each joint, shape (..., count).
-
-    What is such an array is returned as it is: nothing is looked at number by number.
-
-    Args:
-        value: The numbers.
-        name: What they are, for messages.
-        count: How many joints there are.
-
-    Raises:
-        ProblemError: If they are no numbers, or not one for each joint.
-    """
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        array = value
-    else:
-        try:
-            array = real_array(value)
-        except ValueError as error:
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected {count} numbers, one for each "
-                "joint, or rows of them",
-                name,
-            ) from error
-    if array.ndim == 0 or array.shape[-1] != count:
-        raise ProblemError(
-            f"{name} has shape {array.shape}, expected (..., {count}): a number for "
-            "each joint",
-            name,
-        )
-    return array
 
 
 def in_order(

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arguments import Told
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.robot import Robot
 
@@ -26,7 +25,7 @@ class FrameMotion(NamedTuple):
     by_v: Array
 
 
-class RobotKinematics(Told):
+class RobotKinematics:
     """Frame placements and Jacobians of a robot.
 
     Attributes:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
-from tominpmp.exceptions import JointNotFound, ProblemError, brief, expect
+from tominpmp.arrays import Array, Record, array_or_nan
+from tominpmp.checks import array, choice, instance, number, positive, whole, wrong
+from tominpmp.exceptions import JointNotFound, ProblemError, told_of
+from tominpmp.inputs import vector
+from tominpmp.samples import names as joints_named
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -45,21 +48,9 @@ class EffortCurve(Record):
     def __post_init__(self) -> None:
         """Check the curve."""
         for name in ("speed", "effort"):
-            try:
-                array = real_array(getattr(self, name))
-            except ValueError as error:
-                raise ProblemError(
-                    f"effort curve: {name} is {brief(getattr(self, name))}, expected a "
-                    "row of numbers",
-                    name,
-                ) from error
-            if array.ndim != 1 or not np.all(np.isfinite(array)):
-                raise ProblemError(
-                    f"effort curve: {name} is {array.tolist()}, expected a row of "
-                    "finite numbers",
-                    name,
-                )
-            object.__setattr__(self, name, array)
+            with told_of("effort curve"):
+                row = vector(getattr(self, name), name, "a row of numbers")
+            object.__setattr__(self, name, row)
         if self.speed.size != self.effort.size or self.speed.size < 2:
             raise ProblemError(
                 f"effort curve: {self.speed.size} speeds and {self.effort.size} "
@@ -82,17 +73,20 @@ class EffortCurve(Record):
     @classmethod
     def droop(cls, stall: float, no_load_speed: float) -> EffortCurve:
         """Linear droop of a direct-current motor: no torque at the no-load speed."""
-        return cls(np.array([0.0, no_load_speed]), np.array([stall, 0.0]))
+        top = positive(no_load_speed, "no_load_speed", "rad/s or m/s")
+        torque = number(stall, "stall", "a number >= 0 [N m or N]", least=0.0)
+        return cls(np.array([0.0, top]), np.array([torque, 0.0]))
 
     @classmethod
     def power(
         cls, effort: float, power: float, top_speed: float, points: int = 12
     ) -> EffortCurve:
         """Constant torque up to a power limit [W], chords of the hyperbola beyond."""
-        knee = power / effort
-        speed = np.concatenate(
-            [[0.0], np.geomspace(knee, max(top_speed, knee), points)]
-        )
+        effort = positive(effort, "effort", "N m or N")
+        knee = positive(power, "power", "W") / effort
+        top_speed = positive(top_speed, "top_speed", "rad/s or m/s")
+        count = whole(points, "points", least=2)
+        speed = np.concatenate([[0.0], np.geomspace(knee, max(top_speed, knee), count)])
         if top_speed <= knee:
             return cls(np.array([0.0, knee]), np.array([effort, effort]))
         # Tangents would be on the safe side everywhere; chords pass it by < 1 %.
@@ -100,7 +94,7 @@ class EffortCurve(Record):
 
     def __call__(self, speed: Array) -> tuple[Array, Array]:
         """Largest torque and its slope over |speed|, of any shape."""
-        magnitude = np.abs(speed)
+        magnitude = np.abs(array(speed, "speed", (...,), "speeds"))
         value = np.interp(magnitude, self.speed, self.effort)
         slopes = np.append(np.diff(self.effort) / np.diff(self.speed), 0.0)
         piece = np.searchsorted(self.speed, magnitude, side="right") - 1
@@ -131,16 +125,11 @@ class MotionLimits(Record):
 
     def __post_init__(self) -> None:
         """Check what can be told without a robot."""
-        scale = number_or_nan(self.effort_scale)
-        if not 0.0 < scale <= 1.0:
-            raise ProblemError(
-                f"effort_scale is {brief(self.effort_scale)}, expected a share in (0, "
-                "1]",
-                "effort_scale",
-            )
+        expected = "a share in (0, 1]"
+        scale = number(self.effort_scale, "effort_scale", expected, above=0.0, most=1.0)
         object.__setattr__(self, "effort_scale", scale)
         given = {} if self.effort_curves is None else self.effort_curves
-        expect(given, Mapping, "effort_curves", "EffortCurves by joint name")
+        instance(given, Mapping, "effort_curves", "EffortCurves by joint name")
         curves = dict(given)
         for joint, curve in curves.items():
             if not isinstance(curve, EffortCurve):
@@ -156,13 +145,12 @@ class MotionLimits(Record):
                 continue
             object.__setattr__(self, name, self._numbers(name, value))
 
-    def _numbers(self, name: str, value: object) -> Array:
+    @staticmethod
+    def _numbers(name: str, value: object, most: int = 1) -> Array:
+        """Positive numbers, with so many axes at most."""
         array = array_or_nan(value)
-        if array.ndim > 1 or np.any(np.isnan(array)) or np.any(array <= 0.0):
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected positive numbers [{UNITS[name]}]",
-                name,
-            )
+        if array.ndim > most or np.any(np.isnan(array)) or np.any(array <= 0.0):
+            raise wrong(value, name, f"positive numbers [{UNITS[name]}]")
         return array
 
     def _values(self) -> tuple[object, ...]:
@@ -193,18 +181,17 @@ class MotionLimits(Record):
             ProblemError: If there are too many or too few values.
             JointNotFound: If a joint is unknown.
         """
-        if not isinstance(name, str) or name not in UNITS:
-            known = " or ".join(map(repr, UNITS))
-            raise ProblemError(f"name is {brief(name)}, expected {known}", "name")
+        choice(name, tuple(UNITS), "name", " or ".join(map(repr, UNITS)))
+        joint_names = joints_named(joint_names)
         value, n = getattr(self, name), len(joint_names)
         if value is None:
             return np.full(n, np.inf)
         if isinstance(value, Mapping):
             out = np.full(n, np.inf)
-            for joint, number in value.items():
+            for joint, limit in value.items():
                 if joint not in joint_names:
                     raise JointNotFound(joint, joint_names)
-                out[list(joint_names).index(joint)] = self._numbers(name, number).item()
+                out[joint_names.index(joint)] = self._numbers(name, limit, most=0)
             return out
         if value.ndim == 1 and value.size != n:
             raise ProblemError(
@@ -232,6 +219,8 @@ class MotionLimits(Record):
         """
         if others is None:
             return self
+        instance(others, MotionLimits, "others", "MotionLimits or None")
+        joint_names = joints_named(joint_names)
         values: dict[str, PerJoint] = {}
         for name in UNITS:
             own, below = getattr(self, name), getattr(others, name)
@@ -260,12 +249,14 @@ class MotionLimits(Record):
             names: New names by present ones; joints that are not in it are left out.
             present: Names of all joints the limits are for, in their order.
         """
+        instance(names, Mapping, "names", "names of joints by their present ones")
+        present = joints_named(present, "present")
         values: dict[str, PerJoint] = {}
         for name in UNITS:
             if getattr(self, name) is None:
                 continue
-            numbers = self.by_joint(name, present).tolist()
-            rows = dict(zip(present, numbers, strict=True))
+            limits = self.by_joint(name, present).tolist()
+            rows = dict(zip(present, limits, strict=True))
             kept = {names[k]: v for k, v in rows.items() if k in names and v < np.inf}
             if kept:
                 values[name] = kept
@@ -283,6 +274,7 @@ class MotionLimits(Record):
             ProblemError: If there are too many or too few values.
             JointNotFound: If a joint is unknown.
         """
+        joint_names = joints_named(joint_names)
         for name in UNITS:
             self.by_joint(name, joint_names)
         for joint in self.effort_curves or {}:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from tominpmp.arguments import is_whole
-from tominpmp.arrays import Array, Record, number_or_nan, real_array, real_number
-from tominpmp.exceptions import OptionsError, brief, expect
+from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan
+from tominpmp.checks import choice, instance, number, text, whole, wrong
+from tominpmp.exceptions import OptionsError, brief
 
 if TYPE_CHECKING:
     from tominpmp.status import IterationRecord
@@ -28,7 +28,27 @@ ENERGIES = ("torque_squared", "work")
 REFINEMENTS = ("auto", "grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
 # Numbers that may be left to the planner.
-OPTIONAL = ("max_planning_time", "initial_duration", "starts", "control_period")
+OPTIONAL = (
+    *("max_planning_time", "initial_duration", "starts", "control_period"),
+    *("smoothing", "slack"),
+)
+CHOICES = {
+    "method": METHODS,
+    "step_rule": STEP_RULES,
+    "control": CONTROLS,
+    "grid": GRIDS,
+    "objective": OBJECTIVES,
+    "effort": EFFORTS,
+    "energy": ENERGIES,
+    "refine": (*REFINEMENTS, None),
+}
+# Whole numbers, and the least that each may be.
+WHOLE = {"intervals": 4, "max_iterations": 1, "processes": 1, "seed": 0, "starts": 1}
+POSITIVE = (
+    *("max_planning_time", "initial_duration", "control_period", "trust_region"),
+    *("tolerance", "feasibility", "control_step", "time_step"),
+    *("goal_tolerance", "speed_tolerance", "limit_tolerance", "contact_tolerance"),
+)
 # More is taken for a mistake, before it fills the memory or starts too many processes.
 MOST = {
     "intervals": 10_000,
@@ -66,13 +86,13 @@ class Tolerances:
         """Check every tolerance."""
         for item in fields(self):
             value = getattr(self, item.name)
-            number = number_or_nan(value)
-            if not number >= 0.0:
+            found = number_or_nan(value)
+            if not found >= 0.0:
                 raise OptionsError(
                     f"tolerance {item.name} is {brief(value)}, expected a number >= 0",
                     item.name,
                 )
-            object.__setattr__(self, item.name, number)
+            object.__setattr__(self, item.name, found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,100 +219,42 @@ class Options(Record):
 
     def __post_init__(self) -> None:
         """Check every option."""
-        self._one_of("method", METHODS)
-        self._one_of("step_rule", STEP_RULES)
-        self._one_of("control", CONTROLS)
-        self._one_of("grid", GRIDS)
-        self._one_of("objective", OBJECTIVES)
-        self._one_of("effort", EFFORTS)
-        self._one_of("energy", ENERGIES)
-        if self.refine is not None:
-            self._one_of("refine", REFINEMENTS)
-        for name, least in (
-            ("intervals", 4),
-            ("max_iterations", 1),
-            ("processes", 1),
-            ("seed", 0),
-            ("starts", 1),
-        ):
-            self._integer(name, least)
-        for name in (
-            "max_planning_time",
-            "tolerance",
-            "feasibility",
-            "goal_tolerance",
-            "speed_tolerance",
-            "limit_tolerance",
-            "contact_tolerance",
-            "trust_region",
-            "control_step",
-            "time_step",
-            "initial_duration",
-            "control_period",
-        ):
-            self._positive(name)
+        for name, known in CHOICES.items():
+            choice(getattr(self, name), known, name, error=OptionsError)
+        for name, least in WHOLE.items():
+            value, most = getattr(self, name), int(MOST[name])
+            if value is not None or name not in OPTIONAL:
+                found = whole(value, name, least, most, error=OptionsError)
+                object.__setattr__(self, name, found)
+        for name in POSITIVE:
+            self._number(name, "a positive number", above=0.0)
         for name in ("smoothing", "slack"):
-            if getattr(self, name) is not None:
-                self._number(name, "a number >= 0, or None", zero=True)
-        self._number("energy_weight", "a number >= 0 [1/(N^2 m^2) or s/J]", zero=True)
-        if not isinstance(self.lp_solver, str) or not self.lp_solver:
-            self._fail("lp_solver", "the name of a solver")
+            self._number(name, "a number >= 0, or None")
+        self._number("energy_weight", "a number >= 0 [1/(N^2 m^2) or s/J]")
+        text(self.lp_solver, "lp_solver", "the name of a solver", OptionsError)
         if self.callback is not None and not callable(self.callback):
-            self._fail("callback", "a function")
+            raise wrong(self.callback, "callback", "a function", OptionsError)
         if self.initial_control is not None:
             self._freeze_control()
 
     def _freeze_control(self) -> None:
-        expected = "finite torques, of shape (n,) or (N, n) [N m]"
-        try:
-            control = real_array(self.initial_control)
-        except ValueError:
-            self._fail("initial_control", expected)
-        if control.ndim not in (1, 2) or not control.size:
-            self._fail("initial_control", expected)
-        if not np.all(np.isfinite(control)):
-            self._fail("initial_control", expected)
+        control = array_or_nan(self.initial_control)
+        shaped = control.ndim in (1, 2) and control.size > 0
+        if not shaped or not np.all(np.isfinite(control)):
+            expected = "finite torques, of shape (n,) or (N, n) [N m]"
+            given = self.initial_control
+            raise wrong(given, "initial_control", expected, OptionsError)
         object.__setattr__(self, "initial_control", control)
 
-    def _fail(self, name: str, expected: str) -> NoReturn:
-        value = getattr(self, name)
-        raise OptionsError(
-            f"{name} is {brief(value)}, expected {expected}", option=name
-        )
-
-    def _one_of(self, name: str, known: tuple[str | None, ...]) -> None:
-        value = getattr(self, name)
-        if value is None or isinstance(value, str):
-            if value in known:
-                return
-        self._fail(name, f"one of: {', '.join(map(str, known))}")
-
-    def _integer(self, name: str, least: int) -> None:
-        value = getattr(self, name)
+    def _number(self, name: str, expected: str, above: float = -1.0) -> None:
+        value, most = getattr(self, name), MOST.get(name, LARGEST)
         if value is None and name in OPTIONAL:
             return
-        most = MOST.get(name)
-        expected = f"an integer >= {least}" + (f", at most {most}" if most else "")
-        if not is_whole(value) or value < least or (most is not None and value > most):
-            self._fail(name, expected)
-        object.__setattr__(self, name, int(value))
-
-    def _positive(self, name: str) -> None:
-        if getattr(self, name) is None and name in OPTIONAL:
-            return
-        self._number(name, "a positive number", zero=False)
-
-    def _number(self, name: str, expected: str, *, zero: bool) -> None:
-        try:
-            number = real_number(getattr(self, name))
-        except ValueError:
-            self._fail(name, expected)
-        if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
-            self._fail(name, expected)
-        most = MOST.get(name, LARGEST)
-        if number > most:
-            self._fail(name, f"{expected}, at most {most:g}")
-        object.__setattr__(self, name, number)
+        if number_or_nan(value) > most:
+            expected = f"{expected}, at most {most:g}"
+        error = OptionsError
+        value = number(value, name, expected, 0.0, above, most, error=error)
+        object.__setattr__(self, name, value)
 
     @property
     def tolerances(self) -> Tolerances:
@@ -313,8 +275,7 @@ class Options(Record):
         """
         if options is None:
             return cls()
-        expect(options, Options, "options", "Options or None")
-        return options
+        return instance(options, Options, "options", "Options or None")
 
     def changed(self, changes: Mapping[str, Any]) -> Options:
         """These options, some of them with other values.
@@ -325,6 +286,7 @@ class Options(Record):
         Raises:
             OptionsError: If there is no option of such a name, or its value is wrong.
         """
+        instance(changes, Mapping, "changes", "values of options by name")
         for name in changes:
             if name not in self.names():
                 raise OptionsError(_unknown(name, self.names()), option=name)

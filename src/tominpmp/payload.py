@@ -15,12 +15,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
+from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.checks import instance, number, text, wrong
 from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
-from tominpmp.inputs import VectorLike, plain_vector
+from tominpmp.inputs import VectorLike, vector
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # A moment of inertia may exceed the sum of the other two by this share: files round.
@@ -64,43 +65,21 @@ class Payload(Record):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         for key in ("frame", "name"):
-            if not isinstance(getattr(self, key), str) or not getattr(self, key):
-                raise ProblemError(
-                    f"payload.{key} is {brief(getattr(self, key))}, expected a name",
-                    f"payload.{key}",
-                )
-        object.__setattr__(self, "mass", self._checked_mass())
-        com = _numbers(plain_vector(self.com), (3,))
-        if com is None:
-            raise ProblemError(
-                f"payload.com is {brief(self.com)}, expected three coordinates [m]",
-                "payload.com",
-            )
+            text(getattr(self, key), f"payload.{key}", "a name")
+        mass = number(self.mass, "payload.mass", "a mass >= 0 [kg]", least=0.0)
+        object.__setattr__(self, "mass", mass)
+        com = vector(self.com, "payload.com", "three coordinates [m]", 3)
         object.__setattr__(self, "com", com)
         if self.inertia is not None:
             tensor = checked_inertia(self.inertia, "payload.inertia")
             object.__setattr__(self, "inertia", tensor)
         object.__setattr__(self, "geometry", self._checked_geometry())
 
-    def _checked_mass(self) -> float:
-        mass = number_or_nan(self.mass)
-        if not (np.isfinite(mass) and mass >= 0.0):
-            raise ProblemError(
-                f"payload.mass is {brief(self.mass)}, expected a mass >= 0 [kg]",
-                "payload.mass",
-            )
-        return mass
-
     def _checked_geometry(self) -> tuple[Obstacle, ...]:
         expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
         if isinstance(self.geometry, Obstacle):
             object.__setattr__(self, "geometry", (self.geometry,))
-        if not isinstance(self.geometry, Sequence):
-            raise ProblemError(
-                f"payload.geometry is a {type(self.geometry).__name__}, expected "
-                f"{expected}",
-                "payload.geometry",
-            )
+        instance(self.geometry, Sequence, "payload.geometry", expected)
         for item in self.geometry:
             known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
             if not known or (isinstance(item, Mesh) and item.path is None):
@@ -118,27 +97,16 @@ class Payload(Record):
         return tuple(self.geometry)
 
 
-def _numbers(value: object, shape: tuple[int, ...]) -> Array | None:
-    try:
-        array = real_array(value)
-    except ValueError:
-        return None
-    return array if array.shape == shape and np.all(np.isfinite(array)) else None
-
-
 def checked_inertia(value: object, name: str) -> Array:
     """Check that a body can have such an inertia, shape (3, 3).
 
     Raises:
         ProblemError: If it is none.
     """
-    array = _numbers(value, (3, 3))
-    if array is None or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected a symmetric matrix of 3x3 "
-            "numbers [kg m^2]",
-            name,
-        )
+    array = array_or_nan(value)
+    shaped = array.shape == (3, 3) and bool(np.all(np.isfinite(array)))
+    if not shaped or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
+        raise wrong(value, name, "a symmetric matrix of 3x3 numbers [kg m^2]")
     moments = np.linalg.eigvalsh(array)
     slack = ROUNDING * float(np.abs(moments).max())
     if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
@@ -171,10 +139,7 @@ def attach(
         ProblemError: If its name is that of another link.
         FrameNotFound: If there is no such frame.
     """
-    if not isinstance(payload, Payload):
-        raise ProblemError(
-            f"payload is a {type(payload).__name__}, expected a Payload", "payload"
-        )
+    instance(payload, Payload, "payload")
     names = [frame.name for frame in model.frames[1:]]
     if payload.name in names:
         raise ProblemError(

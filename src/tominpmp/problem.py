@@ -8,15 +8,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import NoneType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, frozen_array, number_or_nan
+from tominpmp.arrays import Array, Record, frozen_array
+from tominpmp.checks import instance, number
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
-from tominpmp.exceptions import ProblemError, brief, expect, warn_caller
+from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.inputs import JointsLike
 from tominpmp.kinematics import RobotKinematics
@@ -117,16 +119,13 @@ class Problem(Record):
         object.__setattr__(self, "goal", self.goal.resolved(self.robot, q_start))
         scene = as_scene(self.scene, "scene")
         object.__setattr__(self, "scene", scene)
-        object.__setattr__(self, "margin", self._checked_margin())
-        if not isinstance(self.self_collision, bool | None):
-            raise ProblemError(
-                f"self_collision is {brief(self.self_collision)}, expected True, False "
-                "or None",
-                "self_collision",
-            )
+        margin = number(self.margin, "margin", "a length >= 0 [m]", least=0.0)
+        object.__setattr__(self, "margin", margin)
+        own = "True, False or None"
+        instance(self.self_collision, (bool, NoneType), "self_collision", own)
         names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:
-            expect(self.motion_limits, MotionLimits, "motion_limits", "MotionLimits")
+            instance(self.motion_limits, MotionLimits, "motion_limits", "MotionLimits")
             self.motion_limits.check(names)
             limits = self.motion_limits.over(limits, names)
         object.__setattr__(self, "motion_limits", limits)
@@ -135,8 +134,8 @@ class Problem(Record):
             self.goal.validate(self.robot)
         object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
         check_window(self.constraints, bool(self.segments))
-        for number, part in enumerate(self.segments):
-            check_window(part.constraints, True, f"segments[{number}].constraints")
+        for k, part in enumerate(self.segments):
+            check_window(part.constraints, True, f"segments[{k}].constraints")
         snapped = self._snap_start()
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
@@ -204,17 +203,17 @@ class Problem(Record):
         found: list[Problem] = []
         messages: list[str] = []
         q = self.q_start
-        for number, segment in enumerate(self.segments):
+        for k, segment in enumerate(self.segments):
             try:
-                phase, more = self._phase(segment, number, q)
+                phase, more = self._phase(segment, k, q)
             except ProblemError as error:
                 raise ProblemError(
-                    f"segment {number + 1} of {len(self.segments)}: {error}",
-                    f"segments[{number}].{error.field or 'goal'}",
+                    f"segment {k + 1} of {len(self.segments)}: {error}",
+                    f"segments[{k}].{error.field or 'goal'}",
                 ) from error
             q = q if phase.goal.configuration is None else phase.goal.configuration
             found.append(phase)
-            messages += [f"segment {number + 1}: {text}" for text in more]
+            messages += [f"segment {k + 1}: {text}" for text in more]
         return tuple(found), messages
 
     def _phase(
@@ -291,14 +290,6 @@ class Problem(Record):
             self.robot, self.scene, self.checker, self.margin, self.ready_constraints
         )
 
-    def _checked_margin(self) -> float:
-        margin = number_or_nan(self.margin)
-        if not (np.isfinite(margin) and margin >= 0.0):
-            raise ProblemError(
-                f"margin is {brief(self.margin)}, expected a length >= 0 [m]", "margin"
-            )
-        return margin
-
     def _snap_start(self) -> list[str]:
         q = joint_vector(self.robot, self.q_start, "q_start")
         v = np.zeros_like(q)
@@ -329,6 +320,7 @@ class Problem(Record):
 
     def alternative_of(self, trajectory: Trajectory) -> Problem:
         """The problem with those of its goals that a motion meets, or comes nearest."""
+        instance(trajectory, Trajectory, "trajectory")
         if not self.segments:
             return self.alternative_at(trajectory.q[-1], trajectory.v[-1])
         ends = trajectory(np.array(trajectory.segment_ends))
@@ -366,7 +358,7 @@ class Problem(Record):
         Raises:
             ProblemError: If one of them is wrong.
         """
-        expect(goal, Goal, "goal", "a goal")
+        instance(goal, Goal, "goal", "a goal")
         goal = goal.resolved(self.robot, joint_vector(self.robot, q_start, "q_start"))
         goal.validate(self.robot)
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them

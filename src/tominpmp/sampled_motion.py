@@ -17,8 +17,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array
+from tominpmp.checks import instance
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, ScenarioError, expect
+from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.samples import Samples
@@ -301,7 +302,7 @@ def checked_motion(
         motion = recorded_motion(
             motion, robot, start=start, start_velocity=start_velocity
         )
-    expect(motion, Trajectory, "trajectory", "a Trajectory or Samples")
+    instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
         raise ProblemError(
             f"the motion is one of {', '.join(motion.joint_names)}, expected "

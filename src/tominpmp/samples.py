@@ -9,21 +9,19 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import wrong
+from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.sampling import Interpolation, check_interpolation
 
 
-def names(value: Any) -> tuple[str, ...]:
-    """Names of joints as a tuple, if they are names."""
+def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
+    """Names of joints as a tuple, if they are names, each its own."""
     listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
     good = listed and all(isinstance(name, str) and name for name in value)
     names = tuple(str(name) for name in value) if good else ()
     if not names or len(set(names)) < len(names):
-        raise ProblemError(
-            f"joint_names is {brief(value)}, expected names of joints, each its own",
-            "joint_names",
-        )
+        raise wrong(value, called, "names of joints, each its own")
     return names
 
 
@@ -108,11 +106,9 @@ class Samples(Record):
         listed = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
         rising = listed and bool(np.all(np.diff(ends, prepend=0.0) > 0.0))
         if not (rising and ends[-1] <= self.t[-1]):
-            raise ProblemError(
-                f"samples: segment_ends is {brief(self.segment_ends)}, expected times "
-                "that increase, up to that of the last row",
-                "segment_ends",
-            )
+            expected = "times that increase, up to that of the last row"
+            with told_of("samples"):
+                raise wrong(self.segment_ends, "segment_ends", expected)
 
     @property
     def segment_numbers(self) -> IntArray:

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import choice
 
 # How samples are joined, see Samples in tominpmp.trajectory.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
@@ -22,12 +22,7 @@ def check_interpolation(name: object) -> None:
     Raises:
         ProblemError: If there is none of that name.
     """
-    if not isinstance(name, str) or name not in INTERPOLATIONS:
-        raise ProblemError(
-            f"interpolation is {brief(name)}, expected one of: "
-            f"{', '.join(INTERPOLATIONS)}",
-            "interpolation",
-        )
+    choice(name, INTERPOLATIONS, "interpolation")
 
 
 def clock(duration: float, period: float) -> Array:

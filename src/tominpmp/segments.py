@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import NoneType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, number_or_nan, pair_or_nan
+from tominpmp.arrays import Array, Record, pair_or_nan
+from tominpmp.checks import flag, instance, number, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -84,27 +86,17 @@ class Segment(Record):
                 "PositionGoal, PoseGoal or another goal",
                 "segment.goal",
             )
-        for name, kind in (
-            ("motion_limits", MotionLimits),
-            ("payload", Payload),
-        ):
+        for name, kind in (("motion_limits", MotionLimits), ("payload", Payload)):
+            expected = f"{kind.__name__} or None"
             value = getattr(self, name)
-            if value is not None and not isinstance(value, kind):
-                raise ProblemError(
-                    f"segment.{name} is {brief(value)}, expected {kind.__name__} or "
-                    "None",
-                    f"segment.{name}",
-                )
+            instance(value, (kind, NoneType), f"segment.{name}", expected)
         if self.scene is not None:
             scene = as_scene(self.scene, "segment.scene")
             object.__setattr__(self, "scene", scene)
-        if not isinstance(self.stop, bool | np.bool_):
-            raise ProblemError(
-                f"segment.stop is {brief(self.stop)}, expected True or False",
-                "segment.stop",
-            )
-        object.__setattr__(self, "dwell", self._checked_dwell())
-        object.__setattr__(self, "stop", bool(self.stop) or self.dwell > 0.0)
+        stop = flag(self.stop, "segment.stop")
+        dwell = number(self.dwell, "segment.dwell", "a time >= 0 [s]", least=0.0)
+        object.__setattr__(self, "dwell", dwell)
+        object.__setattr__(self, "stop", stop or dwell > 0.0)
         object.__setattr__(self, "arrival", checked_arrival(self.arrival))
         pairs = checked_pairs(self.may_touch, "segment.may_touch")
         object.__setattr__(self, "may_touch", pairs)
@@ -112,15 +104,6 @@ class Segment(Record):
             raise ProblemError(
                 "segment.stop is set, and its goal asks for a velocity", "segment.stop"
             )
-
-    def _checked_dwell(self) -> float:
-        dwell = number_or_nan(self.dwell)
-        if not (np.isfinite(dwell) and dwell >= 0.0):
-            raise ProblemError(
-                f"segment.dwell is {brief(self.dwell)}, expected a time >= 0 [s]",
-                "segment.dwell",
-            )
-        return dwell
 
     def resolved(self, robot: Robot, before: Array | None = None) -> Segment:
         """The same with values by joint name put into the order of the robot.
@@ -130,7 +113,7 @@ class Segment(Record):
             before: Where the joints are that its goal does not name, shape (n,); None
                 if that is not known.
         """
-        goal = self.goal.resolved(robot, before)
+        goal = self.goal.resolved(instance(robot, Robot, "robot"), before)
         return self if goal is self.goal else replace(self, goal=goal)
 
     def goal_on_the_way(self) -> Goal:
@@ -139,6 +122,7 @@ class Segment(Record):
 
     def robot(self, robot: Robot) -> Robot:
         """A robot with the payload."""
+        instance(robot, Robot, "robot")
         return robot if self.payload is None else robot.with_payload(self.payload)
 
 
@@ -171,11 +155,8 @@ def checked_arrival(given: object) -> tuple[float, float] | None:
         return None
     earliest, latest = pair_or_nan(given)
     if not (0.0 <= earliest < np.inf and earliest <= latest and latest > 0.0):
-        raise ProblemError(
-            f"segment.arrival is {brief(given)}, expected the earliest and the latest "
-            "time [s], in order; the latest may be infinite",
-            "segment.arrival",
-        )
+        expected = "the earliest and the latest time [s], in order"
+        raise wrong(given, "segment.arrival", f"{expected}; the latest may be infinite")
     return earliest, latest
 
 
@@ -186,16 +167,16 @@ def check_arrivals(segments: Sequence[Segment]) -> None:
         ProblemError: If one is.
     """
     reached, first = 0.0, 0
-    for number, segment in enumerate(segments):
+    for k, segment in enumerate(segments):
         earliest, latest = segment.arrival or (0.0, np.inf)
         if latest < reached:
             raise ProblemError(
-                f"segment {number + 1} is to be reached by {latest:g} s, and segment "
+                f"segment {k + 1} is to be reached by {latest:g} s, and segment "
                 f"{first + 1} does not end before {reached:g} s",
-                f"segments[{number}].arrival",
+                f"segments[{k}].arrival",
             )
         if earliest > reached:
-            first = number
+            first = k
         reached = max(earliest, reached) + segment.dwell
 
 
@@ -205,17 +186,17 @@ def checked_segments(given: object) -> tuple[Segment, ...]:
     Raises:
         ProblemError: If they are none.
     """
-    expected = "expected a list of Segment, one for each goal"
+    expected = "a list of Segment, one for each goal"
     if isinstance(given, str) or not isinstance(given, Sequence):
-        raise ProblemError(f"segments is {brief(given)}, {expected}", "segments")
+        raise wrong(given, "segments", expected)
     if len(given) > MOST_SEGMENTS:
         raise ProblemError(
-            f"segments has {len(given)} items, {expected}, {MOST_SEGMENTS} at most",
+            f"segments has {len(given)} items, expected {expected}, {MOST_SEGMENTS} at "
+            "most",
             "segments",
         )
-    for item in given:
-        if not isinstance(item, Segment):
-            raise ProblemError(f"segments holds {brief(item)}, {expected}", "segments")
+    for k, item in enumerate(given):
+        instance(item, Segment, f"segments[{k}]")
     check_arrivals(given)
     return tuple(given)
 
@@ -223,7 +204,7 @@ def checked_segments(given: object) -> tuple[Segment, ...]:
 def checked_pairs(
     given: object,
     name: str,
-    expected: str = 'expected pairs of names, as [("hand", "box")]',
+    expected: str = 'pairs of names, as [("hand", "box")]',
 ) -> tuple[tuple[str, str], ...]:
     """Check a caller's pairs of names.
 
@@ -231,14 +212,14 @@ def checked_pairs(
         ProblemError: If they are none.
     """
     if isinstance(given, str) or not isinstance(given, Sequence):
-        raise ProblemError(f"{name} is {brief(given)}, {expected}", name)
+        raise wrong(given, name, expected)
     for pair in given:
         good = isinstance(pair, list | tuple) and len(pair) == 2
-        if not (good and all(isinstance(one, str) and one for one in pair)):
-            raise ProblemError(f"{name} holds {brief(pair)}, {expected}", name)
-        if pair[0] == pair[1]:
+        good = good and all(isinstance(one, str) and one for one in pair)
+        if not good or pair[0] == pair[1]:
+            twice = ", the same name twice" if good else ""
             raise ProblemError(
-                f"{name} holds {brief(pair)}, the same name twice, {expected}", name
+                f"{name} holds {brief(pair)}{twice}, expected {expected}", name
             )
     return tuple((str(one), str(other)) for one, other in given)
 
@@ -307,8 +288,8 @@ def segments_of(
         ends = motion.segment_ends.tolist()
     asked: Sequence[Segment | None] = segments or [None] * len(ends)
     found, begin = [], 0.0
-    for number, (end, segment) in enumerate(zip(ends, asked, strict=True)):
-        part = _part(motion, number, begin, end)
+    for k, (end, segment) in enumerate(zip(ends, asked, strict=True)):
+        part = _part(motion, k, begin, end)
         goal = None if segment is None else segment.goal
         dwell = 0.0 if segment is None else segment.dwell
         found.append(SegmentOfMotion(goal, begin, end - dwell, end, part))

@@ -14,7 +14,6 @@ from tominpmp.accelerations import (
     acceleration_remark,
     peak_acceleration,
 )
-from tominpmp.arguments import Told
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.motion_measures import energy_of, roughness, work_of
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Told):
+class Solution:
     """The outcome of planning; true if it is a success.
 
     Attributes:

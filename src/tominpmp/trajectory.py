@@ -17,16 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, overload, runtime_checka
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arguments import is_whole
-from tominpmp.arrays import (
-    Array,
-    BoolArray,
-    IntArray,
-    Record,
-    in_brief,
-    number_or_nan,
-    real_array,
-)
+from tominpmp.arrays import Array, BoolArray, IntArray, Record, in_brief, real_array
+from tominpmp.checks import array, number, whole, wrong
 from tominpmp.curves import polynomials, states, velocities
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.notebook import motion_card
@@ -38,6 +30,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
+DYNAMICS = "a function (q, v, a) -> u"
 
 # A time this close to a node [s] is that node, whatever rounding has made of it.
 SAME_TIME = 1e-10
@@ -130,11 +123,10 @@ class Trajectory(Record):
         for name in ("inverse_dynamics", "holding"):
             function = getattr(self, name)
             if function is not None and not callable(function):
-                raise ProblemError(
-                    f"trajectory field {name!r} is {brief(function)}, expected a "
-                    "function (q, v, a) -> u",
-                    name,
-                )
+                raise wrong(function, name, DYNAMICS)
+        own = self.segment_dynamics
+        if not (isinstance(own, list | tuple) and all(map(callable, own))):
+            raise wrong(own, "segment_dynamics", f"for each segment {DYNAMICS}")
         for name in ("t", "q", "v", "u", "a"):
             if name != "a" or self.a is not None:
                 object.__setattr__(self, name, numbers(name, self))
@@ -167,6 +159,7 @@ class Trajectory(Record):
 
     def segment_at(self, times: Array) -> IntArray:
         """Index of the segment at times, the later one where one ends, shape (m,)."""
+        times = array(times, "times", (None,), "times [s]")
         if self.segment_ends is None:
             return np.zeros(times.size, dtype=np.int64)
         return np.searchsorted(self.segment_ends[:-1], times, side="right")
@@ -230,13 +223,9 @@ class Trajectory(Record):
         try:
             times = real_array(time)
         except ValueError as error:
-            raise ProblemError(
-                f"time is {brief(time)}, expected numbers [s]", "time"
-            ) from error
+            raise wrong(time, "time", "numbers [s]") from error
         if times.ndim > 1 or np.any(np.isnan(times)):
-            raise ProblemError(
-                f"time is {brief(time)}, expected a time or a row of times [s]", "time"
-            )
+            raise wrong(time, "time", "a time or a row of times [s]")
         row = np.atleast_1d(times)
         outside = self._outside(row)
         if np.any(outside) and hold is not True:
@@ -270,11 +259,10 @@ class Trajectory(Record):
         Raises:
             ProblemError: If the order is no whole number from 0.
         """
-        if not is_whole(nu) or nu < 0:
-            raise ProblemError(f"nu is {brief(nu)}, expected a whole number >= 0", "nu")
-        whole = polynomials(self.t, self.q, self.v, self.a)
         # Beyond the degree all are zero, and SciPy counts up to the order.
-        return whole.derivative(min(int(nu), 9)) if nu else whole
+        order = min(whole(nu, "nu"), 9)
+        curve = polynomials(self.t, self.q, self.v, self.a)
+        return curve.derivative(order) if order else curve
 
     def _repr_html_(self) -> str:
         """Curves and a table, for notebooks."""
@@ -351,6 +339,8 @@ class Trajectory(Record):
             inverse_dynamics: What they follow from, see the attribute.
             segment_dynamics: What they follow from on each segment.
         """
+        if not callable(inverse_dynamics):
+            raise wrong(inverse_dynamics, "inverse_dynamics", DYNAMICS)
         found = replace(
             self, inverse_dynamics=inverse_dynamics, segment_dynamics=segment_dynamics
         )
@@ -370,11 +360,7 @@ class Trajectory(Record):
             ProblemError: If dt is not a positive time, or would give more than ten
                 million samples.
         """
-        step = number_or_nan(dt)
-        if not np.isfinite(step) or step <= 0.0:
-            raise ProblemError(
-                f"dt is {brief(dt)}, expected a positive time [s]", field="dt"
-            )
+        step = number(dt, "dt", "a positive time [s]", above=0.0)
         if self.duration / step > MAX_SAMPLES:
             raise ProblemError(
                 f"dt is {step:.3g} s, too small for a motion of {self.duration:.3g} s: "

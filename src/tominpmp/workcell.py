@@ -17,10 +17,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record
+from tominpmp.checks import instance
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.assembly import stack_parts
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -110,7 +111,7 @@ class Workcell(Record):
         return tuple(self.robots)
 
     def _member(self, name: str) -> tuple[Robot, pin.SE3]:
-        if name not in self.robots:
+        if not isinstance(name, str) or name not in self.robots:
             known = ", ".join(self.robots)
             raise ProblemError(
                 f"there is no robot {brief(name)}; the robots are: {known}", "name"
@@ -141,7 +142,7 @@ class Workcell(Record):
         Raises:
             ProblemError: If a robot is missing or unknown, or a length is wrong.
         """
-        expect(values, Mapping, "values", "values by the name of the robot")
+        instance(values, Mapping, "values", "values by the name of the robot")
         return stack_parts(self.robot.joint_names, self.robot.parts, values)
 
     def problem(
@@ -167,10 +168,11 @@ class Workcell(Record):
         Raises:
             ProblemError: If a robot is missing or unknown, or a value is wrong.
         """
+        instance(start, Mapping, "start", "positions by the name of the robot")
         moving = None
         if v_start is not None:
             rest = {name: np.zeros(r.n) for name, (r, _) in self.robots.items()}
-            expect(v_start, Mapping, "v_start", "velocities by the name of the robot")
+            instance(v_start, Mapping, "v_start", "velocities by the name of the robot")
             moving = self.stack({**rest, **v_start})
         q_start = self.stack(start)
         if isinstance(goal, Mapping):
@@ -282,11 +284,7 @@ class Workcell(Record):
         Raises:
             ProblemError: If the motion is not one of these robots.
         """
-        if not isinstance(trajectory, Trajectory):
-            raise ProblemError(
-                f"trajectory is a {type(trajectory).__name__}, expected a Trajectory",
-                "trajectory",
-            )
+        instance(trajectory, Trajectory, "trajectory")
         if trajectory.joint_names != self.robot.joint_names:
             raise ProblemError(
                 f"trajectory is a motion of {', '.join(trajectory.joint_names)}; "

@@ -106,6 +106,18 @@ def test_a_defect_is_called_one(run: Run, planner: Planner) -> None:
     assert result.stderr.count("\n") == 1
 
 
+def test_a_failure_inside_blames_no_argument(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise RuntimeError("the hull of a mesh is empty")
+
+    monkeypatch.setattr("tominpmp.collision.CollisionChecker.__init__", failing)
+    result = run(*PLAN)
+    assert result.exit_code == 70
+    assert "RuntimeError: the hull of a mesh is empty (this is a" in result.stderr
+
+
 def test_debug_shows_the_traceback(run: Run, planner: Planner) -> None:
     planner.error = ProblemError("goal: nothing there", "goal")
     result = run(*PLAN, "--debug")

@@ -84,7 +84,7 @@ def test_derivatives_outside_of_a_motion() -> None:
     np.testing.assert_array_equal(motion(99.0, 1, hold=True), [0.0, 0.0])
     np.testing.assert_allclose(motion(99.0, 0, hold=True), motion.q[-1])
     for nu in (-1, 1.5, "1", True, np.zeros(2)):
-        with pytest.raises(tm.ProblemError, match=r"nu is .*, expected a whole"):
+        with pytest.raises(tm.ProblemError, match=r"nu is .*, expected an integer"):
             motion.derivative(nu)
 
 

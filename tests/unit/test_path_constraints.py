@@ -223,7 +223,7 @@ def test_constraints_are_checked_against_robot_start_and_goal():
             tm.JointGoal([1.0]),
             constraints=[tm.ToolSpeed("nothing", 1.0)],
         )
-    with pytest.raises(ProblemError, match="constraints: 5 is a int"):
+    with pytest.raises(ProblemError, match=r"constraints\[0\] is 5, expected a con"):
         tm.Problem(turning(), [0.0], tm.JointGoal([1.0]), constraints=[5])
     with pytest.raises(ProblemError, match=r"start: the speed of frame tip is 2 m/s"):
         turn(0.5, v_start=[2.0])

@@ -12,7 +12,7 @@ from tominpmp.tours.station import Rules
 
 @pytest.mark.parametrize("wrong", [3, "hand", [("hand",)], [("hand", 2)], [("", "a")]])
 def test_what_may_touch_at_a_station_are_pairs_of_names(wrong: Any) -> None:
-    with pytest.raises(tm.ProblemError, match=r"station\.may_touch") as caught:
+    with pytest.raises(tm.ProblemError, match=r"may_touch") as caught:
         tm.Station("drill", tm.JointGoal([0.0]), may_touch=wrong)
     assert caught.value.field == "station.may_touch"
 

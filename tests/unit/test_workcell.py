@@ -257,5 +257,7 @@ def test_motion_of_other_robots(cell: Workcell, planar3r: Robot) -> None:
     alone = plan(Problem(planar3r, START, JointGoal(ENDS["a"])), QUICK)
     with pytest.raises(ProblemError, match=r"a motion of joint1, .*expected one of b/"):
         cell.split(alone.trajectory)
-    with pytest.raises(ProblemError, match="is a Solution, expected a Trajectory"):
+    with pytest.raises(
+        ProblemError, match="trajectory is <Solution .*, expected a Trajectory"
+    ):
         cell.split(alone)  # type: ignore[arg-type]

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from tominpmp.arguments import is_whole
 from tominpmp.arrays import Array, Record
 from tominpmp.batch.outcome import Outcome
 from tominpmp.bounds.result import LowerBound
+from tominpmp.checks import whole
 from tominpmp.description.paths import checked_path
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, ScenarioError, brief, optional
+from tominpmp.exceptions import ScenarioError, optional
 from tominpmp.io.files import write_file
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -315,12 +315,7 @@ class Dataset(Record):
             other, shape (count, 3 n); torques between nodes are those of the nodes,
             joined by lines.
         """
-        if not is_whole(count) or not 1 <= count <= MAX_SAMPLES:
-            raise ProblemError(
-                f"count is {brief(count)}, expected a whole number from 1 to "
-                f"{MAX_SAMPLES}",
-                "count",
-            )
+        count = whole(count, "count", 1, MAX_SAMPLES)
         return ((item, item.sampled(count)) for item in self if item.success)
 
     def to_parquet(self, path: str | Path) -> Path:

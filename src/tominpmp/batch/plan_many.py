@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
@@ -9,15 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tominpmp.arguments import is_whole
-from tominpmp.arrays import Record, number_or_nan
+from tominpmp.arrays import Record
 from tominpmp.batch.executor import Executor
 from tominpmp.batch.neighbours import rounds_of
 from tominpmp.batch.outcome import Outcome
 from tominpmp.batch.packing import Packed, Robots, pack, unpack
 from tominpmp.batch.task import LOST, Item, Settings, Start, item_of, ready, run_packed
+from tominpmp.checks import flag, instance, number, whole, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, ScenarioError, brief, expect
+from tominpmp.exceptions import ScenarioError, brief
 from tominpmp.options import Options
 from tominpmp.trajectory import Trajectory
 
@@ -106,19 +107,15 @@ def plan_many(
     items = _iterator(problems)
     settings = _settings(options, changes, results)
     count = _checked_workers(workers)
-    for name, value in (("ordered", ordered), ("warm_start", warm_start)):
-        expect(value, bool, name, "True or False")
-    if not is_whole(seed) or seed < 0:
-        raise ProblemError(f"seed is {brief(seed)}, expected an integer >= 0", "seed")
+    ordered, warm_start = flag(ordered, "ordered"), flag(warm_start, "warm_start")
+    first_seed = whole(seed, "seed", most=math.inf)
     if backend is not None:
-        expect(backend, str, "backend", "the name of a backend of joblib")
+        instance(backend, str, "backend", "the name of a backend of joblib")
     if progress is not None and not callable(progress):
-        raise ProblemError(
-            f"progress is {brief(progress)}, expected a function", "progress"
-        )
+        raise wrong(progress, "progress", "a function")
     executor = Executor(run_packed, count, backend)
     total = len(problems) if isinstance(problems, Sized) else None
-    numbered = (item_of(index, given, int(seed)) for index, given in enumerate(items))
+    numbered = (item_of(index, given, first_seed) for index, given in enumerate(items))
     batch = _Batch(executor, settings)
     found = batch.in_rounds(numbered) if warm_start else batch.outcomes(numbered)
     if progress is not None:
@@ -128,29 +125,21 @@ def plan_many(
 
 def _iterator(problems: Any) -> Iterator[Any]:
     if isinstance(problems, str | Path):
-        raise ProblemError(
-            f"problems is {brief(problems)}, expected problems or paths, one after the "
-            "other: [path] for one",
-            "problems",
-        )
+        expected = "problems or paths, one after the other: [path] for one"
+        raise wrong(problems, "problems", expected)
     if isinstance(problems, Mapping):
         problems = problems.items()
     try:
         return iter(problems)
     except TypeError as error:
-        raise ProblemError(
-            f"problems is {brief(problems)}, expected problems, scenarios or paths, "
-            "one after the other or by name",
-            "problems",
-        ) from error
+        expected = "problems, scenarios or paths, one after the other or by name"
+        raise wrong(problems, "problems", expected) from error
 
 
 def _settings(
     options: Options | None, changes: dict[str, Any], results: str | Path | None
 ) -> Settings:
-    if options is not None:
-        expect(options, Options, "options", "Options or None")
-    (Options() if options is None else options).changed(changes)
+    Options.of(options).changed(changes)
     folder = None
     if results is not None:
         folder = checked_path(results, "results").absolute()
@@ -178,13 +167,11 @@ def _make_folder(folder: Path) -> None:
 def _checked_workers(workers: int | None) -> int | None:
     if workers is None:
         return None
-    number = number_or_nan(workers)
-    if not 1.0 <= number <= MOST_WORKERS or number != int(number):
-        raise ProblemError(
-            f"workers is {brief(workers)}, expected a number from 1 to {MOST_WORKERS}",
-            "workers",
-        )
-    return int(number)
+    expected = f"a number from 1 to {MOST_WORKERS}"
+    found = number(workers, "workers", expected, least=1, most=MOST_WORKERS)
+    if found != int(found):
+        raise wrong(workers, "workers", expected)
+    return int(found)
 
 
 class _Batch:

@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 
-from tominpmp.arrays import Array, number_or_nan
+from tominpmp.arrays import Array
 from tominpmp.bounds.bang_bang import least_time
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.inertia import EnergyBounds, energy_bounds
@@ -34,7 +34,7 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.bounds.single_joint import single_joint_time
 from tominpmp.bounds.two_joints import TwoJoints
 from tominpmp.bounds.two_joints_time import LAST_STRIDE, two_joints_time
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.checks import instance, number
 from tominpmp.goals import Goal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem import Problem
@@ -61,10 +61,8 @@ def lower_bound(
     Raises:
         ProblemError: If the known duration is no time.
     """
-    expect(problem, Problem, "problem", "a Problem")
-    longest = number_or_nan(known)
-    if not longest > 0.0:
-        raise ProblemError(f"known is {brief(known)}, expected seconds > 0", "known")
+    instance(problem, Problem, "problem")
+    longest = number(known, "known", "seconds > 0", above=0.0, infinite=True)
     if problem.segments:
         return _of_segments(problem)
     start = problem.v_start

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tominpmp.arguments import Told
+from tominpmp.checks import number
 
 # A motion is told to be near a bound if it takes no more than this times as long. Most
 # bounds are not the minimum itself: of a motion that is farther away from one they tell
@@ -13,7 +13,7 @@ TELLING = 1.1
 
 
 @dataclass(frozen=True)
-class LowerBound(Told):
+class LowerBound:
     """Time that no motion can beat.
 
     Attributes:
@@ -32,6 +32,7 @@ class LowerBound(Told):
         Args:
             T: Duration of the motion [s].
         """
+        T = number(T, "T", "a duration [s]", infinite=True)
         if not 0.0 < T <= TELLING * self.T:
             return ""
         return f"{100.0 * max(T / self.T - 1.0, 0.0):.1f} % above what none can beat"

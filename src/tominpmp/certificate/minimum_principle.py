@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, frozen_array, number_or_nan
+from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
@@ -42,7 +42,7 @@ from tominpmp.certificate.optimality_report import (
 )
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.checks import instance, number
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
@@ -91,21 +91,14 @@ def certify(
             where obstacles move.
     """
     begin = time.perf_counter()
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     if verification is not None:
-        expect(verification, Verification, "verification", "a Verification or None")
-    share = number_or_nan(tolerance)
-    if not 0.0 <= share < np.inf:
-        raise ProblemError(
-            f"tolerance is {brief(tolerance)}, expected a share of the duration, >= 0",
-            "tolerance",
-        )
-    period = None if control_period is None else number_or_nan(control_period)
-    if period is not None and not 0.0 < period < np.inf:
-        raise ProblemError(
-            f"control_period is {brief(control_period)}, expected seconds > 0 or None",
-            "control_period",
-        )
+        instance(verification, Verification, "verification", "a Verification or None")
+    expected = "a share of the duration, >= 0"
+    tolerance = number(tolerance, "tolerance", expected, least=0.0)
+    period, expected = control_period, "seconds > 0 or None"
+    if period is not None:
+        period = number(period, "control_period", expected, above=0.0)
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     trajectory = with_segments(problem, trajectory, Tolerances())

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arguments import Told
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.checks import JOINTS, array
 from tominpmp.collision.assembly import Assembly
 from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
 from tominpmp.collision.contact import Contact, Derivatives
@@ -23,7 +23,7 @@ from tominpmp.scene import Scene
 CHUNK = 1024
 
 
-class CollisionChecker(Told):
+class CollisionChecker:
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
     Pairs are put together when they are first asked for, as cutting meshes may take
@@ -207,6 +207,7 @@ class CollisionChecker(Told):
             Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
             the others may be lower bounds, which are not below the cutoff either.
         """
+        q = array(q, "q", (None, self.robot.n), JOINTS)
         out = np.empty((q.shape[0], len(self.pairs)))
         if cutoff is not None:
             for begin in range(0, len(q), CHUNK):
@@ -365,7 +366,7 @@ class CollisionChecker(Told):
         """
         if not self.pairs:
             return None
-        row = self.distances(q[None], times=np.array([time or 0.0]))[0]
+        row = self.distances(np.asarray(q)[None], times=np.array([time or 0.0]))[0]
         if time is None:
             row = np.where(self.moving_pairs, np.inf, row)
         limit = np.broadcast_to(np.asarray(margin, np.float64), row.shape)

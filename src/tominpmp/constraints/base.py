@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arguments import Told
 from tominpmp.arrays import Array, IntArray
+from tominpmp.checks import whole
 
 NO_TIMES = np.zeros(0)
 
@@ -72,7 +72,7 @@ class Partials(NamedTuple):
         return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
 
 
-class Constraint(Told, ABC):
+class Constraint(ABC):
     """Something that holds at all times of a motion, or at some.
 
     Values are scaled so that a violation of 1 is about one by 100 %.
@@ -151,7 +151,7 @@ class Constraint(Told, ABC):
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Lower and upper bounds of the values at so many instants, as their shape."""
-        shape = instants, self.count
+        shape = whole(instants, "instants"), self.count
         return np.full(shape, -np.inf), np.zeros(shape)
 
     @property

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array, number_or_nan
+from tominpmp.arrays import Array, number_or_nan
+from tominpmp.checks import JOINTS, array, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import JointNotFound, ProblemError, brief
-from tominpmp.goals.base import goal_vector
+from tominpmp.constraints.quantity import one_row
+from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.inputs import vector
 from tominpmp.robot import Robot
 
 NONE = np.zeros(0)
@@ -65,15 +67,12 @@ class JointCoupling(PathConstraint):
         if not isinstance(names, list | tuple) or not names:
             names = ()
         if not names or not all(isinstance(name, str) for name in names):
-            raise ProblemError(
-                f"joints is {brief(self.joints)}, expected names of joints", "joints"
-            )
+            raise wrong(self.joints, "joints", "names of joints")
         object.__setattr__(self, "joints", tuple(names))
         count = len(names)
         given = [self.weights] if np.isscalar(self.weights) else self.weights
         expected = f"{count} number{'' if count == 1 else 's'}, one for each joint"
-        weights = goal_vector(given, "weights", expected, count)
-        object.__setattr__(self, "weights", frozen_array(weights))
+        object.__setattr__(self, "weights", vector(given, "weights", expected, count))
         for name in ("lower", "upper"):
             object.__setattr__(self, name, number_or_nan(getattr(self, name)))
         if not self.lower <= self.upper or self.lower == np.inf:
@@ -97,9 +96,15 @@ class JointCoupling(PathConstraint):
 
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the joints."""
+        known = instance(robot, Robot, "robot").joint_names
         for joint in self.joints:
-            if joint not in robot.joint_names:
-                raise JointNotFound(joint, robot.joint_names)
+            if joint not in known:
+                raise JointNotFound(joint, known)
+
+    def _sums(self, q: Array) -> Array:
+        """The weighted sums of states in rows, shape (m,)."""
+        row = self._row()
+        return np.asarray(array(q, "q", (None, row.size), JOINTS) @ row)
 
     def _row(self) -> Array:
         names = list(self.kinematics.robot.joint_names)
@@ -109,26 +114,27 @@ class JointCoupling(PathConstraint):
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """The bounds over the scale."""
-        shape = instants, 1
+        shape = whole(instants, "instants"), 1
         lower, upper = self.lower / self.scale, self.upper / self.scale
         return np.full(shape, lower), np.full(shape, upper)
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """How far the sum is beyond its bounds, zero within."""
-        return float(self.measure_rows(q[None], v[None], a[None])[0])
+        return float(self.measure_rows(*one_row(q, v, a))[0])
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """The same at many states."""
-        total = q @ self._row()
+        total = self._sums(q)
         return np.maximum(np.maximum(self.lower - total, total - self.upper), 0.0)
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """The sum over the scale."""
-        return np.asarray((q @ self._row())[:, None] / self.scale)
+        return self._sums(q)[:, None] / self.scale
 
     def term_rows(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, Array, Array, Array]:
         """The same with its derivatives."""
-        by_q = np.broadcast_to(self._row() / self.scale, (len(q), 1, q.shape[1]))
-        return self.value_rows(q, v, a), by_q, NONE, NONE
+        values, row = self.value_rows(q, v, a), self._row() / self.scale
+        by_q = np.broadcast_to(row, (len(values), 1, row.size))
+        return values, by_q, NONE, NONE

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array
+from tominpmp.checks import positive
 from tominpmp.constraints.held_load import HeldLoad
-from tominpmp.constraints.path import positive
-from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import goal_vector
-from tominpmp.inputs import VectorLike
+from tominpmp.inputs import VectorLike, direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +74,7 @@ class FirmGrasp(HeldLoad):
         for name, unit in (("force", "N"), ("friction", "1"), ("pad_radius", "m")):
             number = positive(getattr(self, name), name, unit)
             object.__setattr__(self, name, number)
-        axis = goal_vector(self.axis, "axis", "three numbers, not all zero", 3)
-        size = float(np.linalg.norm(axis))
-        if not size > 0.0:
-            raise ProblemError(
-                f"axis is {axis.tolist()}, expected three numbers, not all zero", "axis"
-            )
-        object.__setattr__(self, "axis", frozen_array(axis / size))
+        object.__setattr__(self, "axis", direction(self.axis, "axis"))
 
     @property
     def largest(self) -> float:

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import PathConstraint, positive
-from tominpmp.constraints.quantity import Quantity
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import instance, positive, text
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.quantity import Quantity, one_row
 from tominpmp.frame_motions import FrameMotions
 from tominpmp.robot import Robot
 
@@ -23,10 +23,7 @@ class FrameConstraint(PathConstraint):
     def __post_init__(self) -> None:
         """Check when it holds, and the name of the frame."""
         super().__post_init__()
-        if not isinstance(self.frame, str) or not self.frame:
-            raise ProblemError(
-                f"frame is {brief(self.frame)}, expected the name of a frame", "frame"
-            )
+        text(self.frame, "frame", "the name of a frame")
 
     @property
     def name(self) -> str:
@@ -40,7 +37,7 @@ class FrameConstraint(PathConstraint):
 
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the frame."""
-        robot.frame_id(self.frame)
+        instance(robot, Robot, "robot").frame_id(self.frame)
 
 
 class FrameRows(FrameConstraint):
@@ -62,13 +59,13 @@ class FrameRows(FrameConstraint):
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The quantity at one state."""
-        return float(self.measure_rows(q[None], v[None], a[None])[0])
+        return float(self.measure_rows(*one_row(q, v, a))[0])
 
     def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """The vector at one state."""
         if type(self).vector_rows is Quantity.vector_rows:
             return super().vector(q, v, a)
-        vector, *by = self.vector_rows(q[None], v[None], a[None])
+        vector, *by = self.vector_rows(*one_row(q, v, a))
         by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
         return vector[0], by_q, by_v, by_a
 

@@ -17,10 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
+from tominpmp.checks import number, positive
 from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.path import positive
 from tominpmp.frame_motions import SpatialStates, skew
-from tominpmp.goals.base import goal_vector
+from tominpmp.inputs import vector
 from tominpmp.payload import checked_inertia
 
 STANDARD_GRAVITY = 9.81
@@ -42,8 +42,7 @@ class HeldLoad(FrameRows):
         """Check and copy what the load is."""
         super().__post_init__()
         object.__setattr__(self, "mass", positive(self.mass, "mass", "kg"))
-        center = goal_vector(self.center, "center", POINT, 3)
-        object.__setattr__(self, "center", frozen_array(center))
+        object.__setattr__(self, "center", vector(self.center, "center", POINT, 3))
         if self.inertia is not None:
             tensor = checked_inertia(self.inertia, "inertia")
             object.__setattr__(self, "inertia", frozen_array(tensor))
@@ -107,7 +106,7 @@ class HeldLoad(FrameRows):
         if np.any(v):
             return ""  # accelerations are not known
         size = self.measure(q, v, np.zeros_like(q))
-        if size - self.largest <= slack * max(self.scale, 1.0):
+        if size - self.largest <= number(slack, "slack") * max(self.scale, 1.0):
             return ""
         none = np.zeros((1, q.size))
         why = self.reason(self.wrenches(q[None], none, none)[0])

@@ -10,11 +10,12 @@ import copy
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray, Record, number_or_nan
+from tominpmp.arrays import Array, IntArray, Record
+from tominpmp.checks import JOINTS, array, instance, number, wrong
 from tominpmp.constraints.base import NO_TIMES, Partials, States
 from tominpmp.constraints.quantity import Quantity
 from tominpmp.constraints.window import Window, checked_during
@@ -135,6 +136,7 @@ class PathConstraint(Record, Quantity):
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Their derivatives."""
+        at, which = _indices(at, "at"), _indices(which, "which")
         used, place = np.unique(at, return_inverse=True)
         if not used.size:
             return Partials(at)
@@ -147,6 +149,7 @@ class PathConstraint(Record, Quantity):
 
     def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
         """Of values that are convex functions of vectors."""
+        at, which = _indices(at, "at"), _indices(which, "which")
         used, place = np.unique(at, return_inverse=True)
         found = self.bend_rows(*(part[used] for part in self._parts(states)))
         if found is None or not used.size:
@@ -176,6 +179,8 @@ class PathConstraint(Record, Quantity):
         Returns:
             Shape (m,); no more than the limit where it does not hold.
         """
+        t = array(t, "t", (None,), "times [s]")
+        q = array(q, "q", (t.size, self.kinematics.robot.n), JOINTS)
         sizes = self.measures(States(t, q, v, a))
         if self.window is None or not t.size:
             return sizes
@@ -185,7 +190,7 @@ class PathConstraint(Record, Quantity):
 
     def _parts(self, states: States) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations; empty where not asked for."""
-        none = np.zeros((len(states.q), 0))
+        none = np.zeros((len(instance(states, States, "states").q), 0))
         v = states.v if self.order >= 1 else none
         a = states.a if self.order >= 2 else none
         return states.q, v, a
@@ -200,6 +205,7 @@ class PathConstraint(Record, Quantity):
             Excess in units of the scale, zero where the limit is kept, shape (count,),
             and its derivative, shape (count, n).
         """
+        q = array(q, "q", (self.kinematics.robot.n,), JOINTS)
         v = np.zeros(q.size if self.order >= 1 else 0)
         a = np.zeros(q.size if self.order >= 2 else 0)
         values, by_q, *_ = self.terms(q, v, a)
@@ -214,7 +220,7 @@ class PathConstraint(Record, Quantity):
         if self.order > 1:
             return ""  # accelerations are not known
         size = self.measure(q, v, np.zeros(0))
-        if size <= self.largest + slack * max(self.scale, 1.0):
+        if size <= self.largest + number(slack, "slack") * max(self.scale, 1.0):
             return ""
         return (
             f"the {self.name} is {size:.4g} {self.unit}, more than its limit "
@@ -222,19 +228,11 @@ class PathConstraint(Record, Quantity):
         )
 
 
-def positive(value: object, name: str, unit: str, most: float = np.inf) -> float:
-    """Check a caller's positive number.
-
-    Raises:
-        ProblemError: If it is none.
-    """
-    number = number_or_nan(value)
-    if not 0.0 < number <= most or np.isinf(number):
-        top = "" if np.isinf(most) else f", {most:.4g} at most"
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected a positive number [{unit}]{top}", name
-        )
-    return number
+def _indices(value: IntArray, name: str) -> IntArray:
+    """Check indices of values, shape (k,)."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind != "i" or value.ndim != 1:
+        raise wrong(value, name, "a row of indices")
+    return value
 
 
 def check_window(
@@ -250,13 +248,13 @@ def check_window(
     Raises:
         ProblemError: If that is no time, or told where a motion has several segments.
     """
-    for number, item in enumerate(items):
+    for k, item in enumerate(items):
         if checked_during(item.during) is not None and several:
             raise ProblemError(
                 f"{item.name}: during is {brief(item.during)}, and the problem has "
                 "several segments: expected None, and the constraint on those segments "
                 "on which it holds",
-                f"{field}[{number}].during",
+                f"{field}[{k}].during",
             )
 
 
@@ -267,16 +265,11 @@ def checked(given: object, robot: Robot) -> tuple[PathConstraint, ...]:
         ProblemError: If they are none.
         FrameNotFound: If a frame is not part of the robot.
     """
-    items = (given,) if isinstance(given, PathConstraint) else given
-    expected = "expected a tuple of constraints as KeepUpright and ToolSpeed"
-    if not isinstance(items, list | tuple):
-        raise ProblemError(f"constraints is {brief(given)}, {expected}", "constraints")
-    for item in items:
-        if not isinstance(item, PathConstraint):
-            raise ProblemError(
-                f"constraints: {brief(item)} is a {type(item).__name__}, {expected}",
-                "constraints",
-            )
+    items: Any = (given,) if isinstance(given, PathConstraint) else given
+    expected = "a tuple of constraints as KeepUpright and ToolSpeed"
+    instance(items, (list, tuple), "constraints", expected)
+    for k, item in enumerate(items):
+        instance(item, PathConstraint, f"constraints[{k}]", "a constraint")
         checked_during(item.during)
         item.validate(robot)
     return tuple(items)

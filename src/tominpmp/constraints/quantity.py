@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
 
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.checks import JOINTS, array
 from tominpmp.constraints.base import Constraint
 
 
@@ -56,14 +58,14 @@ class Quantity(Constraint):
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Those of :meth:`measure`, shapes (m, n) to (m,)."""
-        found = [self.measure(*state) for state in zip(q, v, a, strict=True)]
+        found = [self.measure(*state) for state in _states(q, v, a)]
         return np.array(found, dtype=np.float64)
 
     def vector_rows(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Those of :meth:`vector`: shapes (m, k), and (m, k, n) or empty."""
-        every = [self.vector(*state) for state in zip(q, v, a, strict=True)]
+        every = [self.vector(*state) for state in _states(q, v, a)]
         vector, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
         return vector, by_q, by_v, by_a
 
@@ -73,7 +75,7 @@ class Quantity(Constraint):
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
             return rounded(sizes, limit)[:, None]
-        found = [self.values(*state) for state in zip(q, v, a, strict=True)]
+        found = [self.values(*state) for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
     def term_rows(
@@ -81,7 +83,7 @@ class Quantity(Constraint):
     ) -> tuple[Array, Array, Array, Array]:
         """Those of :meth:`terms`: shapes (m, count), and (m, count, n) or empty."""
         if not self._is_length:
-            every = [self.terms(*state) for state in zip(q, v, a, strict=True)]
+            every = [self.terms(*state) for state in _states(q, v, a)]
             found = [np.array(part) for part in zip(*every, strict=True)]
             return found[0], found[1], found[2], found[3]
         vector, *by = self.vector_rows(q, v, a)
@@ -131,9 +133,24 @@ class Quantity(Constraint):
             and their derivatives by q, v and a, shape (count, n) each; empty where
             there are none.
         """
-        values, *by = self.term_rows(q[None], v[None], a[None])
+        values, *by = self.term_rows(*one_row(q, v, a))
         by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
         return values[0], by_q, by_v, by_a
+
+
+def one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    """A state as rows of states; what is not asked for may be empty."""
+    q, v, a = (array(x, k, (None,), JOINTS) for k, x in (("q", q), ("v", v), ("a", a)))
+    return q[None], v[None], a[None]
+
+
+def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """States in rows, one after the other."""
+    q = array(q, "q", (None, None), JOINTS)
+    shape = len(q), None
+    return zip(
+        q, array(v, "v", shape, JOINTS), array(a, "a", shape, JOINTS), strict=True
+    )
 
 
 def rounded(length: Array, limit: float) -> Array:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array, is_single
+from tominpmp.arrays import Array, array_or_nan, frozen_array, is_single
+from tominpmp.checks import number, positive, wrong
 from tominpmp.constraints.held_load import HeldLoad
-from tominpmp.constraints.path import positive
 from tominpmp.constraints.quantity import length_bend
-from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import VectorLike
 
 # How far from the tip of a cone, where a load has no weight, it is rounded off [shares
@@ -82,10 +81,8 @@ class StableContact(HeldLoad):
         """Check and copy the values."""
         super().__post_init__()
         object.__setattr__(self, "friction", positive(self.friction, "friction", "1"))
-        pull = self.adhesion
-        if pull != 0.0:
-            pull = positive(pull, "adhesion", "N")
-        object.__setattr__(self, "adhesion", float(pull))
+        pull = number(self.adhesion, "adhesion", "a number >= 0 [N]", least=0.0)
+        object.__setattr__(self, "adhesion", pull)
         if is_single(self.support) and self.support is not None:
             radius = positive(self.support, "support", "m")
             object.__setattr__(self, "support", radius)
@@ -252,11 +249,7 @@ def _edges_of(corners: Array) -> tuple[Array, Array]:
 
 def _polygon(given: object) -> Array:
     """Check corners of a convex polygon; counter-clockwise, shape (k, 2)."""
-    try:
-        corners = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        corners = np.zeros(0)
-    expected = "expected three or more corners (x, y) of a convex polygon, in order [m]"
+    corners = array_or_nan(given)
     shaped = corners.ndim == 2 and corners.shape[0] > 2 and corners.shape[1] == 2
     if shaped and np.all(np.isfinite(corners)):
         along = np.roll(corners, -1, axis=0) - corners
@@ -266,4 +259,5 @@ def _polygon(given: object) -> Array:
             return corners
         if np.all(turns < 0.0):
             return corners[::-1].copy()
-    raise ProblemError(f"support is {brief(given)}, {expected}", "support")
+    expected = "three or more corners (x, y) of a convex polygon, in order [m]"
+    raise wrong(given, "support", expected)

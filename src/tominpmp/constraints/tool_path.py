@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array, array_or_nan
+from tominpmp.checks import array, number, positive, whole, wrong
 from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.path import Way, positive
-from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals.base import goal_vector
-from tominpmp.inputs import VectorLike
+from tominpmp.constraints.path import Way
+from tominpmp.exceptions import brief
+from tominpmp.inputs import VectorLike, vector
 
 NONE = np.zeros(0)
 # Narrower tubes are measured by this, so that rows stay of order one [m].
 LEAST_SCALE = 0.02
-POINT = "three coordinates [m]"
+POINT = "coordinates [m]"
 
 
 class Tube(FrameRows):
@@ -62,6 +62,7 @@ class Tube(FrameRows):
     def between(self, first: Array, last: Array, count: int) -> Array:
         """Points from the nearest one to one point to that to another, (count, 3)."""
         ends = self.progress(first), self.progress(last)
+        count = whole(count, "count")
         return np.array([self.at(s) for s in np.linspace(*ends, count).tolist()])
 
     @property
@@ -125,8 +126,9 @@ class ToolLine(Tube):
         """Check and copy the values."""
         super().__post_init__()
         for name in ("start", "end"):
-            point = goal_vector(getattr(self, name), name, POINT, 3)
-            object.__setattr__(self, name, frozen_array(point))
+            object.__setattr__(
+                self, name, vector(getattr(self, name), name, f"three {POINT}", 3)
+            )
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
 
     def progress(self, point: Array) -> float:
@@ -135,7 +137,8 @@ class ToolLine(Tube):
 
     def at(self, progress: float) -> Array:
         """Point at a share of the line."""
-        return np.asarray(self.start + progress * (self.end - self.start))
+        share = number(progress, "progress")
+        return np.asarray(self.start + share * (self.end - self.start))
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the line."""
@@ -174,18 +177,11 @@ class ToolPolyline(Tube):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        try:
-            points = np.array(self.points, dtype=np.float64)
-        except (TypeError, ValueError):
-            points = np.zeros(0)
+        points = array_or_nan(self.points)
         right = points.ndim == 2 and points.shape[0] > 1 and points.shape[1] == 3
         if not right or not np.all(np.isfinite(points)):
-            raise ProblemError(
-                f"points is {brief(self.points)}, expected two or more points of "
-                f"{POINT}",
-                "points",
-            )
-        object.__setattr__(self, "points", frozen_array(points))
+            raise wrong(self.points, "points", f"two or more points of three {POINT}")
+        object.__setattr__(self, "points", points)
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
 
     @property
@@ -204,8 +200,8 @@ class ToolPolyline(Tube):
 
     def at(self, progress: float) -> Array:
         """Point after such a way [m]."""
-        lengths = self._lengths
-        each = [np.interp(progress, lengths, column) for column in self.points.T]
+        way, lengths = number(progress, "progress"), self._lengths
+        each = [np.interp(way, lengths, column) for column in self.points.T]
         return np.array(each)
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
@@ -260,19 +256,18 @@ class ToolArc(Tube):
         """Check and copy the values."""
         super().__post_init__()
         for name in ("center", "start", "axis"):
-            vector = goal_vector(getattr(self, name), name, POINT, 3)
-            object.__setattr__(self, name, frozen_array(vector))
+            object.__setattr__(
+                self, name, vector(getattr(self, name), name, f"three {POINT}", 3)
+            )
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
         angle = positive(self.angle, "angle", "rad", most=2.0 * np.pi)
         object.__setattr__(self, "angle", angle)
         spoke = self.start - self.center
         sizes = np.linalg.norm(self.axis), np.linalg.norm(spoke)
         if not min(sizes) > 0.0 or abs(self.axis @ spoke) > 1e-6 * sizes[0] * sizes[1]:
-            raise ProblemError(
-                f"axis is {self.axis.tolist()}, expected a vector across the way from "
-                f"the center to the start, {brief(spoke.tolist())}",
-                "axis",
-            )
+            across = "a vector across the way from the center to the start"
+            expected = f"{across}, {brief(spoke.tolist())}"
+            raise wrong(self.axis.tolist(), "axis", expected)
 
     def _axes(self) -> tuple[Array, Array, Array]:
         """Directions from the center to the start, across it along, and the axis."""
@@ -283,7 +278,7 @@ class ToolArc(Tube):
     def progress(self, point: Array) -> float:
         """Angle from the start [rad]."""
         first, second, _ = self._axes()
-        out = point - self.center
+        out = array(point, "point", (3,), POINT) - self.center
         turn = float(np.arctan2(out @ second, out @ first)) % (2.0 * np.pi)
         if turn > self.angle:  # beyond the ends: the nearer one
             return self.angle if turn - self.angle < 2.0 * np.pi - turn else 0.0
@@ -293,14 +288,15 @@ class ToolArc(Tube):
         """Point at an angle from the start [rad]."""
         first, second, _ = self._axes()
         size = np.linalg.norm(self.start - self.center)
-        spoke = np.cos(progress) * first + np.sin(progress) * second
+        angle = number(progress, "progress")
+        spoke = np.cos(angle) * first + np.sin(angle) * second
         return np.asarray(self.center + size * spoke)
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the arc."""
         first, second, axis = self._axes()
         size = float(np.linalg.norm(self.start - self.center))
-        out = point - self.center
+        out = array(point, "point", (3,), POINT) - self.center
         x, y = float(out @ first), float(out @ second)
         turn = float(np.arctan2(y, x)) % (2.0 * np.pi)
         if turn > self.angle:
@@ -322,6 +318,7 @@ def from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
     Returns:
         Shapes (3,) and (3, 3).
     """
+    point = array(point, "point", (3,), POINT)
     along, out = end - start, point - start
     square, share = float(along @ along), share_of_segment(point, start, end)
     if not 0.0 < share < 1.0:
@@ -331,7 +328,7 @@ def from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
 
 def share_of_segment(point: Array, start: Array, end: Array) -> float:
     """Share of a straight line at which it is nearest to a point, from 0 to 1."""
-    along = end - start
+    point, along = array(point, "point", (3,), POINT), end - start
     square = float(along @ along)
     share = float((point - start) @ along) / square if square > 0.0 else 0.0
     return min(max(share, 0.0), 1.0)

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.checks import positive
 from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.path import positive
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import goal_vector
 from tominpmp.goals.frames import checked_pose, pose_values
-from tominpmp.inputs import PoseLike, VectorLike
+from tominpmp.inputs import PoseLike, VectorLike, vector
 
 NONE = np.zeros(0)
 CORNER = "three coordinates [m]"
@@ -64,8 +63,8 @@ class WithinRegion(FrameRows):
         """Check and copy the values."""
         super().__post_init__()
         for name in ("lower", "upper"):
-            corner = goal_vector(getattr(self, name), name, CORNER, 3, infinite=True)
-            object.__setattr__(self, name, frozen_array(corner))
+            corner = vector(getattr(self, name), name, CORNER, 3, infinite=True)
+            object.__setattr__(self, name, corner)
         wrong = (self.lower > self.upper) | (self.lower == np.inf)
         if np.any(wrong | (self.upper == -np.inf)):
             raise ProblemError(
@@ -156,8 +155,7 @@ class KeepAway(FrameRows):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        point = goal_vector(self.point, "point", CORNER, 3)
-        object.__setattr__(self, "point", frozen_array(point))
+        object.__setattr__(self, "point", vector(self.point, "point", CORNER, 3))
         distance = positive(self.distance, "distance", self.unit)
         object.__setattr__(self, "distance", distance)
 

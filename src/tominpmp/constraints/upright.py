@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array
+from tominpmp.checks import positive
 from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.path import positive
-from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import goal_vector
 from tominpmp.goals.direction import deviations
-from tominpmp.inputs import VectorLike
+from tominpmp.inputs import VectorLike, direction
 
 NONE = np.zeros(0)
 # Narrower cones are measured by this angle, so that rows stay of order one [rad].
@@ -87,17 +85,8 @@ class KeepUpright(FrameAngle):
         """Check and copy the values."""
         super().__post_init__()
         for name in ("axis", "direction"):
-            expected = "three numbers, not all zero"
-            vector = goal_vector(getattr(self, name), name, expected, 3)
-            largest = float(np.max(np.abs(vector)))
-            if largest == 0.0:
-                raise ProblemError(
-                    f"{name} is {vector.tolist()}, expected {expected}", name
-                )
-            vector = vector / largest  # so that no square overflows
-            if abs(float(vector @ vector) - 1.0) > 4e-16:
-                vector = vector / np.linalg.norm(vector)
-            object.__setattr__(self, name, frozen_array(vector))
+            value = direction(getattr(self, name), name)
+            object.__setattr__(self, name, value)
         self._check_tolerance()
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:

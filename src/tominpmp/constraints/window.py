@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, pair_or_nan
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import wrong
 
 # Rows to begin with, at least and at most, and how far apart they are [s]: what passes
 # between two of them may be pushed to the other side by one that is put in later.
@@ -69,9 +69,6 @@ def checked_during(given: object) -> tuple[float, float] | None:
         return None
     begin, end = pair_or_nan(given)
     if not (0.0 <= begin < np.inf and begin < end):
-        raise ProblemError(
-            f"during is {brief(given)}, expected two times (begin, end) from the start "
-            "of the motion, in order [s]; the end may be infinite",
-            "during",
-        )
+        expected = "two times (begin, end) from the start of the motion, in order [s]"
+        raise wrong(given, "during", f"{expected}; the end may be infinite")
     return begin, end

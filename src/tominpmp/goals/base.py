@@ -7,16 +7,15 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arguments import Told
-from tominpmp.arrays import Array, number_or_nan, real_array
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.arrays import Array
+from tominpmp.checks import JOINTS, array, instance, number, whole, wrong
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
-from tominpmp.inputs import plain_vector
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
 
-class Goal(Told, ABC):
+class Goal(ABC):
     """What must hold at the end of a motion: a place to end at, and how to end there.
 
     The arm ends at rest unless a subclass says otherwise.
@@ -45,10 +44,7 @@ class Goal(Told, ABC):
         Raises:
             ProblemError: If it is no place in the world.
         """
-        raise ProblemError(
-            f"goal is {brief(self)}, expected a position or a pose, which can be moved",
-            "goal",
-        )
+        raise wrong(self, "goal", "a position or a pose, which can be moved")
 
     # -- what a final state lacks ------------------------------------------------------
 
@@ -84,6 +80,7 @@ class Goal(Told, ABC):
         self, kinematics: RobotKinematics, q: Array, v: Array
     ) -> tuple[Array, Array, Array]:
         """Residual of the velocity and its derivatives with respect to q and v."""
+        v = joint_row(kinematics, v, "v")
         n = v.size
         return v - self.final_velocity(n), np.zeros((n, n)), np.eye(n)
 
@@ -94,7 +91,7 @@ class Goal(Told, ABC):
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity if it is known beforehand, else zero, shape (n,)."""
-        return np.zeros(n)
+        return np.zeros(whole(n, "n"))
 
     def speed_count(self, n: int) -> int:
         """How many numbers of the residual, the last ones, are about the velocity."""
@@ -110,7 +107,7 @@ class Goal(Told, ABC):
             Lower and upper bounds, shape (k,) each; zero but for goals with a
             tolerance.
         """
-        n = kinematics.robot.n
+        n = robot_of(kinematics).n
         place = self.place(kinematics, np.zeros(n))
         speed = np.zeros(self.speed_count(n))
         return (
@@ -142,12 +139,12 @@ class Goal(Told, ABC):
 
     def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """What the numbers of the residual are: the place, then the velocities."""
-        place = self.place(kinematics, np.zeros(kinematics.robot.n))
+        place = self.place(kinematics, np.zeros(robot_of(kinematics).n))
         return place.labels + self.motion_labels(kinematics)
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """What the velocities are."""
-        return joint_labels(kinematics.robot, "/s")
+        return joint_labels(robot_of(kinematics), "/s")
 
     # -- what is known of the end beforehand -------------------------------------------
 
@@ -166,7 +163,8 @@ class Goal(Told, ABC):
         Args:
             robot: The robot.
         """
-        return np.full(robot.n, -np.inf), np.full(robot.n, np.inf)
+        n = instance(robot, Robot, "robot").n
+        return np.full(n, -np.inf), np.full(n, np.inf)
 
     @property
     def frame_name(self) -> str | None:
@@ -192,6 +190,7 @@ class Goal(Told, ABC):
         """
         if self.ball is None:
             return None
+        points = array(points, "points", (None, 3), "coordinates [m]")
         apart = np.linalg.norm(points - self.ball.centre, axis=1)
         return np.asarray(apart - self.ball.radius)
 
@@ -261,42 +260,22 @@ class Goal(Told, ABC):
         )
 
 
-def goal_vector(
-    value: object,
-    name: str,
-    expected: str,
-    size: int | None = None,
-    *,
-    infinite: bool = False,
-) -> Array:
-    """Check a caller's vector.
-
-    Args:
-        value: What the caller gave.
-        name: What it is, for the message.
-        expected: What it should be.
-        size: How many numbers; None for any.
-        infinite: Whether they may be infinite.
+def robot_of(kinematics: RobotKinematics) -> Robot:
+    """The robot of a caller's kinematics.
 
     Raises:
         ProblemError: If it is none.
     """
-    try:
-        array = real_array(plain_vector(value) if size == 3 else value)
-    except ValueError as error:
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected {expected}", name
-        ) from error
-    if array.ndim != 1 or size not in (None, array.size):
-        raise ProblemError(
-            f"{name} has shape {array.shape}, expected {expected}", field=name
-        )
-    if np.any(np.isnan(array)) or not (infinite or np.all(np.isfinite(array))):
-        which = "none of them NaN" if infinite else "all finite"
-        raise ProblemError(
-            f"{name} is {array.tolist()}, expected {expected}, {which}", name
-        )
-    return array
+    return instance(kinematics, RobotKinematics, "kinematics").robot
+
+
+def joint_row(kinematics: RobotKinematics, value: Array, name: str) -> Array:
+    """Check a caller's numbers, one for each joint of a robot, shape (n,).
+
+    Raises:
+        ProblemError: If they are none, or the kinematics.
+    """
+    return array(value, name, (robot_of(kinematics).n,), JOINTS)
 
 
 def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) -> float:
@@ -311,10 +290,6 @@ def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) ->
     Raises:
         ProblemError: If it is negative, not finite or too large.
     """
-    number = number_or_nan(value)
-    if not 0.0 <= number < most:
-        top = "" if np.isinf(most) else f" and < {most:.4g}"
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected a number >= 0{top} [{unit}]", name
-        )
-    return number
+    top = "" if np.isinf(most) else f" and < {most:.4g}"
+    below = float(np.nextafter(most, 0.0))
+    return number(value, name, f"a number >= 0{top} [{unit}]", least=0.0, most=below)

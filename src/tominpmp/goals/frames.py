@@ -9,19 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Record, array_or_nan, comparable, frozen_array
-from tominpmp.exceptions import ProblemError, SceneError, brief
-from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
+from tominpmp.arrays import Array, Record, array_or_nan, comparable
+from tominpmp.checks import array, instance, text, wrong
+from tominpmp.exceptions import ProblemError, SceneError
+from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import deviation
 from tominpmp.goals.place import Ball, Label, Place
-from tominpmp.inputs import POSE, PoseLike, VectorLike, split_pose
+from tominpmp.inputs import (
+    POSE,
+    PoseLike,
+    VectorLike,
+    direction,
+    split_pose,
+    vector,
+)
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation, rotation_matrix
 
 COORDINATES = "three coordinates [m]"
-# What the square of a unit vector may be off by.
-ROUNDING = 1e-15
 
 
 class FrameGoal(Goal):
@@ -37,15 +43,11 @@ class FrameGoal(Goal):
     v: Array | None
 
     def _check_frame(self) -> None:
-        if not isinstance(self.frame, str) or not self.frame:
-            raise ProblemError(
-                f"goal.frame is {brief(self.frame)}, expected the name of a frame",
-                "goal.frame",
-            )
+        text(self.frame, "goal.frame", "the name of a frame")
 
     def _check_velocity(self) -> None:
         if self.v is not None:
-            v = goal_vector(self.v, "goal.v", "three components [m/s]", 3)
+            v = vector(self.v, "goal.v", "three components [m/s]", 3)
             object.__setattr__(self, "v", v)
 
     def _check_tolerances(self) -> None:
@@ -60,7 +62,7 @@ class FrameGoal(Goal):
 
     def validate(self, robot: Robot) -> None:
         """Check that the frame exists."""
-        robot.frame_id(self.frame)
+        instance(robot, Robot, "robot").frame_id(self.frame)
 
     @property
     def frame_name(self) -> str:
@@ -69,7 +71,16 @@ class FrameGoal(Goal):
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
         """The goal with the frame's name beside other robots."""
-        return replace(self, frame=prefix + self.frame)  # type: ignore[type-var]
+        name = text(prefix, "prefix") + self.frame
+        return replace(self, frame=name)  # type: ignore[type-var]
+
+    def _placed(
+        self, kinematics: RobotKinematics, q: Array, *, local: bool = False
+    ) -> tuple[pin.SE3, Array]:
+        """Where the frame is at a configuration, and its Jacobian."""
+        q = joint_row(kinematics, q, "q")
+        jacobian = kinematics.jacobian(q, self.frame, local=local)
+        return kinematics.placement(q, self.frame), jacobian
 
     def motion_residual(
         self, kinematics: RobotKinematics, q: Array, v: Array
@@ -77,6 +88,7 @@ class FrameGoal(Goal):
         """Residual of the velocity, of the joints or of the frame's origin."""
         if self.v is None:
             return super().motion_residual(kinematics, q, v)
+        v = joint_row(kinematics, v, "v")
         motion = kinematics.motion(q, v, self.frame)
         return motion.velocity - self.v, motion.by_q, motion.by_v
 
@@ -125,7 +137,7 @@ class PositionGoal(Record, FrameGoal):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         self._check_frame()
-        position = goal_vector(self.position, "goal.position", COORDINATES, 3)
+        position = vector(self.position, "goal.position", COORDINATES, 3)
         object.__setattr__(self, "position", position)
         self._check_velocity()
         self._check_tolerances()
@@ -137,7 +149,7 @@ class PositionGoal(Record, FrameGoal):
 
     def moved(self, by: Array) -> PositionGoal:
         """The goal with its point moved, by a vector, shape (3,) [m]."""
-        return replace(self, position=self.position + by)
+        return replace(self, position=self.position + displacement(by))
 
     @property
     def ball(self) -> Ball:
@@ -146,9 +158,9 @@ class PositionGoal(Record, FrameGoal):
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference of the positions [m]."""
-        offset = kinematics.placement(q, self.frame).translation - self.position
-        jacobian = kinematics.jacobian(q, self.frame)[:3]
-        return Place.within(offset, jacobian, self.tolerance, self.label("m"))
+        place, jacobian = self._placed(kinematics, q)
+        offset, by_q = place.translation - self.position, jacobian[:3]
+        return Place.within(offset, by_q, self.tolerance, self.label("m"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +211,7 @@ class PoseGoal(Record, FrameGoal):
 
     def moved(self, by: Array) -> PoseGoal:
         """The goal with its pose moved, by a vector, shape (3,) [m]."""
-        pose = pin.SE3(self.pose.rotation, self.pose.translation + by)
+        pose = pin.SE3(self.pose.rotation, self.pose.translation + displacement(by))
         return replace(self, pose=pose)
 
     @property
@@ -209,13 +221,12 @@ class PoseGoal(Record, FrameGoal):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Angle to the pose, less its tolerance [rad]."""
-        turn = np.linalg.norm(pin.log3(rotation.T @ self.pose.rotation))
+        turn = np.linalg.norm(pin.log3(turned(rotation).T @ self.pose.rotation))
         return float(turn) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Twist from the goal to the frame, in the frame; parted if it has a range."""
-        place = kinematics.placement(q, self.frame)
-        jacobian = kinematics.jacobian(q, self.frame, local=True)
+        place, jacobian = self._placed(kinematics, q, local=True)
         if self.tolerance == self.angle_tolerance == 0.0:
             error = self.pose.actInv(place)
             twist = np.asarray(pin.log6(error).vector)
@@ -273,23 +284,10 @@ class AxisGoal(Record, FrameGoal):
         """Check and copy the values."""
         self._check_frame()
         for name in ("axis", "direction"):
-            value = goal_vector(
-                getattr(self, name), f"goal.{name}", "three numbers, not all zero", 3
-            )
-            largest = float(np.max(np.abs(value)))
-            if largest == 0.0:
-                raise ProblemError(
-                    f"goal.{name} is {value.tolist()}, expected three numbers, not all "
-                    "zero",
-                    f"goal.{name}",
-                )
-            # Divided again, as by saving and loading, a unit vector would change.
-            if largest > 1.0 or abs(float(value @ value) - 1.0) > ROUNDING:
-                value = value / largest  # so that no square overflows
-                value = value / np.linalg.norm(value)
-            object.__setattr__(self, name, frozen_array(value))
+            value = direction(getattr(self, name), f"goal.{name}")
+            object.__setattr__(self, name, value)
         if self.position is not None:
-            position = goal_vector(self.position, "goal.position", COORDINATES, 3)
+            position = vector(self.position, "goal.position", COORDINATES, 3)
             object.__setattr__(self, "position", position)
         self._check_velocity()
         self._check_tolerances()
@@ -301,17 +299,16 @@ class AxisGoal(Record, FrameGoal):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Angle between axis and direction, less its tolerance [rad]."""
-        cosine = float(self.direction @ rotation @ self.axis)
+        cosine = float(self.direction @ turned(rotation) @ self.axis)
         return math.acos(min(max(cosine, -1.0), 1.0)) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Deviation of the axis [rad], two numbers, then that of the origin [m]."""
-        place = kinematics.placement(q, self.frame)
-        jacobian = kinematics.jacobian(q, self.frame)
-        turned = np.asarray(place.rotation @ self.axis)
-        value, by_axis = deviation(turned, self.direction)
+        place, jacobian = self._placed(kinematics, q)
+        axis = np.asarray(place.rotation @ self.axis)
+        value, by_axis = deviation(axis, self.direction)
         # The axis turns with w x axis.
-        by_q = np.cross(turned, by_axis) @ jacobian[3:]
+        by_q = np.cross(axis, by_axis) @ jacobian[3:]
         found = Place.within(value, by_q, self.angle_tolerance, self.label("rad"))
         if self.position is None:
             return found
@@ -319,6 +316,16 @@ class AxisGoal(Record, FrameGoal):
         return found.joined(
             Place.within(offset, jacobian[:3], self.tolerance, self.label("m"))
         )
+
+
+def displacement(by: Array) -> Array:
+    """Check a caller's displacement, shape (3,) [m]."""
+    return array(by, "by", (3,), "components [m]")
+
+
+def turned(rotation: Array) -> Array:
+    """Check a caller's rotation matrix, shape (3, 3)."""
+    return array(rotation, "rotation", (3, 3), "numbers a row of a matrix")
 
 
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:
@@ -340,7 +347,7 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
     position = array_or_nan(None if parts is None else parts[0])
     turn = array_or_nan(None if parts is None else parts[1])
     if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
-        raise ProblemError(f"{name} is {brief(pose)}, expected {POSE}", field=name)
+        raise wrong(pose, name, POSE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)
     if turn.shape == (4,):

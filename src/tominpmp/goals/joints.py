@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray, Record, is_single
-from tominpmp.exceptions import JointNotFound, ProblemError, brief
-from tominpmp.goals.base import Goal, goal_tolerance, goal_vector
+from tominpmp.checks import JOINTS, array, instance, text, whole, wrong
+from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
-from tominpmp.inputs import JointsLike, by_joint, in_order, named_row
+from tominpmp.inputs import JointsLike, by_joint, in_order, named_row, vector
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -51,7 +52,7 @@ class JointGoal(Record, Goal):
         if joints is not None:
             object.__setattr__(self, "joints", joints)
         expected = "one number for each joint [rad or m]"
-        object.__setattr__(self, "q", goal_vector(q, "goal.q", expected))
+        object.__setattr__(self, "q", vector(q, "goal.q", expected))
         if self.joints is not None:
             object.__setattr__(self, "joints", _checked_names(self.joints, self.q))
         if self.v is not None:
@@ -61,20 +62,23 @@ class JointGoal(Record, Goal):
         expected = "one number for each joint [rad/s or m/s]"
         speeds = by_joint(self.v)
         if speeds is None:
-            return goal_vector(self.v, "goal.v", expected)
+            return vector(self.v, "goal.v", expected)
         if self.joints is None:
             raise ProblemError(
                 "goal.v is given by joint name, expected goal.q to be so, too", "goal.v"
             )
         v = in_order(speeds, self.joints, "goal.v", missing=0.0)
-        return goal_vector(v, "goal.v", expected)
+        return vector(v, "goal.v", expected)
 
     def resolved(self, robot: Robot, before: Array | None = None) -> JointGoal:
         """The same in the order of the robot."""
         if self.joints is None:
             return self
-        others, known = robot.locked_joints, robot.joint_names
-        rest = {} if before is None else dict(zip(known, before.tolist(), strict=True))
+        others = instance(robot, Robot, "robot").locked_joints
+        known, rest = robot.joint_names, dict[str, float]()
+        if before is not None:
+            before = array(before, "before", (len(known),), JOINTS)
+            rest = dict(zip(known, before.tolist(), strict=True))
         rows: list[Array | None] = []
         for name, locked, unnamed in (
             ("q", dict(others), rest),
@@ -95,18 +99,21 @@ class JointGoal(Record, Goal):
 
     def validate(self, robot: Robot) -> None:
         """Check lengths against the number of joints."""
+        names = instance(robot, Robot, "robot").joint_names
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
             if value is not None:
-                _check_length(name, value, robot.joint_names)
+                _check_length(name, value, names)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference of the positions [rad or m]."""
+        q = joint_row(kinematics, q, "q")
         zero = np.zeros(q.size)
         labels = joint_labels(kinematics.robot)
         return Place(q - self.q, np.eye(q.size), zero, zero, labels)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """A goal at another configuration and velocity."""
+        v = array(v, "v", (None,), JOINTS)
         same = np.array_equal(v, self.final_velocity(v.size))
         return replace(self, q=q, v=self.v if same else v)
 
@@ -120,7 +127,7 @@ class JointGoal(Record, Goal):
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity, shape (n,)."""
-        return np.zeros(n) if self.v is None else self.v
+        return np.zeros(whole(n, "n")) if self.v is None else self.v
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +163,7 @@ class JointRegionGoal(Record, Goal):
         if joints is not None:
             object.__setattr__(self, "joints", joints)
         expected = "one number for each joint [rad or m]"
-        object.__setattr__(self, "q", goal_vector(q, "goal.q", expected))
+        object.__setattr__(self, "q", vector(q, "goal.q", expected))
         object.__setattr__(self, "tolerance", self._checked_tolerance())
         if self.joints is not None:
             object.__setattr__(self, "joints", _checked_names(self.joints, self.q))
@@ -165,22 +172,20 @@ class JointRegionGoal(Record, Goal):
         if is_single(self.tolerance):
             return goal_tolerance(self.tolerance, "goal.tolerance", "rad or m")
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"
-        given = goal_vector(self.tolerance, "goal.tolerance", expected, self.q.size)
+        given = vector(self.tolerance, "goal.tolerance", expected, self.q.size)
         if np.any(given < 0.0):
-            raise ProblemError(
-                f"goal.tolerance is {given.tolist()}, expected {expected}",
-                "goal.tolerance",
-            )
+            raise wrong(given.tolist(), "goal.tolerance", expected)
         return given
 
     def validate(self, robot: Robot) -> None:
         """Check names, lengths and that the ranges are within reach of the joints."""
-        names = robot.joint_names if self.joints is None else tuple(self.joints)
+        known = instance(robot, Robot, "robot").joint_names
+        names = known if self.joints is None else tuple(self.joints)
         for name in names:
-            if name not in robot.joint_names:
-                raise JointNotFound(name, robot.joint_names)
+            if name not in known:
+                raise JointNotFound(name, known)
         _check_length("goal.q", self.q, names)
-        indices = [robot.joint_names.index(name) for name in names]
+        indices = [known.index(name) for name in names]
         low = robot.limits.position_lower[indices]
         high = robot.limits.position_upper[indices]
         away = np.maximum(low - self.q, self.q - high)
@@ -196,7 +201,8 @@ class JointRegionGoal(Record, Goal):
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference to the positions asked for [rad or m]."""
-        rows, target, room = self._asked(kinematics.robot)
+        rows, target, room = self._asked(robot_of(kinematics))
+        q = joint_row(kinematics, q, "q")
         every = joint_labels(kinematics.robot)
         labels = tuple(every[i] for i in rows)
         return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
@@ -218,15 +224,16 @@ class JointRegionGoal(Record, Goal):
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """The ranges of the joints that are named."""
-        rows, target, room = self._asked(robot)
         lower, upper = super().joint_ranges(robot)
+        rows, target, room = self._asked(robot)
         lower[rows], upper[rows] = target - room, target + room
         return lower, upper
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The ranges for joints as they are named beside other robots."""
-        named = robot.joint_names if self.joints is None else self.joints
-        return replace(self, joints=[prefix + joint for joint in named])
+        own = instance(robot, Robot, "robot").joint_names
+        before, named = text(prefix, "prefix"), self.joints or own
+        return replace(self, joints=[before + joint for joint in named])
 
 
 def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:
@@ -245,10 +252,7 @@ def _checked_names(joints: Sequence[str], q: Array) -> tuple[str, ...]:
     named = listed and all(isinstance(name, str) for name in joints)
     names = tuple(joints) if named else ()
     if not names:
-        raise ProblemError(
-            f"goal.joints is {brief(joints)}, expected names of joints",
-            "goal.joints",
-        )
+        raise wrong(joints, "goal.joints", "names of joints")
     if len(set(names)) < len(names):
         raise ProblemError(
             f"goal.joints names a joint twice: {', '.join(names)}", "goal.joints"

@@ -10,8 +10,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, frozen_array, is_single
-from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals.base import goal_vector
+from tominpmp.checks import array, wrong
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import (
     FrameGoal,
     checked_pose,
@@ -19,7 +19,7 @@ from tominpmp.goals.frames import (
     rotation_vector,
 )
 from tominpmp.goals.place import Place
-from tominpmp.inputs import PoseLike, VectorLike
+from tominpmp.inputs import PoseLike, VectorLike, vector
 from tominpmp.kinematics import RobotKinematics
 
 EDGES = "three coordinates [m]"
@@ -68,10 +68,9 @@ class RegionGoal(Record, FrameGoal):
         """Check and copy the values."""
         self._check_frame()
         for name in ("lower", "upper"):
-            value = goal_vector(
-                getattr(self, name), f"goal.{name}", EDGES, 3, infinite=True
-            )
-            object.__setattr__(self, name, value)
+            given = getattr(self, name)
+            corner = vector(given, f"goal.{name}", EDGES, 3, infinite=True)
+            object.__setattr__(self, name, corner)
         for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
             if low > high or low == np.inf or high == -np.inf:
                 raise ProblemError(
@@ -91,20 +90,12 @@ class RegionGoal(Record, FrameGoal):
         self._check_velocity()
 
     def _checked_angles(self) -> float | Array:
-        given = self.angle_tolerance
+        given, name = self.angle_tolerance, "goal.angle_tolerance"
         one = is_single(given)
-        angles = goal_vector(
-            [given] if one else given,
-            "goal.angle_tolerance",
-            ANGLES,
-            1 if one else 3,
-            infinite=True,
-        )
+        row, size = ([given], 1) if one else (given, 3)
+        angles = vector(row, name, ANGLES, size, infinite=True)
         if np.any(angles < 0.0):
-            raise ProblemError(
-                f"goal.angle_tolerance is {brief(given)}, expected {ANGLES}",
-                "goal.angle_tolerance",
-            )
+            raise wrong(given, name, ANGLES)
         angles = np.minimum(angles, np.pi)
         return float(angles[0]) if one else frozen_array(angles)
 
@@ -126,6 +117,7 @@ class RegionGoal(Record, FrameGoal):
     def distances(self, points: Array) -> Array:
         """Distances of points from the box, shape (m, 3) to (m,) [m]."""
         pose = pin.SE3.Identity() if self.pose is None else self.pose
+        points = array(points, "points", (None, 3), "coordinates [m]")
         local = (points - pose.translation) @ pose.rotation
         out = local - np.clip(local, self.lower, self.upper)
         return np.asarray(np.linalg.norm(out, axis=1))
@@ -133,8 +125,8 @@ class RegionGoal(Record, FrameGoal):
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Position in the axes of the box [m], and rotation vector [rad]."""
         pose = pin.SE3.Identity() if self.pose is None else self.pose
-        place = pose.actInv(kinematics.placement(q, self.frame))
-        jacobian = kinematics.jacobian(q, self.frame, local=True)
+        there, jacobian = self._placed(kinematics, q, local=True)
+        place = pose.actInv(there)
         position = Place(
             np.asarray(place.translation),
             place.rotation @ jacobian[:3],

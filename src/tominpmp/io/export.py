@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.checks import flag, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
-from tominpmp.exceptions import ProblemError, ScenarioError, brief, expect
+from tominpmp.exceptions import ProblemError, ScenarioError, brief
 from tominpmp.io.bag import parse_bag, write_bag
 from tominpmp.io.files import write_file
 from tominpmp.io.ros import (
@@ -85,7 +86,7 @@ def export(
         ScenarioError: If the file cannot be written.
         MissingDependency: If a package for bags is not installed.
     """
-    expect(trajectory, Trajectory, "trajectory", "a Trajectory")
+    instance(trajectory, Trajectory, "trajectory")
     write = _chosen(WRITERS, path)
     check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
@@ -126,11 +127,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
     Raises:
         ProblemError: If they are not.
     """
-    if not isinstance(with_effort, bool):
-        raise ProblemError(
-            f"with_effort is {brief(with_effort)}, expected True or False",
-            "with_effort",
-        )
+    flag(with_effort, "with_effort")
     if message is not None:
         check_message(message)
     for name, given in (("with_effort", with_effort), ("message", message)):

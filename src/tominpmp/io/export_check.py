@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, expect
+from tominpmp.exceptions import ProblemError
 from tominpmp.io.export import (
     file_samples,
     is_message,
@@ -160,11 +161,11 @@ def check_file(
         ProblemError: If an argument is wrong.
         ScenarioError: If the file cannot be read, or is of another robot.
     """
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     if interpolation is not None:
         check_interpolation(interpolation)
     within = Tolerances() if tolerances is None else tolerances
-    expect(within, Tolerances, "tolerances", "Tolerances or None")
+    instance(within, Tolerances, "tolerances", "Tolerances or None")
 
     def judge(motion: Trajectory) -> _Found:
         found = verify(problem, motion, within)
@@ -191,7 +192,7 @@ def check_export(
         ScenarioError: If the file cannot be read.
     """
     begin = time.perf_counter()
-    expect(solution, Solution, "solution", "a Solution")
+    instance(solution, Solution, "solution")
     motion = solution.trajectory
     if motion is None:
         raise ProblemError(f"there is no motion: {solution.message}", "trajectory")

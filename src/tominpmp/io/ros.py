@@ -20,7 +20,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import choice
+from tominpmp.exceptions import ProblemError
 from tominpmp.samples import Samples
 from tominpmp.sampling import BILLION
 from tominpmp.trajectory import Trajectory
@@ -56,11 +57,7 @@ def check_message(name: object) -> None:
     Raises:
         ProblemError: If motions are not written as such.
     """
-    if not isinstance(name, str) or name not in MESSAGES:
-        raise ProblemError(
-            f"message is {brief(name)}, expected one of: {', '.join(MESSAGES)}",
-            "message",
-        )
+    choice(name, tuple(MESSAGES), "message")
 
 
 def nanoseconds(times: Array) -> IntArray:

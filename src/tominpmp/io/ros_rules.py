@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from tominpmp.checks import instance, wrong
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ProblemError, brief, expect, shortened
+from tominpmp.exceptions import ProblemError, brief, shortened
 from tominpmp.io.ros import POINT_FIELDS
 from tominpmp.io.ros_reader import find_trajectory
 from tominpmp.samples import Samples
@@ -87,13 +88,11 @@ def controller_refusals(
         ScenarioError: If it holds no trajectory, or more than joints.
     """
     if not isinstance(message, Mapping):
-        raise ProblemError(
-            f"the message is {brief(message)}, expected a table of fields", "message"
-        )
+        raise wrong(message, "message", "a table of fields")
     if joint_names is not None:
-        expect(joint_names, (list, tuple), "joint_names", "a list of names")
+        instance(joint_names, (list, tuple), "joint_names", "a list of names")
         for name in joint_names:
-            expect(name, str, "joint_names", "a list of names")
+            instance(name, str, "joint_names", "a list of names")
     outer = dict(message)
     field = Field(outer, Path("the message"))
     found = find_trajectory(field, mention=False).value

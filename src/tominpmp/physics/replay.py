@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, number_or_nan
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.arrays import Array, Record
+from tominpmp.checks import choice, positive
+from tominpmp.exceptions import ProblemError
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
@@ -113,9 +114,9 @@ def replay(
             way, or a value is wrong.
         MissingDependency: If MuJoCo is not installed.
     """
-    if engine != "mujoco":
-        raise ProblemError(f"engine is {brief(engine)}, expected 'mujoco'", "engine")
-    check_positive(step=step, bandwidth=bandwidth, tolerance=tolerance)
+    choice(engine, ("mujoco",), "engine", "'mujoco'")
+    step, bandwidth = positive(step, "step", "s"), positive(bandwidth, "bandwidth")
+    tolerance = positive(tolerance, "tolerance", "rad or m")
     check_one_load(problem)
     if not np.all(np.isfinite(trajectory.u)):
         raise ProblemError("trajectory has no torques to replay", "trajectory")
@@ -129,7 +130,7 @@ def replay(
         simulate(arm, trajectory, step),
         simulate(arm, trajectory, step, bandwidth),
         torque_difference(arm, trajectory),
-        float(tolerance),
+        tolerance,
     )
 
 
@@ -145,19 +146,6 @@ def check_one_load(problem: Problem) -> None:
             "motion; replay the segments by themselves",
             "segments",
         )
-
-
-def check_positive(**values: object) -> None:
-    """Check a caller's positive numbers.
-
-    Raises:
-        ProblemError: If one is none.
-    """
-    for name, value in values.items():
-        if not 0.0 < number_or_nan(value) < np.inf:
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected a positive number", name
-            )
 
 
 def simulate(

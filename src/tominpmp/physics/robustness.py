@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arguments import Told, is_whole
-from tominpmp.arrays import Array, Record, frozen_array, number_or_nan, real_array
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.checks import instance, number, positive, whole, wrong
+from tominpmp.exceptions import told_of
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
-from tominpmp.physics.replay import check_one_load, check_positive
+from tominpmp.physics.replay import check_one_load
 from tominpmp.problem import Problem
 from tominpmp.trajectory import State, Trajectory
 
@@ -32,7 +32,7 @@ MOST_SAMPLES = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Disturbances(Told):
+class Disturbances:
     """What is drawn at random for each trial.
 
     Attributes:
@@ -52,13 +52,9 @@ class Disturbances(Told):
     def __post_init__(self) -> None:
         """Check the numbers."""
         for item in fields(self):
-            value = number_or_nan(getattr(self, item.name))
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ProblemError(
-                    f"disturbances: {item.name} is {brief(getattr(self, item.name))}, "
-                    "expected a finite number >= 0",
-                    item.name,
-                )
+            given, expected = getattr(self, item.name), "a finite number >= 0"
+            with told_of("disturbances"):
+                value = number(given, item.name, expected, least=0.0)
             object.__setattr__(self, item.name, value)
 
     @property
@@ -176,7 +172,8 @@ def robustness(
     from tominpmp.planner.planning import plan
 
     shares = _checked_reserves(reserves)
-    check_positive(tolerance=tolerance, bandwidth=bandwidth, period=period)
+    tolerance = positive(tolerance, "tolerance", "rad or m")
+    bandwidth, period = positive(bandwidth, "bandwidth"), positive(period, "period")
     world = Disturbances() if disturbances is None else disturbances
     _check(problem, world, samples, seed)
     MujocoArm(problem.robot)  # what is missing is told of before anything is planned
@@ -205,32 +202,18 @@ def robustness(
 
 
 def _check(problem: Problem, world: object, samples: Any, seed: Any) -> None:
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     check_one_load(problem)
-    expect(world, Disturbances, "disturbances", "Disturbances or None")
-    for name, value, least, most in (
-        ("samples", samples, 1, MOST_SAMPLES),
-        ("seed", seed, 0, 2**63 - 1),
-    ):
-        if not is_whole(value) or not least <= value <= most:
-            raise ProblemError(
-                f"{name} is {brief(value)}, expected a whole number from {least} to "
-                f"{most}",
-                name,
-            )
+    instance(world, Disturbances, "disturbances", "Disturbances or None")
+    whole(samples, "samples", 1, MOST_SAMPLES)
+    whole(seed, "seed")
 
 
 def _checked_reserves(reserves: object) -> Array:
-    try:
-        shares = real_array(reserves)
-    except ValueError:
-        shares = np.zeros(0)
+    shares = array_or_nan(reserves)
     good = shares.ndim == 1 and shares.size and np.all((shares >= 0.0) & (shares < 1.0))
     if not good:
-        raise ProblemError(
-            f"reserves is {brief(reserves)}, expected shares from 0 to below 1",
-            "reserves",
-        )
+        raise wrong(reserves, "reserves", "shares from 0 to below 1")
     return np.unique(shares)
 
 

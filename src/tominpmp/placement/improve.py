@@ -17,8 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.combined_robots import base_placement
-from tominpmp.exceptions import ProblemError, TominpmpError, brief, expect, told_of
+from tominpmp.exceptions import ProblemError, TominpmpError, brief, told_of
 from tominpmp.options import Options
 from tominpmp.placement.moves import (
     BASE,
@@ -137,7 +138,7 @@ def improve_placement(
         ProblemError: If an argument is wrong, or a task has no motion where it begins.
         OptionsError: If an option is wrong.
     """
-    expect(robot, Robot, "robot", "a Robot")
+    instance(robot, Robot, "robot")
     given, low, high = _checked(tasks, bounds)
     names = tuple(bounds)
     what = _what(moves, given, names)
@@ -145,14 +146,7 @@ def improve_placement(
         pin.SE3.Identity() if base is None else base_placement(robot.name, base, "base")
     )
     scale = _weights(weights, len(given))
-    if (
-        isinstance(most_plans, bool)
-        or not isinstance(most_plans, int)
-        or most_plans < 1
-    ):
-        raise ProblemError(
-            f"most_plans is {brief(most_plans)}, expected a number >= 1", "most_plans"
-        )
+    most_plans = whole(most_plans, "most_plans", least=1, expected="a number >= 1")
     options = Options.of(options).changed(changes)
     search = _Search(Moves(what, names, robot, place), given, scale, options)
     return search.run(low, high, most_plans)
@@ -161,7 +155,7 @@ def improve_placement(
 def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
     expected = "problems of one segment, one or more"
     if isinstance(tasks, Problem) or not isinstance(tasks, Sequence) or not tasks:
-        raise ProblemError(f"tasks is {brief(tasks)}, expected {expected}", "tasks")
+        raise wrong(tasks, "tasks", expected)
     for number, task in enumerate(tasks):
         if not isinstance(task, Problem) or task.segments:
             raise ProblemError(
@@ -169,7 +163,7 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
                 f"expected {expected}",
                 f"tasks[{number}]",
             )
-    expect(bounds, Mapping, "bounds", "ranges by the names of coordinates")
+    instance(bounds, Mapping, "bounds", "ranges by the names of coordinates")
     rows = []
     for name, pair in bounds.items():
         row = array_or_nan(pair)
@@ -217,11 +211,9 @@ def _what(
         fine = fine and there and known[name].motion is None
     if not fine:
         resting = [name for name, item in known.items() if item.motion is None]
-        raise ProblemError(
-            f"moves is {brief(moves)}, expected 'base', 'goals' or obstacles at rest: "
-            f"{', '.join(resting) or 'there are none'}",
-            "moves",
-        )
+        known_ones = ", ".join(resting) or "there are none"
+        expected = f"'base', 'goals' or obstacles at rest: {known_ones}"
+        raise wrong(moves, "moves", expected)
     return tuple(chosen)
 
 
@@ -230,11 +222,7 @@ def _weights(weights: Any, count: int) -> Array:
         return np.ones(count)
     row = array_or_nan(weights)
     if row.shape != (count,) or not np.all(np.isfinite(row) & (row > 0.0)):
-        raise ProblemError(
-            f"weights is {brief(weights)}, expected {count} positive numbers, one a "
-            "task",
-            "weights",
-        )
+        raise wrong(weights, "weights", f"{count} positive numbers, one a task")
     return row
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.checks import instance
 from tominpmp.combined_robots import base_placement
 from tominpmp.description.assembly import on_base
 from tominpmp.description.model import build_model, configured_model
-from tominpmp.exceptions import expect
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
@@ -36,7 +36,7 @@ def robot_at(robot: Robot, base: Any) -> Robot:
     Raises:
         ProblemError: If an argument is of another type.
     """
-    expect(robot, Robot, "robot", "a Robot")
+    instance(robot, Robot, "robot")
     description = on_base(robot.description, base_placement(robot.name, base, "base"))
     plain = build_model(description, robot.locked_joints)
     ties = robot.expansion_matrix, robot.expansion_offset

@@ -8,7 +8,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from tominpmp.exceptions import ProblemError, expect
+from tominpmp.checks import instance
+from tominpmp.exceptions import ProblemError
 from tominpmp.options import Options
 from tominpmp.planner.alternatives import attempts_of_alternatives
 from tominpmp.planner.attempt import TIE, Attempt
@@ -68,7 +69,7 @@ def plan(
             of other joints.
         SolverNotFound: If the solver of linear programs is not installed.
     """
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     asked = options = resolve_options(problem, Options.of(options).changed(changes))
     if asked.energy_weight:
         # The fastest motion is where the search for the best one begins, no more.

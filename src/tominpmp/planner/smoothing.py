@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
-from tominpmp.arrays import Array, number_or_nan
-from tominpmp.exceptions import OptionsError, ProblemError, brief, expect
+from tominpmp.arrays import Array
+from tominpmp.checks import instance, number
+from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.motion_measures import roughness, way_of
 from tominpmp.options import Options
@@ -55,12 +54,9 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         ProblemError: If there is no motion that keeps all constraints.
         OptionsError: If the slack is not a share >= 0.
     """
-    expect(solution, Solution, "solution", "a Solution")
-    share = number_or_nan(slack)
-    if not 0.0 <= share < np.inf:
-        raise OptionsError(
-            f"slack is {brief(slack)}, expected a share of T >= 0", "slack"
-        )
+    instance(solution, Solution, "solution")
+    expected = "a share of T >= 0"
+    share = number(slack, "slack", expected, least=0.0, error=OptionsError)
     former = solution.trajectory
     if former is None or not solution.success:
         raise ProblemError(

@@ -14,6 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
+from tominpmp.checks import JOINTS, array, instance
 from tominpmp.description.assembly import stack_parts
 from tominpmp.description.joint_table import JointLimits, JointTable
 from tominpmp.description.joint_values import JointValues, check_gravity
@@ -28,17 +29,11 @@ from tominpmp.description.model import (
 )
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.exceptions import (
-    FrameNotFound,
-    ProblemError,
-    RobotLoadError,
-    brief,
-    expect,
-)
-from tominpmp.inputs import numbers_of_joints
+from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table
 from tominpmp.payload import Payload, attach
+from tominpmp.samples import names
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +86,22 @@ class Robot(Record):
     motion_limits: MotionLimits | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Make the arrays and the mapping read-only, and check the motion limits."""
+        """Check the values, and make the arrays and the mapping read-only."""
+        instance(self.model, pin.Model, "model")
+        instance(self.limits, JointLimits, "limits")
+        instance(self.locked_joints, Mapping, "locked_joints", "positions by name")
+        instance(self.description, UrdfDescription, "description")
+        object.__setattr__(self, "joint_names", names(self.joint_names))
         matrices = ("expansion_matrix", "expansion_offset")
         for name in ("damping", "armature", "friction", "gravity", *matrices):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, frozen_array(value))
+            if (value := getattr(self, name)) is not None:
+                value = frozen_array(array(value, name, (...,), "numbers"))
+                object.__setattr__(self, name, value)
         locked = MappingProxyType(dict(self.locked_joints))
         object.__setattr__(self, "locked_joints", locked)
         if self.motion_limits is not None:
-            self.motion_limits.check(self.joint_names)
+            limits = instance(self.motion_limits, MotionLimits, "motion_limits")
+            limits.check(self.joint_names)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the geometry, which is read again where it is needed.
@@ -208,7 +209,7 @@ class Robot(Record):
         Raises:
             ProblemError: If they are no numbers, or not one for each joint.
         """
-        q = numbers_of_joints(q, "q", self.n)
+        q = array(q, "q", (..., self.n), JOINTS)
         if self.expansion_matrix is None or self.expansion_offset is None:
             return q
         return np.asarray(q @ self.expansion_matrix.T + self.expansion_offset)
@@ -225,7 +226,7 @@ class Robot(Record):
         Raises:
             ProblemError: If they are no numbers, or not one for each joint.
         """
-        v = numbers_of_joints(v, "v", self.n)
+        v = array(v, "v", (..., self.n), JOINTS)
         if self.expansion_matrix is None:
             return v
         return np.asarray(v @ self.expansion_matrix.T)
@@ -242,7 +243,7 @@ class Robot(Record):
         Raises:
             ProblemError: If they are no numbers, or not one for each joint.
         """
-        rows = numbers_of_joints(rows, "rows", self.model.nv)
+        rows = array(rows, "rows", (..., self.model.nv), JOINTS)
         if self.expansion_matrix is None:
             return rows
         return np.asarray(rows @ self.expansion_matrix)
@@ -332,7 +333,7 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If no joint is left that moves.
         """
-        expect(positions, Mapping, "positions", "positions by joint name")
+        instance(positions, Mapping, "positions", "positions by joint name")
         joints = self.description.joints
         mimics = {joint.name for joint in joints if joint.mimic}
         kept = {k: v for k, v in self.locked_joints.items() if k not in mimics}

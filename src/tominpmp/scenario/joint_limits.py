@@ -9,14 +9,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tominpmp.arguments import Told
 from tominpmp.arrays import record_line
+from tominpmp.checks import flag, instance, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import ScenarioError, brief, warn_caller
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot, load_robot, read_source
+from tominpmp.samples import names
 
 # What may lie around the table: nodes of ROS 2, namespaces of parameters.
 _WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")
@@ -37,7 +38,7 @@ _TURNS = "angle_wraparound"
 
 
 @dataclass(frozen=True)
-class MoveItLimits(Told):
+class MoveItLimits:
     """Limits by joint name, as far as the file has them.
 
     Attributes:
@@ -70,8 +71,10 @@ class MoveItLimits(Told):
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
         for name in _KEYS:
-            frozen = MappingProxyType(dict(getattr(self, name)))
-            object.__setattr__(self, name, frozen)
+            given = getattr(self, name)
+            instance(given, Mapping, name, "limits by joint name")
+            found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
+            object.__setattr__(self, name, MappingProxyType(found))
 
     def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
         """Arguments for :func:`~tominpmp.robot.load_robot` and ``with_changes``.
@@ -83,7 +86,7 @@ class MoveItLimits(Told):
             Values by joint name: velocity, effort, position_lower, position_upper, as
             far as there are any. Accelerations and jerks are :meth:`motion_limits`.
         """
-        factor = self.velocity_scaling if scaled else 1.0
+        factor = self.velocity_scaling if flag(scaled, "scaled") else 1.0
         found = {"velocity": {k: factor * v for k, v in self.velocity.items()}}
         for name in ("effort", "position_lower", "position_upper"):
             found[name] = dict(getattr(self, name))
@@ -98,7 +101,8 @@ class MoveItLimits(Told):
             joint_names: Joints that move; what is said of others is left out.
             scaled: Whether accelerations are scaled by ``acceleration_scaling``.
         """
-        factor = self.acceleration_scaling if scaled else 1.0
+        joint_names = names(joint_names)
+        factor = self.acceleration_scaling if flag(scaled, "scaled") else 1.0
         values: dict[str, Any] = {
             "acceleration": {k: factor * v for k, v in self.acceleration.items()},
             "jerk": dict(self.jerk),

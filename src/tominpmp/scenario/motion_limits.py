@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from tominpmp.checks import instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
@@ -57,6 +58,7 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
             key, the value and what was expected.
     """
     path = checked_path(path, "path", ScenarioError)
+    instance(robot, Robot, "robot")
     document = Field(read_yaml(path), path)
     document.only("effort_scale", "joints", *UNITS)
     if not document.given:

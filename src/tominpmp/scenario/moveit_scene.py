@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.checks import instance
 from tominpmp.description.fields import Field
 from tominpmp.description.files import resolve_resource
 from tominpmp.description.links import LONGEST_PATH
@@ -108,6 +110,7 @@ def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
         ScenarioError: If the file is wrong, or holds what cannot be read: attached
             objects, an octree, planes, cones.
     """
+    instance(robot, (Robot, NoneType), "robot", "a Robot or None")
     message = read_message(path)
     return read_scene(message, read_frames(message, robot))
 

@@ -55,10 +55,11 @@ from typing import Any, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, Record
+from tominpmp.checks import instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
-from tominpmp.exceptions import ScenarioError, TominpmpError, expect
+from tominpmp.exceptions import ScenarioError, TominpmpError
 from tominpmp.goals import Goal
 from tominpmp.io.files import write_file
 from tominpmp.motion_limits import MotionLimits
@@ -273,9 +274,9 @@ def scenario_text(
     Raises:
         ScenarioError: If the problem holds something that a file cannot.
     """
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     if options is not None:
-        expect(options, Options, "options", "Options or None")
+        instance(options, Options, "options", "Options or None")
     given = Options() if options is None else options
     text = toml_text(_document(path, problem, given, check, beside))
     try:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, BoolArray, array_or_nan
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.checks import number, wrong
 from tominpmp.inputs import PoseLike, RotationLike, VectorLike
 from tominpmp.scene.motion import Motion
 from tominpmp.scene.obstacles import Obstacle
@@ -58,43 +58,28 @@ class HeightField(Obstacle):
         super().__post_init__()
         heights, size = self._numbers("heights"), self._numbers("size")
         if heights.ndim != 2 or min(heights.shape) < 2:
-            raise SceneError(
-                f"obstacle {self.name!r}: heights has shape {heights.shape}, expected "
-                "(ny, nx) with two rows and columns at least",
-                self.name,
+            raise self._error(
+                f"heights has shape {heights.shape}, expected (ny, nx) with two rows "
+                "and columns at least"
             )
         if (heights.shape[0] - 1) * (heights.shape[1] - 1) > MAX_CELLS:
-            raise SceneError(
-                f"obstacle {self.name!r}: heights has more than {MAX_CELLS} cells",
-                self.name,
-            )
+            raise self._error(f"heights has more than {MAX_CELLS} cells")
         if size.shape != (2,) or not np.all(size > 0.0):
-            raise SceneError(
-                f"obstacle {self.name!r}: size is {brief(self.size)}, expected two "
-                "positive extents, along x and y [m]",
-                self.name,
-            )
-        base = self.base
+            expected = "two positive extents, along x and y [m]"
+            raise wrong(self.size, "size", expected, self._error)
         lowest = float(heights.min())
-        if base is None:
-            base = lowest - 0.01 * float(size.max())
-        if not np.isfinite(base) or not base < lowest:
-            raise SceneError(
-                f"obstacle {self.name!r}: base is {brief(base)}, expected a height "
-                f"below all others, of which the lowest is {lowest:g} m",
-                self.name,
-            )
+        base = lowest - 0.01 * float(size.max()) if self.base is None else self.base
+        most = float(np.nextafter(lowest, -np.inf))
+        expected = f"a height below all others, of which the lowest is {lowest:g} m"
+        base = number(base, "base", expected, most=most, error=self._error)
         object.__setattr__(self, "heights", heights)
         object.__setattr__(self, "size", size)
-        object.__setattr__(self, "base", float(base))
+        object.__setattr__(self, "base", base)
 
     def _numbers(self, key: str) -> Array:
         array = array_or_nan(getattr(self, key))
         if not np.all(np.isfinite(array)):
-            raise SceneError(
-                f"obstacle {self.name!r}: {key} holds what is no finite number",
-                self.name,
-            )
+            raise self._error(f"{key} holds what is no finite number")
         return array
 
     @property
@@ -150,23 +135,17 @@ class OcTree(Obstacle):
         self._set_lengths("resolution")
         points = array_or_nan(self.points)
         if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
-            raise SceneError(
-                f"obstacle {self.name!r}: points has shape {points.shape}, expected "
-                "(k, 3) with one point at least",
-                self.name,
+            raise self._error(
+                f"points has shape {points.shape}, expected (k, 3) with one point at "
+                "least"
             )
         if not np.all(np.isfinite(points)) or len(points) > MAX_POINTS:
-            raise SceneError(
-                f"obstacle {self.name!r}: points are to be finite, and {MAX_POINTS} at "
-                "most",
-                self.name,
-            )
+            raise self._error(f"points are to be finite, and {MAX_POINTS} at most")
         cells = np.prod(np.ptp(points, axis=0) / self.resolution + 2.0)
         if cells > 50.0 * MAX_POINTS:
-            raise SceneError(
-                f"obstacle {self.name!r}: a resolution of {self.resolution:g} m is too "
-                "fine for the extent of the points",
-                self.name,
+            raise self._error(
+                f"a resolution of {self.resolution:g} m is too fine for the extent of "
+                "the points"
             )
         object.__setattr__(self, "points", points)
 

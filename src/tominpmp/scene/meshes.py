@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray, array_or_nan, frozen_array, real_array
+from tominpmp.checks import choice, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.inputs import PoseLike, RotationLike, VectorLike
@@ -68,11 +69,8 @@ class Mesh(Obstacle):
     def __post_init__(self) -> None:
         """Read the file, check what was read."""
         super().__post_init__()
-        ways = ("auto", "hull", "none")
-        if not isinstance(self.convex, str) or self.convex not in ways:
-            self._fail(
-                f"convex is {brief(self.convex)}, expected 'auto', 'hull' or 'none'"
-            )
+        ways, expected = ("auto", "hull", "none"), "'auto', 'hull' or 'none'"
+        choice(self.convex, ways, "convex", expected, self._error)
         object.__setattr__(self, "scale", self._checked_scale())
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
@@ -84,16 +82,15 @@ class Mesh(Obstacle):
         self._check_triangles()
 
     def _fail(self, message: str) -> NoReturn:
-        raise SceneError(f"obstacle {self.name!r}: {message}", self.name)
+        raise self._error(message)
 
     def _checked_scale(self) -> Array:
         scale = array_or_nan(self.scale)
         if scale.shape == ():
             scale = np.full(3, float(scale))
         if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
-            self._fail(
-                f"scale is {brief(self.scale)}, expected one number or three, none zero"
-            )
+            expected = "one number or three, none zero"
+            raise wrong(self.scale, "scale", expected, self._error)
         return frozen_array(scale)
 
     def _set_path(self) -> None:
@@ -125,7 +122,8 @@ class Mesh(Obstacle):
             vertices = real_array(self.vertices)
             corners = np.array(self.triangles)
         except ValueError as error:
-            self._fail(f"{what} is not made of numbers: {error}")
+            parts = f"vertices or triangles of {what}"
+            self._fail(f"{parts} are not made of numbers: {error}")
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             self._fail(f"{what} has vertices of shape {vertices.shape}, not (k, 3)")
         if not np.all(np.abs(vertices) < FARTHEST):

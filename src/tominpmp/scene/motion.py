@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, number_or_nan, real_array
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.arrays import Array, Record, real_array
+from tominpmp.checks import array, instance
+from tominpmp.exceptions import SceneError
 
 # Two placements at the start that differ by less are one [m, rad].
 SAME = 1e-6
@@ -105,23 +106,34 @@ def check_rotation(given: Array, begins: Array) -> None:
         )
 
 
+def about_motion(message: str, _: str = "") -> SceneError:
+    """An error about the motion of an obstacle, which is named by who knows it."""
+    return SceneError(f"motion: {message}")
+
+
+def checked_times(value: Array, name: str = "times") -> Array:
+    """Check a caller's times, shape (m,) [s]."""
+    return array(value, name, (None,), "times [s]")
+
+
+def checked_stretches(begin: Array, end: Array) -> tuple[Array, Array]:
+    """Check a caller's stretches of time, as many ends as beginnings [s]."""
+    begin = checked_times(begin, "begin")
+    return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
+
+
+def checked_placement(value: Placement, name: str = "start") -> Placement:
+    """Check a caller's placement."""
+    return instance(value, Placement, name)
+
+
 def numbers(name: str, value: object) -> Array:
     """Take finite numbers of any shape."""
     try:
-        array = real_array(value)
+        found = real_array(value)
     except ValueError as error:
-        raise SceneError(f"motion: {name} is not made of numbers: {error}") from error
-    if not np.all(np.isfinite(array)):
-        where = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise SceneError(
-            f"motion: {name} holds what is no finite number, at index {where}"
-        )
-    return array
-
-
-def number(name: str, value: object) -> float:
-    """Take a number, which may be infinite."""
-    found = number_or_nan(value)
-    if np.isnan(found):
-        raise SceneError(f"motion: {name} is {brief(value)}, expected a number")
+        raise about_motion(f"{name} is not made of numbers: {error}") from error
+    if not np.all(np.isfinite(found)):
+        where = np.argwhere(~np.isfinite(found))[0].tolist()
+        raise about_motion(f"{name} holds what is no finite number, at index {where}")
     return found

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, array_or_nan, frozen_array, number_or_nan
+from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.checks import number, wrong
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.inputs import (
     PoseLike,
@@ -23,7 +24,13 @@ from tominpmp.inputs import (
     plain_vector,
     split_pose,
 )
-from tominpmp.scene.motion import Motion, Placement, Twist
+from tominpmp.scene.motion import (
+    Motion,
+    Placement,
+    Twist,
+    checked_stretches,
+    checked_times,
+)
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
 
@@ -87,10 +94,9 @@ class Obstacle(Record):
             array_or_nan(plain_rotation(self.rotation)), np.eye(3)
         )
         if turned:
-            raise SceneError(
-                f"obstacle {self.name!r}: position is a whole pose, and rotation is "
-                "given too, expected one or the other",
-                self.name,
+            raise self._error(
+                "position is a whole pose, and rotation is given too, expected one or "
+                "the other"
             )
         object.__setattr__(self, "position", pose[0])
         object.__setattr__(self, "rotation", pose[1])
@@ -109,7 +115,10 @@ class Obstacle(Record):
         try:
             yield
         except SceneError as error:
-            raise SceneError(f"obstacle {self.name!r}: {error}", self.name) from error
+            raise self._error(str(error)) from error
+
+    def _error(self, message: str, _: str = "") -> SceneError:
+        return SceneError(f"obstacle {self.name!r}: {message}", self.name)
 
     @property
     def _start(self) -> Placement:
@@ -124,6 +133,7 @@ class Obstacle(Record):
         Raises:
             SceneError: If a function that moves it gives no placement.
         """
+        times = checked_times(times)
         if self.motion is None:
             R = np.broadcast_to(self.rotation, (times.size, 3, 3))
             return Placement(R, np.broadcast_to(self.position, (times.size, 3)))
@@ -132,6 +142,7 @@ class Obstacle(Record):
 
     def twists(self, times: Array) -> Twist:
         """Velocities at times [s], shape (m,), in the axes of the world."""
+        times = checked_times(times)
         if self.motion is None:
             return Twist(np.zeros((times.size, 3)), np.zeros((times.size, 3)))
         with self._named():
@@ -143,6 +154,7 @@ class Obstacle(Record):
         Returns:
             Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
         """
+        begin, end = checked_stretches(begin, end)
         if self.motion is None:
             return np.zeros(begin.size), np.zeros(begin.size)
         with self._named():
@@ -150,29 +162,19 @@ class Obstacle(Record):
 
     def frozen(self, time: float) -> Obstacle:
         """The same obstacle at rest where it is at a time [s]."""
-        R, p = self.poses(np.array([time]))
+        R, p = self.poses(np.array([number(time, "time", "a time [s]")]))
         return replace(self, motion=None, rotation=R[0], position=p[0])
 
     def _triple(self, key: str, content: str) -> Array:
         value = getattr(self, key)
         array = array_or_nan(value)
         if array.shape != (3,) or not np.all(np.isfinite(array)):
-            raise SceneError(
-                f"obstacle {self.name!r}: {key} is {brief(value)}, expected three "
-                f"finite {content} [m]",
-                self.name,
-            )
+            raise wrong(value, key, f"three finite {content} [m]", self._error)
         return array
 
     def _length(self, key: str, value: object) -> float:
-        number = number_or_nan(value)
-        if not (np.isfinite(number) and number > 0.0):
-            raise SceneError(
-                f"obstacle {self.name!r}: {key} is {brief(value)}, expected a positive "
-                "length [m]",
-                self.name,
-            )
-        return number
+        expected = "a positive length [m]"
+        return number(value, key, expected, above=0.0, error=self._error)
 
     def _set_lengths(self, *keys: str) -> None:
         for key in keys:

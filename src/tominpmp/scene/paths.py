@@ -11,15 +11,19 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, IntArray, frozen_array
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.checks import number, wrong
+from tominpmp.exceptions import SceneError
 from tominpmp.inputs import RotationLike, VectorLike, plain_rotation
 from tominpmp.scene.motion import (
     Motion,
     Placement,
     Twist,
+    about_motion,
     check_position,
     check_rotation,
-    number,
+    checked_placement,
+    checked_stretches,
+    checked_times,
     numbers,
 )
 from tominpmp.scene.rotations import rotation_matrix
@@ -71,14 +75,12 @@ class ConstantVelocity(Motion):
             value = getattr(self, name)
             if name != "pivot" or value is not None:
                 object.__setattr__(self, name, _triple(name, value, unit))
-        begin, end = number("begin", self.begin), number("end", self.end)
-        if not (begin >= 0.0 and np.isfinite(begin)):
-            raise SceneError(f"motion: begin is {begin:g}, expected a time >= 0 [s]")
+        expected, error = "a time >= 0 [s]", about_motion
+        begin = number(self.begin, "begin", expected, least=0.0, error=error)
+        end = number(self.end, "end", "a number [s]", infinite=True, error=error)
         if not end > begin:
-            raise SceneError(
-                f"motion: end is {end:g}, expected a time after the beginning at "
-                f"{begin:g} s"
-            )
+            expected = f"a time after the beginning at {begin:g} s"
+            raise wrong(self.end, "end", expected, about_motion)
         object.__setattr__(self, "begin", begin)
         object.__setattr__(self, "end", end)
 
@@ -92,12 +94,14 @@ class ConstantVelocity(Motion):
 
         A lever leads from the pivot to the origin of the obstacle.
         """
+        times = checked_times(times)
         under_way = np.clip(times, self.begin, self.end) - self.begin
         turned = Rotation.from_rotvec(under_way[:, None] * self.angular).as_matrix()
         return under_way, turned, turned @ self._lever(start)
 
     def _lever(self, start: Placement) -> Array:
-        return np.zeros(3) if self.pivot is None else start.p - self.pivot
+        p = checked_placement(start).p
+        return np.zeros(3) if self.pivot is None else p - self.pivot
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
@@ -107,6 +111,7 @@ class ConstantVelocity(Motion):
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
+        times = checked_times(times)
         _, _, lever = self._turned(times, start)
         moving = ((times >= self.begin) & (times < self.end))[:, None]
         linear = self.velocity + np.cross(self.angular, lever)
@@ -119,6 +124,7 @@ class ConstantVelocity(Motion):
         """Largest speeds between two times."""
         turn = float(np.linalg.norm(self.angular))
         lever = float(np.linalg.norm(self._lever(start)))
+        begin, end = checked_stretches(begin, end)
         moving = (end > self.begin) & (begin < self.end)
         speed = float(np.linalg.norm(self.velocity)) + turn * lever
         return np.where(moving, speed, 0.0), np.where(moving, turn, 0.0)
@@ -222,7 +228,7 @@ class Waypoints(Motion):
 
     def start(self, given: Placement) -> Placement:
         """Placement at the first waypoint."""
-        R, p = given
+        R, p = checked_placement(given, "given")
         if self.positions is not None:
             check_position(p, self.positions[0])
             p = self.positions[0]
@@ -255,6 +261,7 @@ class Waypoints(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
+        times, start = checked_times(times), checked_placement(start)
         k, share, _ = self._segments(times)
         following = np.minimum(k + 1, self.times.size - 1)
         R = np.broadcast_to(start.R, (times.size, 3, 3))
@@ -271,6 +278,7 @@ class Waypoints(Motion):
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
+        times = checked_times(times)
         none = np.zeros((times.size, 3))
         if self.times.size == 1:
             return Twist(none, none)
@@ -289,6 +297,7 @@ class Waypoints(Motion):
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
         """Largest speeds between two times."""
+        begin, end = checked_stretches(begin, end)
         lengths, rest = np.diff(self.times), np.zeros(self.times.size)
         linear, angular = rest.copy(), rest.copy()  # the last entry is for after it
         if self.positions is not None:
@@ -320,9 +329,7 @@ def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
 
 
 def _triple(name: str, value: object, unit: str) -> Array:
-    array = numbers(name, value)
-    if array.shape != (3,):
-        raise SceneError(
-            f"motion: {name} is {brief(value)}, expected three numbers [{unit}]"
-        )
-    return array
+    found = numbers(name, value)
+    if found.shape != (3,):
+        raise wrong(value, name, f"three numbers [{unit}]", about_motion)
+    return found

@@ -10,15 +10,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, real_array
+from tominpmp.checks import number, wrong
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.inputs import split_pose
 from tominpmp.scene.motion import (
     Motion,
     Placement,
     Twist,
+    about_motion,
     check_position,
     check_rotation,
-    number,
+    checked_placement,
+    checked_stretches,
+    checked_times,
 )
 from tominpmp.scene.rotations import is_rotation, rotation_matrix
 
@@ -85,22 +89,16 @@ class PoseFunction(Motion):
     def __post_init__(self) -> None:
         """Check the function and the bounds."""
         if not callable(self.function):
-            raise SceneError(
-                f"motion: function is {brief(self.function)}, expected one"
-            )
+            raise wrong(self.function, "function", "one", about_motion)
         for name in ("speed", "angular_speed"):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            bound = number(name, value)
-            if not (np.isfinite(bound) and bound >= 0.0):
-                raise SceneError(
-                    f"motion: {name} is {brief(value)}, expected 0 or more"
-                )
-            object.__setattr__(self, name, bound)
+            value, error = getattr(self, name), about_motion
+            if value is not None:
+                value = number(value, name, "0 or more", least=0.0, error=error)
+                object.__setattr__(self, name, value)
 
     def start(self, given: Placement) -> Placement:
         """Placement at time 0."""
+        given = checked_placement(given, "given")
         R, p = self._pose(0.0)
         check_position(given.p, p)
         check_rotation(given.R, R)
@@ -131,7 +129,7 @@ class PoseFunction(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        found = [self._pose(time) for time in times.tolist()]
+        found = [self._pose(time) for time in checked_times(times).tolist()]
         return Placement(
             np.array([item.R for item in found]).reshape(-1, 3, 3),
             np.array([item.p for item in found]).reshape(-1, 3),
@@ -140,6 +138,7 @@ class PoseFunction(Motion):
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times, from differences of second order."""
         # At the very start there is nothing before it.
+        times = checked_times(times)
         base = np.maximum(times - STEP, 0.0)
         R, p = self.poses(base, start)
         parts = []
@@ -174,6 +173,7 @@ class PoseFunction(Motion):
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
         """Largest speeds between two times; estimates where none were given."""
+        begin, end = checked_stretches(begin, end)
         linear, angular = self.speed, self.angular_speed
         if linear is not None and angular is not None:
             return np.full(begin.shape, linear), np.full(begin.shape, angular)

@@ -20,7 +20,8 @@ from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
-from tominpmp.exceptions import ProblemError, expect
+from tominpmp.checks import instance
+from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
@@ -51,7 +52,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
             multipliers, or has segments that arrive at given times, or stay where
             obstacles move.
     """
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     given = checked_motion(trajectory, problem.robot, problem.q_start, problem.v_start)
     T = given.duration
     if problem.segments:

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import NoneType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.checks import instance, whole
+from tominpmp.exceptions import ProblemError, brief
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -196,7 +196,7 @@ class Sensitivities(Record):
         items = list(parts)
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
         for item in items:
-            expect(item, Sensitivities, "parts", "Sensitivities of motions")
+            instance(item, Sensitivities, "parts", "Sensitivities of motions")
         total = math.fsum(item.T for item in items)
         whole = total if T is None else T
         if not items or not whole >= total * (1.0 - 1e-9):
@@ -235,7 +235,8 @@ class Sensitivities(Record):
         Raises:
             ProblemError: If that is no number.
         """
-        expect(most, (int, NoneType), "most", "a number of lines or None")
+        if most is not None:
+            most = whole(most, "most", expected="a number of lines or None")
         shown = [item for item in self.records if abs(item.effect) >= LEAST]
         rows = [_row(item, self.T) for item in shown[:most]]
         head = ("what", "limit", "more by", "changes T by", "d ln T / d ln")

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from tominpmp.arguments import is_whole
+from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import OptionsError, ProblemError, brief, expect, told_of
+from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.targets import place_of
 from tominpmp.inputs import JointsLike
@@ -91,8 +91,9 @@ def plan_tour(
     chosen = chosen.changed(changes)
     items = checked_stations(stations)
     rules = Rules.of(items, precedence)
-    count = _checked_count(configurations)
-    expect(exact, bool, "exact", "True or False")
+    most, error = MOST_CONFIGURATIONS, OptionsError
+    count = whole(configurations, "configurations", 1, most, error=error)
+    exact = flag(exact, "exact")
     problem, ends = _problem(
         robot,
         q_start,
@@ -143,26 +144,13 @@ def _plan(
     )
 
 
-def _checked_count(given: object) -> int:
-    if not is_whole(given) or not 1 <= given <= MOST_CONFIGURATIONS:
-        raise OptionsError(
-            f"configurations is {brief(given)}, expected an integer from 1 to "
-            f"{MOST_CONFIGURATIONS}",
-            "configurations",
-        )
-    return int(given)
-
-
 def _problem(
     robot: Robot, q_start: JointsLike, q_end: object, **fields: Any
 ) -> tuple[Problem, bool]:
     """The problem from start to end, and whether the end is given."""
     if isinstance(q_end, str) and q_end != "start":
-        raise ProblemError(
-            f'q_end is {brief(q_end)}, expected a configuration, "start" or None',
-            "q_end",
-        )
-    expect(robot, Robot, "robot", "a Robot (see load_robot)")
+        raise wrong(q_end, "q_end", 'a configuration, "start" or None')
+    instance(robot, Robot, "robot", "a Robot (see load_robot)")
     scene = fields["scene"]
     if isinstance(scene, Scene) and scene.moving:
         raise ProblemError(

@@ -6,11 +6,11 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import NoneType
 from typing import Any
 
-import numpy as np
-
-from tominpmp.arrays import Record, number_or_nan
+from tominpmp.arrays import Record
+from tominpmp.checks import flag, instance, number, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import Goal
 from tominpmp.payload import Payload
@@ -52,58 +52,36 @@ class Station(Record):
     def __post_init__(self) -> None:
         """Check the values that need no robot."""
         if not isinstance(self.name, str) or not self.name.strip():
-            raise ProblemError(
-                f"station.name is {brief(self.name)}, expected a text", "station.name"
-            )
-        where = f"station {brief(self.name)}"
-        if not isinstance(self.goal, Goal):
-            raise ProblemError(
-                f"{where}: goal is {brief(self.goal)}, expected a JointGoal, PoseGoal, "
-                "AxisGoal or another goal",
-                "station.goal",
-            )
-        dwell = number_or_nan(self.dwell)
-        if not (np.isfinite(dwell) and dwell >= 0.0):
-            raise ProblemError(
-                f"{where}: dwell is {brief(self.dwell)}, expected a time >= 0 [s]",
-                "station.dwell",
-            )
+            raise wrong(self.name, "station.name", "a text")
+        with told_of(f"station {brief(self.name)}", "station"):
+            self._check()
+
+    def _check(self) -> None:
+        expected = "a JointGoal, PoseGoal, AxisGoal or another goal"
+        instance(self.goal, Goal, "goal", expected)
+        dwell = number(self.dwell, "dwell", "a time >= 0 [s]", least=0.0)
         object.__setattr__(self, "dwell", dwell)
         for field in ("after", "then"):
-            object.__setattr__(self, field, _names(getattr(self, field), where, field))
-        if self.payload is not None and not isinstance(self.payload, Payload):
-            raise ProblemError(
-                f"{where}: payload is {brief(self.payload)}, expected Payload or None",
-                "station.payload",
-            )
-        if not isinstance(self.stop, bool | np.bool_):
-            raise ProblemError(
-                f"{where}: stop is {brief(self.stop)}, expected True or False",
-                "station.stop",
-            )
+            object.__setattr__(self, field, _names(getattr(self, field), field))
+        instance(self.payload, (Payload, NoneType), "payload", "Payload or None")
+        # A stay is a stop.
+        object.__setattr__(self, "stop", flag(self.stop, "stop") or dwell > 0.0)
         if self.goal.ends_moving or not self.goal.fixes_velocity:
             raise ProblemError(
-                f"{where}: its goal asks for a velocity, expected a goal at rest; "
-                "stop=False lets the arm pass it at any velocity",
-                "station.goal",
+                "its goal asks for a velocity, expected a goal at rest; stop=False "
+                "lets the arm pass it at any velocity",
+                "goal",
             )
-        with told_of(where):
-            pairs = checked_pairs(self.may_touch, "station.may_touch")
+        pairs = checked_pairs(self.may_touch, "may_touch")
         object.__setattr__(self, "may_touch", pairs)
-        # A stay is a stop.
-        object.__setattr__(self, "stop", bool(self.stop) or dwell > 0.0)
 
 
-def _names(given: object, where: str, field: str) -> tuple[str, ...]:
+def _names(given: object, field: str) -> tuple[str, ...]:
     """Check a caller's names of stations; one name may stand for itself."""
     names = (given,) if isinstance(given, str) else given
-    listed = isinstance(names, Sequence) and all(isinstance(n, str) for n in names)
-    if not listed:
-        raise ProblemError(
-            f"{where}: {field} is {brief(given)}, expected names of stations",
-            f"station.{field}",
-        )
-    return tuple(names)  # type: ignore[arg-type]
+    if not isinstance(names, Sequence) or not all(isinstance(n, str) for n in names):
+        raise wrong(given, field, "names of stations")
+    return tuple(names)
 
 
 def checked_stations(given: object) -> tuple[Station, ...]:
@@ -116,24 +94,25 @@ def checked_stations(given: object) -> tuple[Station, ...]:
         ProblemError: If they are none, two have one name, or one names another that
             there is not.
     """
-    expected = "expected a list of Station or of goals, or goals by name"
+    expected = "a list of Station or of goals, or goals by name"
     if isinstance(given, Mapping):
         given = [_named(k, *item) for k, item in enumerate(given.items(), 1)]
     if isinstance(given, str | Goal | Station) or not isinstance(given, Sequence):
-        raise ProblemError(f"stations is {brief(given)}, {expected}", "stations")
+        raise wrong(given, "stations", expected)
     if not 0 < len(given) <= MOST_STATIONS:
         raise ProblemError(
-            f"stations has {len(given)} items, {expected}, 1 to {MOST_STATIONS}",
+            f"stations has {len(given)} items, expected {expected}, 1 to "
+            f"{MOST_STATIONS}",
             "stations",
         )
     found: list[Station] = []
-    for number, item in enumerate(given, 1):
+    for k, item in enumerate(given, 1):
         if isinstance(item, Goal):
-            item = _named(number, f"station {number}", item)
+            item = _named(k, f"station {k}", item)
         if not isinstance(item, Station):
             raise ProblemError(
-                f"stations: number {number} is {brief(item)}, {expected}",
-                f"stations[{number - 1}]",
+                f"stations: number {k} is {brief(item)}, expected {expected}",
+                f"stations[{k - 1}]",
             )
         found.append(item)
     _check_names(found)
@@ -164,23 +143,23 @@ def _named(number: int, name: Any, item: Any) -> Station:
 
 def _check_names(stations: Sequence[Station]) -> None:
     seen: set[str] = set()
-    for number, station in enumerate(stations, 1):
+    for k, station in enumerate(stations, 1):
         if station.name in seen:
             first = [other.name for other in stations].index(station.name) + 1
             raise ProblemError(
-                f"stations: numbers {first} and {number} are both called "
+                f"stations: numbers {first} and {k} are both called "
                 f"{brief(station.name)}, expected names of their own",
                 "stations",
             )
         seen.add(station.name)
-    for number, station in enumerate(stations, 1):
+    for k, station in enumerate(stations, 1):
         for field in ("after", "then"):
             for name in getattr(station, field):
                 if name not in seen or name == station.name:
                     others = brief(", ".join(sorted(seen - {station.name})))
                     there = f"one of the others: {others}" if len(seen) > 1 else "none"
                     raise ProblemError(
-                        f"{called(number, station.name)}: {field} names "
+                        f"{called(k, station.name)}: {field} names "
                         f"{brief(name)}, expected {there}",
                         f"station.{field}",
                     )
@@ -286,7 +265,7 @@ class Rules:
 def _checked_precedence(
     given: object, index: Mapping[str, int]
 ) -> tuple[tuple[str, str], ...]:
-    expected = 'expected pairs of names of stations, as [("drill", "tap")]'
+    expected = 'pairs of names of stations, as [("drill", "tap")]'
     pairs = checked_pairs(given, "precedence", expected)
     for name in itertools.chain.from_iterable(pairs):
         if name not in index:

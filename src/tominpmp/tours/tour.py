@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tominpmp.arguments import Told
 from tominpmp.arrays import Array
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.problem import Problem
@@ -42,7 +41,7 @@ class Visit:
 
 
 @dataclass(frozen=True, eq=False)
-class Tour(Told):
+class Tour:
     """The outcome of planning a tour; true if it is a success.
 
     Attributes:

@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision import CollisionChecker
-from tominpmp.exceptions import ProblemError, brief, expect
+from tominpmp.exceptions import ProblemError
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
 from tominpmp.verification.polynomials import Pieces
@@ -95,8 +96,9 @@ def prove_clearance(
         The proof, or where it failed. Where an obstacle is moved by a function of which
         no bounds on its speed are known, it rests on estimates of these.
     """
-    expect(checker, CollisionChecker, "checker", "a CollisionChecker: problem.checker")
-    expect(trajectory, Trajectory, "trajectory", "a Trajectory")
+    expected = "a CollisionChecker: problem.checker"
+    instance(checker, CollisionChecker, "checker", expected)
+    instance(trajectory, Trajectory, "trajectory")
     pairs, n = len(checker.pairs), checker.robot.n
     if trajectory.n != n:
         raise ProblemError(
@@ -106,7 +108,7 @@ def prove_clearance(
     slack = float(_lengths(slack, "slack", None))
     if deviation is not None:
         deviation = _lengths(deviation, "deviation", n)
-    expect(max_stretches, (int, np.integer), "max_stretches", "a number of stretches")
+    max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
         return ClearanceProof(True, np.inf, np.inf, None, 0.0, False, 0)
     least = np.broadcast_to(margin, (len(checker.pairs),)) - slack
@@ -118,9 +120,7 @@ def _lengths(value: object, name: str, count: int | None) -> Array:
     array = array_or_nan(value)
     if not np.all(np.isfinite(array)) or array.shape not in ((), (count,)):
         each = "" if count is None else f", or {count} of them"
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected a finite number{each}", name
-        )
+        raise wrong(value, name, f"a finite number{each}")
     return array
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.integrate import DOP853, ODEintWarning, Radau, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import choice
 from tominpmp.problem import Problem
 from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
@@ -200,13 +200,7 @@ class Integration:
         plant: Plant | None = None,
         tightness: float = 1.0,
     ) -> None:
-        known = isinstance(integrator, str) and integrator in get_args(Integrator)
-        if integrator is not None and not known:
-            raise ProblemError(
-                f"integrator is {brief(integrator)}, expected None or one of "
-                f"{', '.join(get_args(Integrator))}",
-                "integrator",
-            )
+        choice(integrator, (*get_args(Integrator), None), "integrator")
         self._trajectory = trajectory
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self._plant = Plant(robot) if plant is None else plant

@@ -14,9 +14,10 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
+from tominpmp.checks import choice, instance
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
-from tominpmp.exceptions import BRIEF, ProblemError, brief, expect, shortened
+from tominpmp.exceptions import BRIEF, shortened
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
@@ -147,16 +148,13 @@ def verify(
         ScenarioError: If samples are.
     """
     begin = time.perf_counter()
-    expect(problem, Problem, "problem", "a Problem")
+    instance(problem, Problem, "problem")
     tolerances = Tolerances() if tolerances is None else tolerances
-    expect(tolerances, Tolerances, "tolerances", "Tolerances or None")
-    if not isinstance(geometry, str) or geometry not in get_args(Geometry):
-        known = " or ".join(map(repr, get_args(Geometry)))
-        raise ProblemError(
-            f"geometry is {brief(geometry)}, expected {known}", "geometry"
-        )
+    instance(tolerances, Tolerances, "tolerances", "Tolerances or None")
+    known = get_args(Geometry)
+    choice(geometry, known, "geometry", " or ".join(map(repr, known)))
     if checker is not None:
-        expect(checker, CollisionChecker, "checker", "a CollisionChecker or None")
+        instance(checker, CollisionChecker, "checker", "a CollisionChecker or None")
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     if trajectory.duration > LONGEST:

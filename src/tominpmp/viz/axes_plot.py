@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.checks import wrong
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import LIMIT_COLOR, color, finish, styled
@@ -50,9 +50,7 @@ def plot_on_axes(
 
         given: list[Any] = [ax] if isinstance(ax, Axes) else list(np.ravel(ax))  # type: ignore[arg-type]
         if len(given) not in (1, 3) or not all(isinstance(a, Axes) for a in given):
-            raise ProblemError(
-                f"ax is {brief(ax)}, expected one or three axes of matplotlib", "ax"
-            )
+            raise wrong(ax, "ax", "one or three axes of matplotlib")
     times, state = curves(trajectory)
     limits, names = problem.robot.limits, problem.robot.joint_names
     if len(given) == 1:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
-from tominpmp.exceptions import expect
+from tominpmp.checks import instance
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import (
@@ -65,7 +65,7 @@ def plot_certificate(
         MissingDependency: If matplotlib is not installed.
     """
     check_motion(problem, trajectory)
-    expect(certificate, Certificate, "certificate", "a Certificate")
+    instance(certificate, Certificate, "certificate")
     robot, n = problem.robot, problem.robot.n
     limits = _shown(certificate.active, robot.joint_names)
     bars = max(len(limits), 1) * BAR + 0.15

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.checks import whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
 from tominpmp.scene import Obstacle, Sphere
@@ -82,8 +83,7 @@ def plot_motion(
     """
     if not trajectories:
         raise ProblemError("there is no trajectory to plot", "trajectories")
-    if instants < 2:
-        raise ProblemError(f"instants is {instants}, expected 2 or more", "instants")
+    instants = whole(instants, "instants", least=2, expected="2 or more")
     for trajectory in trajectories.values():
         check_motion(problem, trajectory)
     frame = frame or end_frame(problem)

@@ -9,12 +9,9 @@ from pathlib import Path
 from types import NoneType
 from typing import Any
 
-import numpy as np
-
-from tominpmp.arguments import is_whole
-from tominpmp.arrays import number_or_nan
+from tominpmp.checks import instance, positive, whole
 from tominpmp.description.paths import checked_ending
-from tominpmp.exceptions import OptionsError, brief, expect, warn_caller
+from tominpmp.exceptions import OptionsError, warn_caller
 from tominpmp.io.files import write_file
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
@@ -78,20 +75,20 @@ def play(
         MissingDependency: If Meshcat is not installed.
     """
     twins = {} if twins is None else twins
-    expect(twins, Mapping, "twins", "motions by their names")
-    expect(title, (str, NoneType), "title", "a text or None")
+    instance(twins, Mapping, "twins", "motions by their names")
+    instance(title, (str, NoneType), "title", "a text or None")
     for motion in (trajectory, *twins.values()):
         check_motion(problem, motion)
-    _check_positive(rate=rate, fps=fps)
+    rate = positive(rate, "rate", error=OptionsError)
+    fps = positive(fps, "fps", error=OptionsError)
     if path is not None:
         checked_ending(path, PAGE_ENDINGS, "pages are not written as")
-    if not is_whole(ghosts) or not 0 <= ghosts <= 100:
-        raise OptionsError(f"ghosts is {brief(ghosts)}, expected 0 to 100", "ghosts")
-    appearance = Appearance(fps, int(ghosts), frame, tuple(twins.values()))
+    ghosts = whole(ghosts, "ghosts", 0, 100, "0 to 100", error=OptionsError)
+    appearance = Appearance(fps, ghosts, frame, tuple(twins.values()))
     meshcat = import_meshcat()
     if viewer is not None:
         if not hasattr(getattr(viewer, "window", None), "send"):
-            expect(viewer, meshcat.Visualizer, "viewer", "a meshcat.Visualizer")
+            instance(viewer, meshcat.Visualizer, "viewer", "a meshcat.Visualizer")
         viewer["/meshcat"].delete()
         draw(meshcat.Visualizer(window=viewer.window), problem, trajectory, appearance)
         return viewer
@@ -113,15 +110,6 @@ def play(
     if open_browser and not show_page(page):
         warn_caller(f"no browser could be opened; the page is {temporary}")
     return Path(temporary)
-
-
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        number = number_or_nan(value)
-        if not (np.isfinite(number) and number > 0.0):
-            raise OptionsError(
-                f"{name} is {brief(value)}, expected a positive number", name
-            )
 
 
 def _caption(problem: Problem, twins: Mapping[str, Trajectory]) -> str:

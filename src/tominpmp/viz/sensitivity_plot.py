@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.exceptions import ProblemError, expect
+from tominpmp.checks import instance, whole
 from tominpmp.sensitivities.records import (
     LEAST,
     Sensitivities,
@@ -38,10 +38,8 @@ def plot_sensitivities(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    expect(sensitivities, Sensitivities, "sensitivities", "Sensitivities of a motion")
-    expect(most, int, "most", "a number of bars >= 1")
-    if most < 1:
-        raise ProblemError(f"most is {most}, expected a number of bars >= 1", "most")
+    instance(sensitivities, Sensitivities, "sensitivities", "Sensitivities of a motion")
+    most = whole(most, "most", least=1, expected="a number of bars >= 1")
     shown = [item for item in sensitivities if abs(item.effect) >= LEAST][:most]
     with styled():
         figure = new_figure(7.0, max(len(shown), 1) * BAR + REST)

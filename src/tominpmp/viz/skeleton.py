@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ProblemError, expect
+from tominpmp.checks import instance
+from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.trajectory import Trajectory
@@ -75,8 +76,8 @@ def check_motion(problem: Problem, trajectory: Trajectory) -> None:
     Raises:
         ProblemError: If the joints differ.
     """
-    expect(problem, Problem, "problem", "a Problem")
-    expect(trajectory, Trajectory, "trajectory", "a Trajectory")
+    instance(problem, Problem, "problem")
+    instance(trajectory, Trajectory, "trajectory")
     if trajectory.joint_names != problem.robot.joint_names:
         raise ProblemError(
             f"the trajectory moves {', '.join(trajectory.joint_names)}, but the robot "
