@@ -1,0 +1,249 @@
+"""The planner with one stage or mechanism switched off at a time, on the golden set.
+
+    python -m benchmarks.ablation --data DIR
+    python -m benchmarks.ablation --data DIR --every 3 --variants "no certificate;quick"
+    python -m benchmarks.ablation --table out/ablation.csv
+
+Each problem is planned with the planner as it is and with every variant, in processes
+of their own (see ``golden.py``, whose options choose problems). A variant is a few
+options, and parts of the planner that are replaced; who changes the planner changes the
+table :data:`VARIANTS` with it. The printed table has T over that of the planner as it
+is, and programs over its programs, for each group of problems.
+"""
+
+# ruff: noqa: E402 (the environment must be set before numerical libraries load)
+from __future__ import annotations
+
+from benchmarks.sheet import markdown, one_thread
+
+one_thread()
+
+import argparse
+import dataclasses
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from unittest import mock
+
+from benchmarks.golden_runner import BASE, Row, Rows, items, read_rows, revision, run
+
+if TYPE_CHECKING:
+    from benchmarks.golden_problems import Task
+
+# Groups of the golden set that show what a mechanism is for.
+GROUPS = ("goals", "goals x 4", "clutter", "obstacles", "moving", "segments", "rules")
+PLANNER, SOLVERS = "tominpmp.planner", "tominpmp.solvers"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What is different.
+
+    Attributes:
+        options: Options of the plan.
+        parts: What stands for parts of the planner, by their dotted names.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    parts: Mapping[str, Any] = field(default_factory=dict)
+
+    def __or__(self, other: Variant) -> Variant:
+        """Both."""
+        options = {**self.options, **other.options}
+        return Variant(options, {**self.parts, **other.parts})
+
+
+def _nothing(*_: Any, **__: Any) -> Iterator[Any]:
+    """A stage that makes no attempts."""
+    return iter(())
+
+
+def _false(*_: Any, **__: Any) -> bool:
+    return False
+
+
+def _none(*_: Any, **__: Any) -> None:
+    return None
+
+
+CERTIFIED = Variant(parts={f"{PLANNER}.planning.certified": _nothing})
+FINER = Variant(parts={f"{PLANNER}.planning.on_finer_grid": _nothing})
+CONTINUED = Variant(parts={f"{PLANNER}.planning.continued": _nothing})
+COARSE = Variant(parts={f"{PLANNER}.multistart.suits": _false})
+QUICK = Variant({"effort": "quick"})
+ONCE = Variant({"effort": "quick", "refine": None})
+SQUARES = Variant(
+    parts={
+        f"{PLANNER}.{module}.by_squares": _false
+        for module in ("direct_solve", "finer_grid", "coarse_grids")
+    }
+)
+LINEAR = Variant({"control": "linear", "intervals": 60, "smoothing": 0.0})
+VARIANTS: dict[str, Variant] = {
+    "no continuation": CONTINUED,
+    "no certified stage": CERTIFIED,
+    "no finer grid": FINER,
+    "none of these three": CERTIFIED | FINER | CONTINUED,
+    "only the certified stage": FINER | CONTINUED,
+    "no coarse grids": COARSE,
+    "no squares": SQUARES,
+    "no proximal term": Variant(parts={f"{SOLVERS}.proposal.PROXIMAL": 0.0}),
+    "no total variation": Variant({"smoothing": 0.0}),
+    "rows of links at once": Variant(
+        parts={
+            "tominpmp.transcription.problem_functions.ProblemFunctions.first_tried": (
+                property(lambda self: self)
+            )
+        }
+    ),
+    "no curvature": Variant(
+        parts={"tominpmp.linear_programs.piqp.PiqpSolver.curved": False}
+    ),
+    "no correction": Variant(parts={f"{SOLVERS}.slp.CORRECTIONS": 0}),
+    "no light violations": Variant(
+        parts={
+            f"{PLANNER}.direct_solve.LIGHT": 0.0,
+            f"{PLANNER}.finer_grid.LIGHT": 0.0,
+        }
+    ),
+    "starts not judged": Variant(
+        parts={f"{PLANNER}.start_judge.StartJudge.enough": _none}
+    ),
+    "iterations not stilled": Variant(parts={f"{SOLVERS}.slp.SlpSolver.still": _false}),
+    "no exchange on the way": Variant(
+        parts={f"{SOLVERS}.exchange.RowExchange.due": _false}
+    ),
+    "no torque starts": Variant(parts={f"{PLANNER}.search.shots": _nothing}),
+    "no former leaders": Variant(
+        parts={f"{PLANNER}.planning.former_leaders": lambda searched: []}
+    ),
+    "no search among moving": Variant(
+        parts={f"{PLANNER}.planning.search_among_moving": _nothing}
+    ),
+    "quick": QUICK,
+    "quick, none of these three": QUICK | CERTIFIED | FINER | CONTINUED,
+    "one descent": ONCE | CERTIFIED | CONTINUED | COARSE,
+    "one descent, certified": ONCE | CONTINUED | COARSE,
+    "one descent, linear": ONCE | LINEAR | CERTIFIED | COARSE,
+    "one descent, linear, certified": ONCE | LINEAR | COARSE,
+}
+
+
+@contextmanager
+def switched(name: str, task: Task) -> Iterator[Task]:
+    """The task with the options of a variant, while the planner is that variant.
+
+    Args:
+        name: Name of the variant; empty for the planner as it is.
+        task: The task.
+    """
+    if name == BASE:
+        yield task
+        return
+    variant = VARIANTS[name]
+    with ExitStack() as stack:
+        for part, value in variant.parts.items():
+            stack.enter_context(mock.patch(part, value))
+        options = {**task.options, **variant.options}
+        yield dataclasses.replace(task, options=options)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """T and programs of each variant over those of the planner as it is, in Markdown.
+
+    Args:
+        rows: Rows of all variants.
+    """
+    known: dict[str, dict[tuple[str, str], Row]] = {}
+    for row in rows:
+        known.setdefault(row["variant"], {})[row["group"], row["name"]] = row
+    base = known.get(BASE, {})
+    groups = list(dict.fromkeys(group for group, _ in base))
+    lines = []
+    for variant in [name for name in VARIANTS if name in known]:
+        cells = [variant]
+        for group in [*groups, "all"]:
+            names = [n for n in base if group in (n[0], "all") and n in known[variant]]
+            cells.append(_cell(base, known[variant], names))
+        lines.append(cells)
+    return markdown(("off", *groups, "all"), lines)
+
+
+def _cell(
+    base: Mapping[tuple[str, str], Row],
+    other: Mapping[tuple[str, str], Row],
+    names: Sequence[tuple[str, str]],
+) -> str:
+    """T: mean (most) in per cent / programs, and what is lost."""
+    good = [n for n in names if base[n]["success"] == "True"]
+    both = [n for n in good if other[n]["success"] == "True"]
+    if not both:
+        return "-"
+    T = [float(other[n]["T"]) / float(base[n]["T"]) - 1.0 for n in both]
+    programs = [sum(int(rows[n]["programs"]) for n in both) for rows in (base, other)]
+    share = programs[1] / max(programs[0], 1)
+    mean, most = 100.0 * statistics.fmean(T), 100.0 * max(T)
+    lost = f", {len(good) - len(both)} lost" if len(both) < len(good) else ""
+    return f"{mean:+.2f} ({most:.1f}) / {share:.2f}{lost}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing and print the table."""
+    from benchmarks.golden import add_problems, check, show
+
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.ablation",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_problems(parser)
+    parser.add_argument(
+        "--variants", help="names, parted by semicolons; all by default"
+    )
+    parser.add_argument("--csv", type=Path, default=Path("out/ablation.csv"))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument(
+        "--limit", type=float, default=300.0, help="processor time of a problem [s]"
+    )
+    parser.add_argument("--table", type=Path, help="print the table of this file only")
+    given = parser.parse_args(arguments)
+    if given.table is not None:
+        print(table(list(read_rows(given.table).values())))
+        return 0
+    if given.groups is None and given.part == "tuned":
+        given.groups = list(GROUPS)
+    check(parser, given)
+    names = list(VARIANTS) if given.variants is None else given.variants.split(";")
+    for name in names:
+        if name not in VARIANTS:
+            parser.error(f"no variant {name!r}; there are {'; '.join(VARIANTS)}")
+    version = revision()
+    rows = Rows(given.csv, version)
+    chosen = list(items(given.part, given.groups, given.data, given.seed, given.every))
+    # Variant by variant, so that an interrupted run has whole ones.
+    wanted = [
+        dataclasses.replace(item, variant=name)
+        for name in (BASE, *names)
+        for item in chosen
+    ]
+    try:
+        run(
+            wanted,
+            rows,
+            version,
+            jobs=given.jobs,
+            limit=given.limit,
+            judged=False,
+            show=show,
+        )
+    except KeyboardInterrupt:
+        print(f"interrupted; {given.csv} has what is known")
+    print(table(list(rows.rows.values())))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
