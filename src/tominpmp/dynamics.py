@@ -13,18 +13,21 @@ matrix S of the robot: the torque of the free joints is S^T times the torque of 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.turns import STANDSTILL, directions
+from tominpmp.turns import RESTING, directions
 
 # Of so many rows it is looked now and then whether it is time to stop.
 MANY = 5_000
+# Share of its dry friction that holds a joint beyond that: rounding.
+HOLD = 1e-9
 
 _Row = TypeVar("_Row")
 
@@ -178,6 +181,19 @@ class RobotDynamics:
         tau = np.array([rnea(model, data, at, rest, row) for at, row in rows])
         return robot.reduce_tangent(tau.reshape(-1, model.nv))
 
+    def mass(self, q: Array) -> Array:
+        """Mass matrices at positions of shape (m, n), shape (m, n, n)."""
+        robot, model, data = self.robot, self.robot.model, self._data
+        out = np.empty((len(q), model.nv, model.nv))
+        for i, row in enumerate(_heeding(robot.expand(q), len(q))):
+            out[i] = pin.crba(model, data, row)
+        return self._reduced(from_upper(out))
+
+    def _reduced(self, matrices: Array) -> Array:
+        """Matrices of all joints as those of the free ones, shape (..., n, n)."""
+        S = self.robot.expansion_matrix
+        return matrices if S is None else np.asarray(S.T @ matrices @ S)
+
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
         """Torque for a motion, with its derivatives.
 
@@ -206,49 +222,67 @@ class RobotDynamics:
             derivatives(model, data, *row)
             tau[i] = data.tau
             parts[0, i], parts[1, i], parts[2, i] = data.dtau_dq, data.dtau_dv, data.M
-        # Pinocchio 3 fills only the upper triangle of M.
-        upper = np.triu(parts[2])
-        parts[2] = upper + np.swapaxes(np.triu(parts[2], 1), 1, 2)
-        if robot.expansion_matrix is not None:
-            S = robot.expansion_matrix
-            parts = S.T @ parts @ S
+        parts[2] = from_upper(parts[2])
+        parts = self._reduced(parts)
         parts[1] += np.diag(robot.damping)
         tau = robot.reduce_tangent(tau) + robot.damping * v
         if self.friction is not None:
             tau = tau + self.friction * directions(v, a)
         return InverseJacobians(tau, parts[0], parts[1], parts[2])
 
-    def forward(self, x: Array, u: Array) -> Array:
+    def forward(self, x: Array, u: Array, way: Array | None = None) -> Array:
         """State derivative.
 
         Args:
             x: States (q, v), shape (m, 2n).
             u: Torques, shape (m, n) [N m or N].
+            way: Which way joints with dry friction go: 1, -1, or 0 for those that it
+                holds, shape (m, n); None for what :meth:`ways` finds.
 
         Returns:
             dx/dt = (v, dv/dt), shape (m, 2n).
         """
         n = self.n
         q, v = x[:, :n], x[:, n:]
-        return np.concatenate([v, self._acceleration(q, v, self._net(q, v, u))], axis=1)
+        left = self._left(q, v, u, way)
+        return np.concatenate([v, self._acceleration(q, v, left)], axis=1)
 
-    def _net(self, q: Array, v: Array, u: Array) -> Array:
-        """What dry friction leaves of torques.
+    def ways(self, q: Array, v: Array, u: Array) -> Array:
+        """Which way joints with dry friction go.
 
         Joints at rest stay there if their friction can hold them all; those that it
-        cannot hold are let go, until it can hold the rest.
+        cannot hold set out.
+
+        Args:
+            q: Positions, shape (m, n).
+            v: Velocities, shape (m, n).
+            u: Torques, shape (m, n).
+
+        Returns:
+            1, -1, or 0 for joints that their friction holds, and for those without any,
+            shape (m, n).
         """
+        F = self.robot.friction
+        resting = (np.abs(v) <= RESTING) & (F > 0.0)
+        way = np.where(resting | (F == 0.0), 0.0, np.sign(v))
+        some = np.flatnonzero(resting.any(axis=1))
+        mass = self.mass(q[some])
+        free = self._acceleration(q[some], v[some], (u - F * way)[some])
+        for i, M, a in zip(some.tolist(), mass, free, strict=True):
+            way[i] += setting_out(M, M @ a, F, resting[i])
+        return way
+
+    def _left(self, q: Array, v: Array, u: Array, way: Array | None) -> Array:
+        """What dry friction leaves of torques."""
         if self.friction is None:
             return u
-        F, moving = self.friction, np.abs(v) > STANDSTILL
-        net = u - F * np.where(moving, np.sign(v), 0.0)
-        for i in np.flatnonzero(np.any(~moving & (F > 0.0), axis=1)).tolist():
-            row = slice(i, i + 1)
-            mass = self.inverse_jacobians(q[row], v[row], np.zeros_like(v[row])).tau_a[
-                0
-            ]
-            free = self._acceleration(q[row], v[row], net[row])[0]
-            net[i] -= _holding(mass, free, F, ~moving[i] & (F > 0.0))
+        way = self.ways(q, v, u) if way is None else way
+        net, held = u - self.friction * way, (way == 0.0) & (self.friction > 0.0)
+        for some in np.unique(held[held.any(axis=1)], axis=0):
+            rows = np.flatnonzero((held == some).all(axis=1))
+            mass = self.mass(q[rows])
+            free = self._acceleration(q[rows], v[rows], net[rows])[..., None]
+            net[rows] -= (mass @ (free - held_still(mass, free, some)))[..., 0]
         return net
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
@@ -257,8 +291,8 @@ class RobotDynamics:
         if robot.expansion_matrix is not None:
             zero = np.zeros_like(v)
             bias = self._smooth(q, v, zero) - robot.damping * v
-            mass = self.inverse_jacobians(q, v, zero).tau_a
-            return np.asarray(np.linalg.solve(mass, (force - bias)[..., None])[..., 0])
+            rest = (force - bias)[..., None]
+            return np.asarray(np.linalg.solve(self.mass(q), rest)[..., 0])
         aba = pin.aba
         rows = _heeding(zip(q, v, force, strict=True), len(q))
         found = [aba(model, data, *row) for row in rows]
@@ -282,7 +316,7 @@ class RobotDynamics:
         """
         n, m = self.n, x.shape[0]
         q, v = x[:, :n], x[:, n:]
-        u = self._net(q, v, u)
+        u = self._left(q, v, u, None)
         f_x = np.zeros((m, 2 * n, 2 * n))
         f_u = np.zeros((m, 2 * n, n))
         f_x[:, :n, n:] = np.eye(n)
@@ -309,8 +343,7 @@ class RobotDynamics:
             acceleration[i] = data.ddq
             f_x[i, n:, :n], f_x[i, n:, n:] = data.ddq_dq, data.ddq_dv
             f_u[i, n:] = data.Minv
-        upper = f_u[:, n:]
-        f_u[:, n:] = np.triu(upper) + np.swapaxes(np.triu(upper, 1), 1, 2)
+        f_u[:, n:] = from_upper(f_u[:, n:])
         # The friction is a torque -D v: its derivative passes through the inverse mass.
         f_x[:, n:, n:] -= f_u[:, n:] * self.robot.damping
         return acceleration
@@ -320,28 +353,58 @@ def _restored(robot: Robot, dry: bool) -> RobotDynamics:
     return RobotDynamics(robot, dry=dry)
 
 
-def _holding(mass: Array, free: Array, F: Array, resting: Array) -> Array:
-    """Dry friction of joints at rest.
+def from_upper(matrices: Array) -> Array:
+    """Symmetric matrices, of which Pinocchio fills the upper triangle, (..., n, n)."""
+    row, column = _above(matrices.shape[-1])
+    out = np.array(matrices)
+    out[..., column, row] = out[..., row, column]
+    return out
+
+
+@cache
+def _above(n: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of what is above the diagonal."""
+    return np.triu_indices(n, 1)
+
+
+def held_still(mass: Array, free: Array, held: BoolArray) -> Array:
+    """Accelerations when some joints are held, which are pushed by the others.
+
+    Args:
+        mass: Mass matrices, shape (..., n, n).
+        free: Accelerations without that, or derivatives of them, shape (..., n, k).
+        held: Which joints are held, shape (n,).
+    """
+    out, loose = np.zeros_like(free), np.flatnonzero(~held)
+    force = (mass @ free)[..., loose, :]
+    out[..., loose, :] = np.linalg.solve(mass[..., loose[:, None], loose], force)
+    return out
+
+
+def setting_out(mass: Array, force: Array, F: Array, resting: BoolArray) -> Array:
+    """Which joints at rest their dry friction cannot hold.
+
+    Joints are let go, or held again, one at a time: the first that is not as Coulomb's
+    law has it. This ends, at the one answer that there is (Murty, 1974).
 
     Args:
         mass: Mass matrix, shape (n, n).
-        free: Accelerations without it, shape (n,).
-        F: Its largest values, shape (n,) [N m or N].
+        force: Torques that accelerate without the friction of joints at rest, (n,).
+        F: Largest dry friction, shape (n,) [N m or N].
         resting: Which joints are at rest and have some, shape (n,).
 
     Returns:
-        What it takes off the torques, shape (n,).
+        1 or -1 for joints that set out, 0 for all others, shape (n,).
     """
-    inverse = np.linalg.inv(mass)
-    taken, held = np.zeros_like(free), np.flatnonzero(resting)
-    while held.size:
-        # What lets the held ones stay, given those that were let go.
-        left = free - inverse @ taken
-        hold = np.linalg.solve(inverse[np.ix_(held, held)], left[held])
-        loose = np.abs(hold) > F[held]
-        if not loose.any():
-            taken[held] = hold
-            break
-        taken[held[loose]] = np.sign(hold[loose]) * F[held[loose]]
-        held = held[~loose]
-    return taken
+    way = np.zeros_like(force)
+    while True:
+        held, left = resting & (way == 0.0), force - F * way
+        loose = np.flatnonzero(~held)
+        a = np.zeros_like(force)
+        a[loose] = np.linalg.solve(mass[np.ix_(loose, loose)], left[loose])
+        needed = left - mass @ a
+        slips = held & (np.abs(needed) > (1.0 + HOLD) * F)
+        wrong = np.flatnonzero(slips | (resting & (way * a < 0.0)))
+        if not wrong.size:
+            return way
+        way[wrong[0]] = np.sign(needed[wrong[0]]) if held[wrong[0]] else 0.0

@@ -12,6 +12,7 @@ beside them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,7 +79,8 @@ class Turns:
         """
         h = np.diff(t)
         first = _one_way(velocity)
-        rests = _rests(velocity, h)
+        slow = np.abs(_bernstein(velocity)).max(axis=-1) <= STANDSTILL
+        rests = _rests(velocity, h, slow)
         first[rests] = 0.0
         k, joint = np.nonzero(np.isnan(first))
         begins, sign, moves = _stretches(velocity[k, joint], SAME * t[-1] / h[k])
@@ -88,8 +90,11 @@ class Turns:
             way[:, i] = np.where(moves[:, i], way[:, i], way[:, i - 1])
         for i in range(way.shape[1] - 2, -1, -1):
             way[:, i] = np.where(way[:, i] == 0.0, way[:, i + 1], way[:, i])
-        first[k, joint] = way[:, 0]
-        row, after = np.nonzero(way[:, 1:] != way[:, :-1])
+        last = first.copy()
+        first[k, joint], last[k, joint] = way[:, 0], way[:, -1]
+        trace = _traces(first, last, slow & ~rests)
+        turning = (way[:, 1:] != way[:, :-1]) & ~trace[k, joint, None]
+        row, after = np.nonzero(turning)
         times = t[k[row]] + h[k[row]] * begins[row, after + 1]
         order = np.argsort(times, kind="stable")
         times = _together(times[order], SAME * t[-1])
@@ -142,23 +147,52 @@ def _one_way(velocity: Array) -> Array:
     return np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
 
 
-def _rests(velocity: Array, h: Array) -> BoolArray:
+def _rests(velocity: Array, h: Array, slow: BoolArray) -> BoolArray:
     """Which joints rest all along intervals, shape (N, n).
 
     Slow ones do that do not accelerate, and those that stay slow for a while: what is
     left of zero at the nodes may have any sign. Before and after that a joint may come
     to rest, or set out, as softly as its jerk is limited.
     """
-    slow = np.abs(_bernstein(velocity)).max(axis=-1) <= STANDSTILL
     slope = velocity[..., 1:] * np.arange(1.0, velocity.shape[-1])
     a = np.abs(_bernstein(slope)).max(axis=-1) / h[:, None]
     rests: BoolArray = slow & (a <= STEADY)
-    for joint in np.flatnonzero(slow.any(axis=0)).tolist():
-        edges = np.flatnonzero(np.diff(slow[:, joint].astype(int), prepend=0, append=0))
-        for begin, end in edges.reshape(-1, 2).tolist():
-            some = _pause(velocity[:, joint], begin, end)
-            rests[some, joint] |= h[some].sum() >= PAUSE
+    for joint, begin, end in _runs(slow):
+        some = _pause(velocity[:, joint], begin, end)
+        rests[some, joint] |= h[some].sum() >= PAUSE
     return rests
+
+
+def _traces(first: Array, last: Array, slow: BoolArray) -> BoolArray:
+    """Give slow intervals that are no movements the way of the movement beside them.
+
+    Between movements of two ways they are where a joint turns, and are left.
+
+    Args:
+        first: The way of each joint at the beginning of each interval, which is
+            changed, shape (N, n).
+        last: The way at its end, shape (N, n).
+        slow: Which joints are slow all along intervals without resting, shape (N, n).
+
+    Returns:
+        Which intervals were given one, shape (N, n).
+    """
+    given = np.zeros_like(slow)
+    for joint, begin, end in _runs(slow):
+        before = last[begin - 1, joint] if begin > 0 else 0.0
+        after = first[end, joint] if end < len(slow) else 0.0
+        if before * after >= 0.0 and before + after != 0.0:
+            first[begin:end, joint] = before or after
+            given[begin:end, joint] = True
+    return given
+
+
+def _runs(some: BoolArray) -> Iterator[tuple[int, int, int]]:
+    """Joint, first interval and the one after the last, of runs of some intervals."""
+    for joint in np.flatnonzero(some.any(axis=0)).tolist():
+        edges = np.flatnonzero(np.diff(some[:, joint].astype(int), prepend=0, append=0))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            yield joint, begin, end
 
 
 def _pause(velocity: Array, begin: int, end: int) -> slice:

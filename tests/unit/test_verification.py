@@ -126,8 +126,8 @@ def test_derivative_for_stiff_arms_is_that_of_the_dynamics() -> None:
     x = np.array([0.3, -0.8, 1.5, 2.5])
     u = torque @ np.array([1.0, -0.5])  # at a quarter of the piece
     f = RobotDynamics(robot).forward_jacobians(x[None], u[None])
-    np.testing.assert_allclose(plant.slope()(1.5, x), f.f[0], rtol=1e-12)
-    np.testing.assert_allclose(plant.jacobian()(1.5, x), f.f_x[0], atol=1e-11)
+    np.testing.assert_allclose(plant.slope(1.5, x), f.f[0], rtol=1e-12)
+    np.testing.assert_allclose(plant.jacobian(1.5, x), f.f_x[0], atol=1e-11)
 
 
 def test_motion_that_runs_away_ends_early() -> None:

@@ -24,7 +24,7 @@ from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.limit_violations import LimitViolation
-from tominpmp.verification.plant import Plant, Slope
+from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
     RTOL,
@@ -33,7 +33,7 @@ from tominpmp.verification.replay import (
     Integrator,
     Replay,
 )
-from tominpmp.verification.stages import Stage, plant_of
+from tominpmp.verification.stages import Stage
 
 # The feedback is faster than the instability by this, and at least this fast [1/s].
 FASTER = 4.0
@@ -60,48 +60,39 @@ class TrackingPlant(Plant):
     def __init__(self, robot: Robot, rate: float) -> None:
         super().__init__(robot)
         self.rate_of_feedback = rate
-        self._torque = np.zeros(robot.n)
+        self._plan = np.zeros(5 * robot.n)
 
     def torque(self, t: float) -> Array:
         """Torque of the plan at the time that was looked at last, shape (n,)."""
-        return self._torque
+        return self._plan[: self._n]
 
-    def plan(self, t: float) -> tuple[Array, Array]:
-        """State of the plan and its derivative, shape (2n,) each."""
-        rows, n = super().torque(t), self.robot.n
-        self._torque = rows[:n]
-        return rows[n : 3 * n], rows[3 * n :]
+    def state(self, t: float, x: Array) -> Array:
+        """The state of the plan, and what it is off by, shape (2n,)."""
+        self._plan = super().torque(t)
+        return self._plan[self._n : 3 * self._n] + x
 
     def demand(self, off: Array) -> Array:
         """Acceleration that the feedback asks for, shape (..., n)."""
         n, rate = self.robot.n, self.rate_of_feedback
         return np.asarray(-rate * (rate * off[..., :n] + 2.0 * off[..., n:]))
 
-    def slope(self) -> Slope:
-        """Derivative of what it is off by, as a function of t and that."""
-        free, n = super().slope(), self.robot.n
+    def free(self, t: float, x: Array) -> Array:
+        """Derivative of the state with the feedback, if no joint were held, (2n,)."""
+        out = super().free(t, self.state(t, x))
+        out[self._n :] += self.demand(x)
+        return out
 
-        def tracked(t: float, off: Array) -> Array:
-            state, rate = self.plan(t)
-            out = free(t, state + off) - rate
-            out[n:] += self.demand(off)
-            return out
+    def free_jacobian(self, t: float, x: Array) -> Array:
+        """Its derivative with respect to what it is off by, shape (2n, 2n)."""
+        out = super().free_jacobian(t, self.state(t, x))
+        n, rate, diagonal = self._n, self.rate_of_feedback, np.arange(self._n)
+        out[n + diagonal, diagonal] -= rate * rate
+        out[n + diagonal, n + diagonal] -= 2.0 * rate
+        return out
 
-        return tracked
-
-    def jacobian(self) -> Slope:
-        """Derivative of that with respect to what it is off by, shape (2n, 2n)."""
-        free, n, rate = super().jacobian(), self.robot.n, self.rate_of_feedback
-        diagonal = np.arange(n)
-
-        def tracked(t: float, off: Array) -> Array:
-            state, _ = self.plan(t)
-            out = free(t, state + off)
-            out[n + diagonal, diagonal] -= rate * rate
-            out[n + diagonal, n + diagonal] -= 2.0 * rate
-            return out
-
-        return tracked
+    def slope(self, t: float, x: Array) -> Array:
+        """Derivative of what it is off by, shape (2n,)."""
+        return super().slope(t, x) - self._plan[3 * self._n :]
 
 
 class Tracking(Integration):
@@ -143,7 +134,7 @@ class Tracking(Integration):
             trajectory,
             pieces,
             integrator,
-            plant=plant_of(stages, self._plants),
+            plants=self._plants,
         )
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
@@ -151,12 +142,12 @@ class Tracking(Integration):
         found = super().run(start, time_step)
         return replace(found, u=found.u[:, : found.q.shape[1]] + self._feedback(found))
 
-    def _piece(self, k: int, x: Array, ticks: Array) -> Array:
+    def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
         """Integrate over a piece what the motion is off by, on top of the plan."""
         times = np.concatenate([self.pieces.t[k : k + 1], ticks])
         plan = self.pieces.on(k, times)[:, x.size // 2 : 3 * x.size // 2]
-        rows = super()._piece(k, x - plan[0], ticks)
-        return rows + plan[1 : 1 + len(rows)]
+        rows, way = super()._piece(k, x - plan[0], ticks)
+        return rows + plan[1 : 1 + len(rows)], way
 
     def _feedback(self, found: Replay) -> Array:
         """Torque of the feedback at the times of a replay, shape (m, n) [N m or N]."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +14,12 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
-from tominpmp.verification.plant import CREEP
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
 
-# Joints slower than this may stick or not, as errors of the replay have it [rad/s or
-# m/s].
-SLOW = 1e-5
+# Joints slower than this may stop, turn or set out at another time than in a replay
+# [rad/s or m/s]: a tenth of what is tolerated where they are to be at rest.
+SLOW = 1e-3
 # Units of the kinds, for turning and sliding joints.
 UNITS = {
     "position": ("rad", "m"),
@@ -170,14 +169,15 @@ class _Limits:
 
     def _constraints(self) -> list[LimitViolation | None]:
         """What the problem asks for beyond the limits of the robot."""
-        rows, n = self.rows, len(self.joints)
+        rows = self.rows
         found: list[LimitViolation | None] = []
         for item in self.problem.ready_constraints:
-            a = np.zeros((rows.t.size, 0))
-            if item.order >= 2:
-                x = np.concatenate([rows.q, rows.v], axis=1)
-                a = RobotDynamics(self.problem.robot).forward(x, rows.u)[:, n:]
-            sizes = item.sizes(rows.t, rows.q, rows.v, a)
+            every = self.accelerations
+            if item.order < 2:
+                every = np.zeros((1, rows.t.size, 0))
+            sizes = np.min(
+                [item.sizes(rows.t, rows.q, rows.v, a) for a in every], axis=0
+            )
             sizes = np.where(np.isfinite(sizes), sizes, np.inf)
             k = int(np.argmax(sizes))
             amount = float(sizes[k]) - item.largest
@@ -212,71 +212,82 @@ class _Limits:
         return self._worst("effort", rows.t, beyond, scale)
 
     def _extra(self, extra: MotionLimits) -> list[LimitViolation | None]:
-        rows, names = self.rows, self.joints
+        names = self.joints
         found: list[LimitViolation | None] = []
         top = extra.by_joint("effort_rate", names)
         if np.any(np.isfinite(top)):
-            found.append(self._rate("effort rate", rows.u - self._dry(), top))
+            dry = self.problem.robot.friction * self.ways
+            found.append(self._rate("effort rate", self.rows.u, top, dry))
         highest = extra.by_joint("acceleration", names)
         steepest = extra.by_joint("jerk", names)
         if np.any(np.isfinite(highest)) or np.any(np.isfinite(steepest)):
-            x = np.concatenate([rows.q, rows.v], axis=1)
-            dynamics = RobotDynamics(self.problem.robot, dry=False)
-            a = dynamics.forward(x, rows.u - self._dry())[:, len(names) :]
-            beyond = np.abs(a) - highest
-            found.append(self._worst("acceleration", rows.t, beyond, _finite(highest)))
-            found.append(self._rate("jerk", a, steepest))
+            a, t, scale = self.accelerations, self.rows.t, _finite(highest)
+            beyond = np.min(np.abs(a), axis=0) - highest
+            found.append(self._worst("acceleration", t, beyond, scale))
+            found.append(self._rate("jerk", a[0], steepest))
         return found
 
-    def _dry(self) -> Array:
-        """Dry friction at the rows, on the side of a jump that they are on, (m + P, n).
+    @cached_property
+    def ways(self) -> Array:
+        """Which way joints go at the rows, as far as can be told.
 
-        Torques have jumps of it where a joint turns, which no rate of a motor can
-        follow; they are left out of the rates.
+        A replay that is off by a trace stops, turns and sets out a trace early or late.
+        Slow joints may go as they do in the time to the next row, or from the last one
+        where a torque ends, or as in those beside it.
+
+        Returns:
+            These three, shape (3, m + P, n).
         """
-        friction, v = self.problem.robot.friction, self.replay.v
-        if not np.any(friction):
-            return np.zeros(1)
-        # At an end at rest the velocity is rounding, whose sign means nothing, and the
-        # torque is that just before.
-        between = 0.5 * (v[1:] + v[:-1]) if len(v) > 1 else v
-        way = np.where(np.abs(between) > SLOW, np.sign(between), self._way(between))
-        around = np.vstack([way[:1], way, way[-1:]])
-        return np.asarray(friction * np.concatenate([around[1:], around[self.ends]]))
+        count, v = len(self.replay.way), self.rows.v
+        if not (count and np.any(self.problem.robot.friction)):
+            return np.zeros((1, *v.shape))
+        own = np.concatenate([np.arange(count + 1), self.ends - 1])
+        beside = np.clip(own + np.array([[0], [-1], [1]]), 0, count - 1)
+        return np.where(np.abs(v) > SLOW, np.sign(v), self.replay.way[beside])
 
-    def _way(self, between: Array) -> Array:
-        """Which way joints move between rows where they hardly do.
+    @cached_property
+    def accelerations(self) -> Array:
+        """Accelerations at the rows if joints go these ways, shape (3, m + P, n)."""
+        rows, n = self.rows, len(self.joints)
+        dynamics = RobotDynamics(self.problem.robot)
+        x = np.concatenate([rows.q, rows.v], axis=1)
+        first = dynamics.forward(x, rows.u, self.ways[0])[:, n:]
+        found = np.array([first] * len(self.ways))
+        for out, way in zip(found[1:], self.ways[1:], strict=True):
+            k = np.flatnonzero(np.any(way != self.ways[0], axis=1))
+            out[k] = dynamics.forward(x[k], rows.u[k], way[k])[:, n:]
+        return found
 
-        Just before it stops and after it sets out a joint may stick in a replay that is
-        a trace too slow, for microseconds; it is taken to move as in the rest of the
-        piece of torque, in which it does not turn. Where it is as slow all the time,
-        its friction is what the replay has.
-        """
-        out = np.tanh(between / CREEP)
-        stops = np.unique(np.concatenate([[0], self.ends, [len(between)]]))
-        for begin, end in itertools.pairwise(stops.tolist()):
-            part = between[begin:end]
-            if not len(part):
-                continue
-            fastest = part[np.argmax(np.abs(part), axis=0), np.arange(part.shape[1])]
-            out[begin:end, np.abs(fastest) > SLOW] = np.sign(
-                fastest[np.abs(fastest) > SLOW]
-            )
-        return out
-
-    def _rate(self, kind: str, values: Array, limit: Array) -> LimitViolation | None:
+    def _rate(
+        self, kind: str, values: Array, limit: Array, own: Array | None = None
+    ) -> LimitViolation | None:
         """Worst jerk or effort rate; a jump counts as if it took a millisecond.
 
-        From values at the rows, shape (m + P, n), and the largest rates, shape (n,).
+        Args:
+            kind: Which.
+            values: At the rows, shape (m + P, n).
+            limit: The largest rates, shape (n,).
+            own: Values whose jumps are no fault: of dry friction where a joint turns,
+                which no rate of a motor can follow. Shape (k, m + P, n).
         """
         t = self.replay.t
-        after = values[: t.size]
-        before = after.copy()
-        before[self.ends] = values[t.size :]
+        before, after = self._sides(values)
         steps = np.abs(before[1:] - after[:-1]) / np.diff(t)[:, None]
-        jumps = np.abs(after - before) / TIME_STEP
-        beyond = np.concatenate([steps, jumps]) - limit
+        jumps = after - before
+        if own is not None:
+            (low, later), (high, latest) = map(self._sides, (own.min(0), own.max(0)))
+            jumps -= np.clip(
+                jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
+            )
+        beyond = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
         return self._worst(kind, np.concatenate([t[:-1], t]), beyond, _finite(limit))
+
+    def _sides(self, values: Array) -> tuple[Array, Array]:
+        """Values just before and just after the times of the replay, (m, n) each."""
+        after = values[: self.replay.t.size]
+        before = after.copy()
+        before[self.ends] = values[after.shape[0] :]
+        return before, after
 
     def _worst(
         self, kind: str, t: Array, beyond: Array, scale: Array

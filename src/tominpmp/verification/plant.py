@@ -1,6 +1,7 @@
 """The robot that torques are replayed on.
 
-Dry friction is F tanh(v / CREEP), so steep that the end of a motion does not notice;
+Whether a joint with dry friction slides, and which way, or is held is a part of its
+state: between two instants at which that changes the equations of motion are smooth,
 see ``docs/friction.md``.
 """
 
@@ -12,108 +13,211 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
-from tominpmp.dynamics import RobotDynamics
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.dynamics import (
+    HOLD,
+    RobotDynamics,
+    from_upper,
+    held_still,
+    setting_out,
+)
 from tominpmp.robot import Robot
 
-# Speed over which dry friction comes up [rad/s or m/s].
-CREEP = 1e-9
-
 Slope: TypeAlias = Callable[[float, Array], Array]
+Curve: TypeAlias = Callable[[float], Array]
+
+# Speed at which a joint is at rest [rad/s or m/s]: less than errors of an integration.
+STILL = 1e-11
+# Speed at which a joint goes back between two rows that is passed over [rad/s or m/s].
+GRAZE = 1e-8
 
 
 class Plant:
     """State derivative of a robot under a polynomial of torque, one row at a time.
 
     Attributes:
-        creep: Speed over which dry friction comes up [rad/s or m/s].
+        robot: The robot.
+        dynamics: Its dynamics without dry friction.
+        dry: Which joints have dry friction, shape (n,).
+        way: Which way they go: 1, -1, or 0 for those that it holds, and for joints
+            without any, shape (n,).
+        still: Speed at which joints are at rest [rad/s or m/s].
     """
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self.dynamics = RobotDynamics(robot, dry=False)
-        self.friction = robot.friction if np.any(robot.friction) else None
-        self.creep = CREEP
+        self.dry: BoolArray = robot.friction > 0.0
+        self.way = np.zeros(robot.n)
+        self.still = STILL
+        self._held = np.zeros(robot.n, dtype=bool)
+        self._holds = False
+        self._n, self._data = robot.n, robot.model.createData()
         self._exponents = np.zeros(0)
-        self.coefficients = np.zeros((robot.n, 0))
+        self._given = self.coefficients = np.zeros((robot.n, 0))
         self.begin, self.rate = 0.0, 1.0
 
     def load(self, begin: float, end: float, coefficients: Array) -> None:
         """Take up the torque of another piece."""
-        self.coefficients = coefficients
+        self._given = self.coefficients = coefficients
         self.begin, self.rate = begin, 2.0 / (end - begin)
         self._exponents = np.arange(float(coefficients.shape[1]))
+        self.way = np.zeros(self._n)
 
     def torque(self, t: float) -> Array:
-        """Torque at a time within the piece, shape (n,)."""
+        """What the friction of sliding joints leaves of the torque, shape (n,)."""
         s = (t - self.begin) * self.rate - 1.0
         return np.asarray(self.coefficients.dot(s**self._exponents))
 
-    def driving(self, t: float, v: Array) -> Array:
-        """What dry friction leaves of the torque, shape (n,)."""
-        if self.friction is None:
-            return self.torque(t)
-        return np.asarray(self.torque(t) - self.friction * np.tanh(v / self.creep))
+    def state(self, t: float, x: Array) -> Array:
+        """Positions and velocities of what is integrated, shape (2n,)."""
+        return x
 
-    def drag(self, v: Array) -> Array:
-        """Derivatives of dry friction with respect to velocities, shape (n,)."""
-        if self.friction is None:
-            return np.zeros(self.robot.n)
-        rise = (1.0 - np.tanh(v / self.creep) ** 2) / self.creep
-        return np.asarray(self.friction * rise)
-
-    def slope(self) -> Slope:
-        """dx/dt as a function of t and x = (q, v)."""
-        robot, dynamics, driving = self.robot, self.dynamics, self.driving
-        n = robot.n
+    def free(self, t: float, x: Array) -> Array:
+        """Derivative of positions and velocities if no joint were held, shape (2n,)."""
+        robot, n = self.robot, self._n
         if robot.expansion_matrix is not None:
+            return np.asarray(self.dynamics.forward(x[None], self.torque(t)[None])[0])
+        out, v = np.empty(2 * n), x[n:]
+        out[:n] = v
+        force = self.torque(t) - robot.damping * v
+        out[n:] = pin.aba(robot.model, self._data, x[:n], v, force)
+        return out
 
-            def linked(t: float, x: Array) -> Array:
-                u = driving(t, x[n:])
-                return np.asarray(dynamics.forward(x[None], u[None])[0])
+    def free_jacobian(self, t: float, x: Array) -> Array:
+        """Its derivative with respect to x, shape (2n, 2n)."""
+        robot, n, data = self.robot, self._n, self._data
+        if robot.expansion_matrix is not None:
+            u = self.torque(t)[None]
+            return np.asarray(self.dynamics.forward_jacobians(x[None], u).f_x[0])
+        v = x[n:]
+        force = self.torque(t) - robot.damping * v
+        pin.computeABADerivatives(robot.model, data, x[:n], v, force)
+        out = np.zeros((2 * n, 2 * n))
+        out[:n, n:] = np.eye(n)
+        out[n:, :n] = data.ddq_dq
+        out[n:, n:] = data.ddq_dv - from_upper(data.Minv) * robot.damping
+        return out
 
-            return linked
-        model, data, damping = robot.model, robot.model.createData(), robot.damping
-        aba = pin.aba
+    def slope(self, t: float, x: Array) -> Array:
+        """dx/dt, shape (2n,)."""
+        return self._kept(t, x, self.free(t, x))
 
-        def free(t: float, x: Array) -> Array:
-            out = np.empty(2 * n)
-            v = x[n:]
-            out[:n] = v
-            out[n:] = aba(model, data, x[:n], v, driving(t, v) - damping * v)
-            return out
+    def jacobian(self, t: float, x: Array) -> Array:
+        """Derivative of dx/dt with respect to x, shape (2n, 2n)."""
+        return self._kept(t, x, self.free_jacobian(t, x))
 
+    def _kept(self, t: float, x: Array, free: Array) -> Array:
+        """A derivative with the joints that are held at rest."""
+        if self._holds:
+            n, a = self._n, free.reshape(2 * self._n, -1)
+            a[n:] = held_still(self._mass(t, x), a[n:], self._held)
         return free
 
-    def jacobian(self) -> Slope:
-        """Derivative of dx/dt with respect to x, shape (2n, 2n), likewise."""
-        robot, dynamics, driving = self.robot, self.dynamics, self.driving
-        n, drag = robot.n, self.drag
-        if robot.expansion_matrix is not None:
+    def _mass(self, t: float, x: Array) -> Array:
+        q = self.state(t, x)[None, : self._n]
+        return np.asarray(self.dynamics.mass(q)[0])
 
-            def linked(t: float, x: Array) -> Array:
-                v = x[n:]
-                u = driving(t, v)
-                found = dynamics.forward_jacobians(x[None], u[None])
-                f_x = np.array(found.f_x[0])
-                f_x[n:, n:] -= found.f_u[0, n:] * drag(v)
-                return f_x
+    def settle(self, t: float, x: Array) -> Array:
+        """Tell which joints slide from here on, and which are held.
 
-            return linked
-        model, data, damping = robot.model, robot.model.createData(), robot.damping
-        derivatives = pin.computeABADerivatives
-        lower = np.tril_indices(n, -1)
-        diagonal = np.arange(n)
+        Args:
+            t: The time [s].
+            x: What is integrated, shape (2n,).
 
-        def free(t: float, x: Array) -> Array:
-            v = x[n:]
-            derivatives(model, data, x[:n], v, driving(t, v) - damping * v)
-            out = np.zeros((2 * n, 2 * n))
-            out[diagonal, n + diagonal] = 1.0
-            out[n:, :n] = data.ddq_dq
-            inverse = np.array(data.Minv)  # the upper triangle of it
-            inverse[lower] = inverse.T[lower]
-            out[n:, n:] = data.ddq_dv - inverse * (damping + drag(v))
-            return out
+        Returns:
+            The same, with velocity zero for joints that have stopped.
+        """
+        if not self.dry.any():
+            return x
+        n, v, x = self._n, self.state(t, x)[self._n :], np.array(x)
+        stopped = (np.abs(v) <= self.still) | (self.way * v < 0.0)
+        resting = self.dry & stopped
+        x[n:] -= np.where(resting, v, 0.0)
+        self._slide(np.where(self.dry & ~stopped, np.sign(v), 0.0))
+        if resting.any():
+            mass, a = self._mass(t, x), self.free(t, x)[n:]
+            sets_out = setting_out(mass, mass @ a, self.robot.friction, resting)
+            self._slide(self.way + sets_out)
+        self._held = self.dry & (self.way == 0.0)
+        self._holds = bool(self._held.any())
+        return x
 
-        return free
+    def _slide(self, way: Array) -> None:
+        """Let friction act against the ways that joints go."""
+        self.way, self.coefficients = way, np.array(self._given)
+        self.coefficients[: self._n, 0] -= self.robot.friction * way
+
+    def changes(self, begin: float, end: float, curve: Curve) -> float:
+        """When in a step a joint stops or is let go for the first time.
+
+        Args:
+            begin: Where the step begins [s].
+            end: Where it ends [s].
+            curve: What is integrated, over time.
+
+        Returns:
+            The time just afterwards; the end of the step if none does.
+        """
+        if not self.dry.any():
+            return end
+
+        def room(t: float) -> float:
+            return self._room(t, curve(t))
+
+        early, late = begin, 0.5 * (begin + end)
+        if room(late) >= 0.0:
+            early, late = late, end
+            if room(late) >= 0.0:
+                return end
+        most, least, halve = room(early), room(late), False
+        while least < -self.still:
+            share = 0.5 if halve else (most + 0.5 * self.still) / (most - least)
+            middle = early + share * (late - early)
+            if early < middle < late:
+                value = room(middle)
+                if value < 0.0:
+                    late, least = middle, value
+                else:
+                    early, most = middle, value
+            elif halve:
+                break
+            halve = not halve
+        return late
+
+    def unchanged(self, t: Array, x: Array) -> int:
+        """How many rows of a motion pass until a joint stops or is let go.
+
+        Args:
+            t: Times [s], from where the joints were told which way they go, (m + 1,).
+            x: What is integrated, there; fewer rows if it was lost, (k + 1, 2n).
+
+        Returns:
+            How many of the k rows hold.
+        """
+        n, t = self._n, t[: len(x)]
+        state = np.array([self.state(*row) for row in zip(t.tolist(), x, strict=True)])
+        q, v = state[:, :n], state[:, n:]
+        # By Simpson's rule, halfway between two rows.
+        halfway = 1.5 * np.diff(q, axis=0) / np.diff(t)[:, None]
+        halfway -= 0.25 * (v[1:] + v[:-1])
+        slowest = np.minimum(self.way * v[1:] + self.still, self.way * halfway + GRAZE)
+        changed = np.flatnonzero((slowest < 0.0).any(axis=1))
+        count = int(changed[0]) if changed.size else len(slowest)
+        if self._holds:
+            for k in range(count):
+                if self._room(t[k + 1], x[k + 1]) < 0.0:
+                    return k
+        return count
+
+    def _room(self, t: float, x: Array) -> float:
+        """How far joints are from going back, or from not being held any more."""
+        v = self.state(t, x)[self._n :]
+        back = float((self.way * v).min()) + self.still
+        if back < 0.0 or not self._holds:
+            return back
+        free, mass = self.free(t, x)[self._n :, None], self._mass(t, x)
+        needed = mass @ (free - held_still(mass, free, self._held))
+        # A trace more than what sets joints out, so that they do.
+        rest = (1.0 + 2.0 * HOLD) * self.robot.friction - np.abs(needed[:, 0])
+        return min(back, float(rest[self._held].min()))

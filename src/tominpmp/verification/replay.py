@@ -2,8 +2,8 @@
 
 The transcriptions have their own integrators, or none; a motion is believed when SciPy,
 given nothing but the start of the problem and the torques over time, ends at the goal.
-The integration begins anew wherever the torque may jump, so that no step straddles a
-jump.
+The integration begins anew wherever the torque may jump, and wherever a joint with dry
+friction stops or is let go, so that no step straddles a jump of the acceleration.
 """
 
 from __future__ import annotations
@@ -11,11 +11,19 @@ from __future__ import annotations
 import contextlib
 import threading
 import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.integrate import DOP853, ODEintWarning, Radau, odeint
+from scipy.integrate import (
+    DOP853,
+    LSODA,
+    ODEintWarning,
+    OdeSolver,
+    Radau,
+    odeint,
+)
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice
@@ -24,18 +32,17 @@ from tominpmp.reversals import torque_breaks
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.trajectory import Trajectory
-from tominpmp.verification.plant import CREEP, Plant, Slope
+from tominpmp.verification.plant import STILL, Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 
 RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]
-# How many times tighter LSODA's are without dry friction: it takes as many evaluations,
-# since it begins anew with short steps at every jump.
+# How many times tighter LSODA's are: it takes as many evaluations, since it begins anew
+# with short steps at every jump.
 LSODA_TIGHTNESS = 1000.0
 # Errors at the end of a replay, in shares of RTOL times the growth of errors along the
 # motion, see docs/verification.md.
 ERRORS: dict[str, float] = {"DOP853": 0.02, "LSODA": 0.02, "Radau": 1.0}
-ERROR_WITH_FRICTION = 1.0
 # The motion is looked at this often at least [s].
 TIME_STEP = 1e-3
 # But no oftener than this in all: longer motions are looked at less often.
@@ -65,6 +72,8 @@ class Replay(Record):
         q: Positions there [rad or m], shape (m, n).
         v: Velocities there [rad/s or m/s], shape (m, n).
         u: Torques there, just after a jump [N m or N], shape (m, n).
+        way: Which way joints with dry friction go between two of the times, in the
+            middle: 1, -1, or 0 for those that it holds, shape (m - 1, n).
         nodes: Which of the times are nodes of the trajectory, shape (N + 1,).
         integrator: "DOP853", "LSODA" or "Radau", or "planned" if nothing was
             integrated.
@@ -78,6 +87,7 @@ class Replay(Record):
     q: Array
     v: Array
     u: Array
+    way: Array
     nodes: IntArray
     integrator: str
     evaluations: int
@@ -85,7 +95,7 @@ class Replay(Record):
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        for name in ("t", "q", "v", "u"):
+        for name in ("t", "q", "v", "u", "way"):
             object.__setattr__(self, name, real_array(getattr(self, name)))
 
     @property
@@ -123,6 +133,7 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         state.q,
         state.v,
         state.u,
+        trajectory.turns.at(0.5 * (t[1:] + t[:-1])),
         np.searchsorted(t, trajectory.t),
         "planned",
         0,
@@ -174,19 +185,19 @@ class Integration:
         trajectory: The motion.
         pieces: Its torques, if they are known already.
         integrator: Which integrator to use; None for LSODA.
-        plant: What moves under the torques, if not the robot alone.
-        tightness: How many times tighter than usual its tolerances are, and sharper
-            the law of dry friction.
+        plants: What moves under the torques on each segment; empty for the robot alone.
+        tightness: How many times tighter than usual its tolerances are.
 
     Attributes:
         pieces: The torques.
+        plants: What moves under them.
         integrator: Which integrator is used.
         error: Its errors at the end, in shares of the growth of errors on the way.
         evaluations: How often the dynamics have been evaluated.
         lsoda_tightness: See :data:`LSODA_TIGHTNESS`.
         hurried: Whether LSODA begins with a step over the whole piece, and not with one
             that is short enough for any motion.
-        atol: See :data:`ATOL`; without dry friction.
+        atol: See :data:`ATOL`.
     """
 
     lsoda_tightness, hurried, atol = LSODA_TIGHTNESS, False, ATOL
@@ -197,23 +208,21 @@ class Integration:
         trajectory: Trajectory,
         pieces: Pieces | None = None,
         integrator: Integrator | None = None,
-        plant: Plant | None = None,
+        plants: Sequence[Plant] = (),
         tightness: float = 1.0,
     ) -> None:
         choice(integrator, (*get_args(Integrator), None), "integrator")
         self._trajectory = trajectory
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
-        self._plant = Plant(robot) if plant is None else plant
-        self._plant.creep = CREEP / tightness
-        self._slope = self._watched(self._plant.slope())
-        self._jacobian = self._plant.jacobian()
+        self.plants = tuple(plants) or (Plant(robot),)
+        self._slopes = [self._watched(plant.slope) for plant in self.plants]
         self.integrator: Integrator = integrator or "LSODA"
-        smooth = self._plant.friction is None
-        self.error = RTOL * (ERRORS[self.integrator] if smooth else ERROR_WITH_FRICTION)
-        if self.integrator == "LSODA" and smooth:
+        self.error = RTOL * ERRORS[self.integrator]
+        if self.integrator == "LSODA":
             tightness *= self.lsoda_tightness
-        atol = self.atol if smooth else ATOL
-        self._tolerance = RTOL / tightness, atol / tightness
+        self._tolerance = RTOL / tightness, self.atol / tightness
+        for plant in self.plants:
+            plant.still = max(STILL, 10.0 * self._tolerance[1])
         self.evaluations = 0
         self._stride = np.inf
 
@@ -221,16 +230,17 @@ class Integration:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
         time_step = max(time_step, self._trajectory.duration / MOST_ROWS)
-        times, states = [np.zeros(1)], [start[None]]
+        times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
         x, complete = start, True
         for k in range(pieces.t.size - 1):
             check()
             begin, end = float(pieces.t[k]), float(pieces.t[k + 1])
             count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
             ticks = np.linspace(begin, end, count + 1)[1:]
-            rows = self._piece(k, x, ticks)
+            rows, way = self._piece(k, x, ticks)
             times.append(ticks[: len(rows)])
             states.append(rows)
+            ways.append(way)
             if len(rows) < count:
                 complete = False
                 break
@@ -243,6 +253,7 @@ class Integration:
             path[:, :n],
             path[:, n:],
             pieces(t),
+            np.concatenate(ways),
             np.searchsorted(t, known),
             self.integrator,
             self.evaluations,
@@ -279,38 +290,81 @@ class Integration:
             x: Array | None = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
                 if x is not None:
-                    rows = self._piece(piece, x, pieces.t[piece + 1 : piece + 2])
+                    rows, _ = self._piece(piece, x, pieces.t[piece + 1 : piece + 2])
                     x = rows[-1] if len(rows) else None
             if x is not None:
                 out[k] = x - nodes[k + 1]
         return out
 
-    def _piece(self, k: int, x: Array, ticks: Array) -> Array:
-        """Integrate over a piece of torque; fewer rows than ticks if x was lost."""
-        begin, end = float(self.pieces.t[k]), float(self.pieces.t[k + 1])
-        self._plant.load(begin, end, self.pieces.coefficients[k])
-        if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
-            return np.empty((0, x.size))
-        with np.errstate(all="ignore"):
-            if self.integrator == "LSODA":
-                rows = self._fortran(x, begin, ticks)
-                if len(rows) == ticks.size or self._plant.friction is None:
-                    return rows
-                # Where joints stick it may give up what an implicit method can do.
-            return self._steps(x, begin, ticks)
+    def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
+        """Integrate over a piece of torque.
 
-    def _fortran(self, x: Array, begin: float, ticks: Array) -> Array:
+        Args:
+            k: Which one.
+            x: The state where it begins, shape (2n,).
+            ticks: Times that are asked for, the end of the piece among them, (m,).
+
+        Returns:
+            States there, shape (m, 2n), and which way joints with dry friction go
+            before each of them, shape (m, n); fewer rows if x was lost.
+        """
+        begin, end = float(self.pieces.t[k]), float(self.pieces.t[k + 1])
+        segment = int(self._trajectory.segment_at(np.array([0.5 * (begin + end)]))[0])
+        segment = min(segment, len(self.plants) - 1)
+        plant, slope = self.plants[segment], self._slopes[segment]
+        plant.load(begin, end, self.pieces.coefficients[k])
+        if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
+            return np.empty((0, x.size)), np.empty((0, x.size // 2))
+        with np.errstate(all="ignore"):
+            if self.integrator != "LSODA":
+                return self._steps(plant, slope, x, begin, ticks)
+            if plant.dry.any():
+                return self._stretches(plant, slope, x, begin, ticks)
+            rows = self._fortran(plant, slope, x, begin, ticks)
+            return rows, np.zeros((len(rows), x.size // 2))
+
+    def _stretches(
+        self, plant: Plant, slope: Slope, x: Array, begin: float, ticks: Array
+    ) -> tuple[Array, Array]:
+        """Integrate with LSODA, and step by step where joints stop or are let go."""
+        count = max(2, int(np.ceil((ticks[-1] - begin) / TIME_STEP)) + 1)
+        times = np.union1d(np.linspace(begin, ticks[-1], count), ticks)
+        rows = np.empty((times.size, x.size))
+        ways = np.zeros((times.size, x.size // 2))
+        rows[0], done = x, 1
+        while done < times.size:
+            t = float(times[done - 1])
+            x = plant.settle(t, rows[done - 1])
+            found = self._fortran(plant, slope, x, t, times[done:])
+            # Where it fails the motion is tried once more, step by step.
+            good = plant.unchanged(times[done - 1 :], np.vstack([x, found]))
+            rows[done : done + good], ways[done : done + good] = found[:good], plant.way
+            done += good
+            if done < times.size:
+                t, x = float(times[done - 1]), rows[done - 1]
+                one, way = self._steps(plant, slope, x, t, times[done : done + 1])
+                if not len(one):
+                    break
+                rows[done], ways[done] = one[0], way[0]
+                done += 1
+        asked = np.searchsorted(times, ticks)
+        asked = asked[asked < done]
+        return rows[asked], ways[asked]
+
+    def _fortran(
+        self, plant: Plant, slope: Slope, x: Array, begin: float, ticks: Array
+    ) -> Array:
         """Integrate with LSODA; no rows if the motion was lost."""
         times = np.concatenate([[begin], ticks])
         first = float(ticks[-1]) - begin if self.hurried else 0.0  # 0: its own
-        with LSODA_AT_WORK, warnings.catch_warnings():
+        with _in_lsoda():
             warnings.simplefilter("error", ODEintWarning)
             try:
                 rows = odeint(
-                    self._slope,
+                    slope,
                     x,
                     times,
-                    Dfun=self._jacobian,
+                    Dfun=plant.jacobian,
                     tfirst=True,
                     rtol=self._tolerance[0],
                     atol=self._tolerance[1],
@@ -324,30 +378,65 @@ class Integration:
         end = inside.size if inside.all() else int(np.argmin(inside))
         return np.asarray(rows[1:end])
 
-    def _steps(self, x: Array, begin: float, ticks: Array) -> Array:
-        """Integrate step by step with a solver of SciPy's newer kind."""
-        end, done = float(ticks[-1]), 0
-        rtol, atol = self._tolerance
-        settings: dict[str, Any] = {"rtol": rtol, "atol": atol}
+    def _steps(
+        self, plant: Plant, slope: Slope, x: Array, begin: float, ticks: Array
+    ) -> tuple[Array, Array]:
+        """Integrate step by step with a solver of SciPy's newer kind.
+
+        It begins anew wherever a joint with dry friction stops or is let go.
+        """
+        t, end, done, passed = begin, float(ticks[-1]), 0, 0
+        middles = 0.5 * (ticks + np.concatenate([[begin], ticks[:-1]]))
         rows = np.empty((ticks.size, x.size))
-        solver: DOP853 | Radau
-        with contextlib.suppress(_GivenUp):
-            if self.integrator != "DOP853":
-                # Newton's method begins without a guess in the first step.
-                settings |= {"jac": self._jacobian, "first_step": 0.1 * (end - begin)}
-                solver = Radau(self._slope, begin, x, end, **settings)
-            else:
-                settings["first_step"] = min(end - begin, self._stride)
-                solver = DOP853(self._slope, begin, x, end, **settings)
-            while solver.status == "running":
+        ways = np.zeros((ticks.size, x.size // 2))
+        solver: OdeSolver | None = None
+        alone = _in_lsoda() if self.integrator == "LSODA" else contextlib.nullcontext()
+        with contextlib.suppress(_GivenUp), alone:
+            while t < end:
+                if solver is None:
+                    x = plant.settle(t, x)
+                    solver = self._solver(plant, slope, t, x, end)
                 solver.step()
                 lost = not np.all(np.abs(solver.y) < MAX_STATE)
                 if solver.status == "failed" or lost:
-                    return rows[:done]
-                behind = int(np.searchsorted(ticks, solver.t, side="right"))
-                if behind > done:
-                    rows[done:behind] = solver.dense_output()(ticks[done:behind]).T
-                    done = behind
-            self._stride = GROWTH * float(solver.step_size)
-            rows[-1] = solver.y
-        return rows[:done]
+                    break
+                t = solver.t
+                if t < ticks[done] and not plant.dry.any():
+                    continue
+                curve = solver.dense_output()
+                t = plant.changes(solver.t_old, t, curve)
+                behind = int(np.searchsorted(ticks, t, side="right"))
+                rows[done:behind] = curve(ticks[done:behind]).T
+                ways[passed:] = plant.way
+                done, passed = behind, int(np.searchsorted(middles, t, side="right"))
+                self._stride = GROWTH * float(solver.step_size)
+                if t < solver.t:
+                    x, solver = curve(t), None
+                elif t == end:
+                    rows[-1] = solver.y
+        return rows[:done], ways[:done]
+
+    def _solver(
+        self, plant: Plant, slope: Slope, t: float, x: Array, end: float
+    ) -> OdeSolver:
+        """SciPy's solver from a time on to the end of a piece."""
+        rtol, atol = self._tolerance
+        settings: dict[str, Any] = {"rtol": rtol, "atol": atol}
+        if self.integrator == "DOP853":
+            settings["first_step"] = min(end - t, self._stride)
+            return DOP853(slope, t, x, end, **settings)
+        settings["jac"] = plant.jacobian
+        if self.integrator == "Radau":
+            # Newton's method begins without a guess in the first step.
+            return Radau(slope, t, x, end, first_step=0.1 * (end - t), **settings)
+        if self.hurried:
+            settings["first_step"] = end - t
+        return LSODA(slope, t, x, end, **settings)
+
+
+@contextlib.contextmanager
+def _in_lsoda() -> Iterator[None]:
+    """One thread at a time; what it warns of is seen in what it returns."""
+    with LSODA_AT_WORK, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield

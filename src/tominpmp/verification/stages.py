@@ -7,7 +7,6 @@ first start to the last end.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.limit_violations import LimitViolation
-from tominpmp.verification.plant import Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
 
@@ -95,6 +93,7 @@ class Stage:
             q=replay.q[mine],
             v=replay.v[mine],
             u=u,
+            way=replay.way[mine[:-1]],
             nodes=np.searchsorted(mine, nodes),
             complete=bool(mine.size) and t[mine[-1]] == self.end,
         )
@@ -254,48 +253,3 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
         a = a[node[:-1]]
     u = np.vstack([every[:-1], motion.u[-1:]])
     return replace(motion, t=t, q=state.q, v=state.v, u=u, a=a)
-
-
-def plant_of(stages: Sequence[Stage], plants: Sequence[Plant] = ()) -> Plant:
-    """What moves under the torques of a motion.
-
-    Args:
-        stages: Its segments.
-        plants: One for each; empty for the robots alone.
-    """
-    plants = plants or [Plant(stage.problem.robot) for stage in stages]
-    if len(plants) == 1:
-        return plants[0]
-    return PlantOfStages(plants, np.array([stage.end for stage in stages]))
-
-
-class PlantOfStages(Plant):
-    """The robots of the segments, one after the other, each with its load.
-
-    Args:
-        plants: One for each segment.
-        ends: Times at which they end [s], shape (k,).
-    """
-
-    def __init__(self, plants: Sequence[Plant], ends: Array) -> None:
-        super().__init__(plants[0].robot)
-        self._plants, self._ends = tuple(plants), ends
-        self._now = 0
-
-    def load(self, begin: float, end: float, coefficients: Array) -> None:
-        """Take up the torque of another piece, on the segment that it is of."""
-        middle = 0.5 * (begin + end)
-        self._now = int(np.searchsorted(self._ends[:-1], middle, side="right"))
-        plant = self._plants[self._now]
-        plant.creep = self.creep
-        plant.load(begin, end, coefficients)
-
-    def slope(self) -> Slope:
-        """dx/dt of the robot of the segment."""
-        slopes = [plant.slope() for plant in self._plants]
-        return lambda t, x: slopes[self._now](t, x)
-
-    def jacobian(self) -> Slope:
-        """Its derivative."""
-        found = [plant.jacobian() for plant in self._plants]
-        return lambda t, x: found[self._now](t, x)

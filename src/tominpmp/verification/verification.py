@@ -36,6 +36,7 @@ from tominpmp.verification.feedback import (
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
 from tominpmp.verification.nearest import Nearest, closest
+from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
     Integration,
@@ -44,7 +45,7 @@ from tominpmp.verification.replay import (
     planned,
     torque_pieces,
 )
-from tominpmp.verification.stages import Stage, plant_of, stages_of, with_segments
+from tominpmp.verification.stages import Stage, stages_of, with_segments
 
 # Longer motions are not replayed, which would take too many steps [s].
 LONGEST = 1e4
@@ -162,8 +163,8 @@ def verify(
     trajectory = with_segments(problem, trajectory, tolerances)
     stages = stages_of(problem, trajectory)
     torque = torque_pieces(robot, trajectory)
-    plant = plant_of(stages)
-    integration = Integration(robot, trajectory, torque, integrator, plant)
+    plants = [Plant(stage.problem.robot) for stage in stages]
+    integration = Integration(robot, trajectory, torque, integrator, plants)
     v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
     start = np.concatenate([problem.q_start, v_start])
     checkers = _checkers(stages, checker, geometry)
@@ -257,9 +258,9 @@ def _counts(
         return True
     replay = alone.replay
     start = np.concatenate([replay.q[0], replay.v[0]])
-    robot, plant = stages[0].problem.robot, plant_of(stages)
+    robot, plants = stages[0].problem.robot, first.plants
     again = Integration(
-        robot, trajectory, first.pieces, first.integrator, plant, tightness=TIGHTER
+        robot, trajectory, first.pieces, first.integrator, plants, tightness=TIGHTER
     )
     return settled(replay, again.run(start, np.inf), tolerances)
 
