@@ -11,14 +11,20 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, real_array
 from tominpmp.description.urdf import UrdfDescription
-from tominpmp.description.urdf_syntax import write_inertia, write_numbers, write_origin
+from tominpmp.description.urdf_syntax import (
+    fresh_name,
+    write_inertia,
+    write_numbers,
+    write_origin,
+)
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.inputs import by_joint, in_order
 
-# The link that the bases of several robots are fixed to.
-# What a robot stands on that is somewhere else in the world, and the joint between.
-GROUND, MOUNT = "ground", "ground_mount"
-WORLD = "world"
+# The link that the bases of several robots are fixed to, and the one that a robot
+# stands on that is somewhere else in the world.
+WORLD, GROUND = "world", "ground"
+# Attribute of the joint between ground and robot, which tells it from the robot's own.
+MOUNT = "mount"
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,7 @@ def with_link(
             SubElement(checking, "capsule", name=str(number))
     if len(checking):
         new.append(checking)
-    _fix(robot, f"{link.name}_joint", parent, link.name, pin.SE3.Identity())
+    _fix(robot, f"{link.name}_joint", parent, link.name)
     return replace(
         description,
         xml=tostring(robot, encoding="unicode"),
@@ -120,7 +126,7 @@ def joined(
             robot.append(_renamed(element, part))
         # Parsers sort joints by name: the number keeps the order of the parts.
         mount = f"mount{number:03d}/{part}"
-        _fix(robot, mount, WORLD, f"{part}/{_root(description)}", base)
+        _fix(robot, mount, WORLD, f"{part}/{_root(description)}", placement=base)
         links += [f"{part}/{link}" for link in description.links]
         for joint in description.joints:
             mimic = joint.mimic
@@ -166,23 +172,21 @@ def on_base(description: UrdfDescription, base: pin.SE3) -> UrdfDescription:
         base: Placement base_to_world of its root.
     """
     robot = fromstring(description.xml)
-    mounts = [j for j in robot.findall("joint") if j.get("name") == MOUNT]
-    links = description.links
-    for mount in mounts:
-        origin = mount.find("origin")
-        if origin is not None:
-            mount.remove(origin)
-        write_origin(mount, base)
-    if not mounts:
-        SubElement(robot, "link", name=GROUND)
-        _fix(robot, MOUNT, GROUND, _root(description), base)
-        links = (GROUND, *links)
+    links, mount = description.links, robot.find(f"joint[@{MOUNT}]")
+    if mount is None:
+        ground = fresh_name(GROUND, set(links))
+        SubElement(robot, "link", name=ground)
+        mount = _fix(robot, f"{GROUND}_{MOUNT}", ground, _root(description))
+        mount.set(MOUNT, "")
+        links = (ground, *links)
+    write_origin(mount, base)
     return replace(description, xml=tostring(robot, encoding="unicode"), links=links)
 
 
 def _renamed(element: Element, part: str) -> Element:
     """Put the name of a part before the names of a link or a joint, in place."""
     element.set("name", f"{part}/{element.get('name')}")
+    element.attrib.pop(MOUNT, None)
     for end in ("parent", "child"):
         for found in element.findall(end):
             found.set("link", f"{part}/{found.get('link')}")
@@ -205,12 +209,20 @@ def _end(joint: Element, end: str) -> str:
 
 
 def _fix(
-    robot: Element, name: str, parent: str, child: str, placement: pin.SE3
-) -> None:
-    joint = SubElement(robot, "joint", name=name, type="fixed")
-    write_origin(joint, placement)
+    robot: Element,
+    name: str,
+    parent: str,
+    child: str,
+    *,
+    placement: pin.SE3 | None = None,
+) -> Element:
+    """Fix a link to another by a joint, under a name that no other joint has."""
+    taken = {joint.get("name", "") for joint in robot.iterfind("joint")}
+    joint = SubElement(robot, "joint", name=fresh_name(name, taken), type="fixed")
+    write_origin(joint, pin.SE3.Identity() if placement is None else placement)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
+    return joint
 
 
 def joint_order(xml: str) -> tuple[str, ...]:

@@ -21,7 +21,12 @@ from tominpmp.arrays import Array
 from tominpmp.description.geometry_shapes import add_shapes
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import JointDescription, Mimic, UrdfDescription
-from tominpmp.description.urdf_syntax import write_inertia, write_numbers, write_origin
+from tominpmp.description.urdf_syntax import (
+    fresh_name,
+    write_inertia,
+    write_numbers,
+    write_origin,
+)
 from tominpmp.description.xml_reader import MAX_NUMBER
 from tominpmp.exceptions import RobotLoadError, brief
 
@@ -177,7 +182,7 @@ class _Writer:
         return self._link_name(own)
 
     def _link_name(self, name: str) -> str:
-        return _fresh(name, self._links)
+        return fresh_name(name, self._links)
 
     def robot(self) -> Element:
         """The robot element, with links, joints and frames, without shapes."""
@@ -224,7 +229,7 @@ class _Writer:
             link = self._link_name(str(frame.name))
             self.link_of[index] = link
             SubElement(root, "link", name=link)
-            name = _fresh(str(named or f"{frame.name}_fixed"), self._joint_names)
+            name = fresh_name(str(named or f"{frame.name}_fixed"), self._joint_names)
             element = SubElement(root, "joint", name=name, type="fixed")
             _fix(element, self.main[frame.parentJoint], link, frame.placement)
 
@@ -240,15 +245,6 @@ class _Writer:
 def _limit(value: float) -> float:
     """A limit; infinite if it is the largest number there is, or near it."""
     return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else float(value)
-
-
-def _fresh(name: str, taken: set[str]) -> str:
-    """A name that is not taken yet, and takes it."""
-    number, found = 2, name
-    while found in taken:
-        found, number = f"{name}_{number}", number + 1
-    taken.add(found)
-    return found
 
 
 def _inertial(link: Element, inertia: pin.Inertia) -> None:

@@ -17,6 +17,7 @@ from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointTable, example_values
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.urdf import Mimic, UrdfDescription
+from tominpmp.description.urdf_syntax import read_axis, read_origin, write_origin
 from tominpmp.exceptions import RobotLoadError, warn_caller
 
 # No link is so large [m]; a mesh in millimetres is.
@@ -37,10 +38,7 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
     Raises:
         RobotLoadError: If Pinocchio refuses the description.
     """
-    full = _full_model(description)
-    if not locked:
-        return full
-    return pin.buildReducedModel(full, *_locks(full, locked))
+    return _parsed(description, _with_fixed(description.xml, locked))
 
 
 def build_geometry(
@@ -51,17 +49,14 @@ def build_geometry(
     Raises:
         RobotLoadError: If a mesh cannot be read.
     """
-    full = _full_model(description)
     with ExitStack() as stack:
         xml = description.xml
         if description.meshes:
             folder = stack.enter_context(TemporaryDirectory(prefix="tominpmp-"))
             xml = _with_files(description, Path(folder))
-        geometry = _read_geometry(full, description, xml, kind)
+        geometry = _read_geometry(description, _with_fixed(xml, locked), kind)
     if kind == pin.GeometryType.COLLISION:
         _warn_of_units(geometry, description.path)
-    if locked:
-        _, geometry = pin.buildReducedModel(full, geometry, *_locks(full, locked))
     return geometry
 
 
@@ -95,15 +90,16 @@ def _with_files(description: UrdfDescription, folder: Path) -> str:
 
 
 def _read_geometry(
-    full: pin.Model, description: UrdfDescription, xml: str, kind: pin.GeometryType
+    description: UrdfDescription, xml: str, kind: pin.GeometryType
 ) -> pin.GeometryModel:
+    model = _parsed(description, xml)
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
     meshes = fromstring(xml).iterfind(f"link/{tag}/geometry/mesh")
     try:
         for file in {Path(mesh.get("filename", "")) for mesh in meshes}:
             if file.suffix.lower() in MAY_REPEAT:
                 check_expanded(file, file.read_bytes())
-        return pin.buildGeomFromUrdfString(full, xml, kind)
+        return pin.buildGeomFromUrdfString(model, xml, kind)
     except Exception as error:  # whatever a mesh reader may raise
         raise RobotLoadError(
             f"{description.path}: the geometry cannot be read: {_message(error)}",
@@ -111,9 +107,9 @@ def _read_geometry(
         ) from error
 
 
-def _full_model(description: UrdfDescription) -> pin.Model:
+def _parsed(description: UrdfDescription, xml: str) -> pin.Model:
     try:
-        return pin.buildModelFromXML(description.xml)
+        return pin.buildModelFromXML(xml)
     except Exception as error:  # depends on the version of Pinocchio
         raise RobotLoadError(
             f"{description.path}: Pinocchio refuses it: {_message(error)}",
@@ -126,13 +122,28 @@ def _message(error: Exception) -> str:
     return " ".join(str(error).rpartition("message:")[2].split())
 
 
-def _locks(full: pin.Model, locked: Mapping[str, float]) -> tuple[list[int], Array]:
-    """Indices of the joints to lock, and a configuration with their positions."""
-    q = pin.neutral(full)
-    indices = [int(full.getJointId(name)) for name in locked]
-    for index, position in zip(indices, locked.values(), strict=True):
-        q[full.joints[index].idx_q] = position
-    return indices, q
+def _with_fixed(xml: str, locked: Mapping[str, float]) -> str:
+    """The text of a description with joints fixed at positions [rad or m].
+
+    Pinocchio's own way, by a model with all joints, fails where a link has the name of
+    a joint: it looks for frames by their names alone.
+    """
+    if not locked:
+        return xml
+    root = fromstring(xml)
+    for joint in root.iterfind("joint"):
+        position = locked.get(joint.get("name", ""))
+        if position is None:
+            continue
+        place, way = read_origin(joint), position * read_axis(joint)
+        motion = pin.SE3.Identity()
+        if joint.get("type") == "prismatic":
+            motion.translation = way
+        else:
+            motion.rotation = pin.exp3(way)
+        joint.set("type", "fixed")
+        write_origin(joint, place * motion)
+    return tostring(root, encoding="unicode")
 
 
 def sticks(model: pin.Model, q: Array) -> Array:
