@@ -10,6 +10,10 @@ import pinocchio as pin
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.robot import Robot
 
+# Lengths that scale others [m]: of an arm without any, and the farthest that a joint is
+# taken to slide, as rails of kilometres or without ends do.
+LEAST_LENGTH, LONGEST_TRAVEL = 1e-3, 10.0
+
 
 class FrameMotion(NamedTuple):
     """Velocity of a frame's origin, with derivatives.
@@ -111,7 +115,12 @@ class RobotKinematics:
             robot.reduce_tangent(rotation @ by_v[:3]),
         )
 
-    def reach(self, frame: str | None = None) -> float:
+    @property
+    def length(self) -> float:
+        """Length of the arm, which scales lengths, finite and above zero [m]."""
+        return max(self.reach(travel=LONGEST_TRAVEL), LEAST_LENGTH)
+
+    def reach(self, frame: str | None = None, *, travel: float = np.inf) -> float:
         """Upper bound on the distance of a frame from the base, at any q [m].
 
         The sum of the offsets along the chain, plus the travel of prismatic joints;
@@ -119,6 +128,7 @@ class RobotKinematics:
 
         Args:
             frame: Name of the frame; None for the one that reaches farthest.
+            travel: Farthest that a prismatic joint is taken to slide [m].
 
         Raises:
             FrameNotFound: If there is no such frame.
@@ -128,11 +138,10 @@ class RobotKinematics:
         lower, upper = model.lowerPositionLimit, model.upperPositionLimit
         for joint in range(1, model.njoints):
             offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
-            travel = 0.0
             if _slides(model, joint):
                 index = model.joints[joint].idx_q
-                travel = float(max(abs(lower[index]), abs(upper[index])))
-            span[joint] = span[model.parents[joint]] + offset + travel
+                offset += float(min(max(abs(lower[index]), abs(upper[index])), travel))
+            span[joint] = span[model.parents[joint]] + offset
         far = [
             float(span[item.parentJoint] + np.linalg.norm(item.placement.translation))
             for item in model.frames

@@ -57,7 +57,7 @@ def found(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
 def test_configurations_that_leave_no_freedom_are_isolated(two: bool) -> None:
     system, search = found(turning(two))
     assert search.free
-    alone = [isolated(system, system.problem.goal, q) for q in search.free]
+    alone = [isolated(AtGoal(system, system.problem.goal), q) for q in search.free]
     assert alone == [two] * len(alone)
 
 

@@ -17,8 +17,6 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
 
-# Reach of an arm without any [m].
-LEAST_REACH = 1e-3
 # Configurations whose distances are asked for at once.
 CHUNK = 512
 
@@ -116,9 +114,8 @@ class Task:
     def of(cls, problem: Problem) -> Task:
         """Take up a problem."""
         kinematics = RobotKinematics(problem.robot)
-        reach = max(kinematics.reach(), LEAST_REACH)
         dynamics = RobotDynamics(problem.robot, dry=False)
-        return cls(problem, dynamics, kinematics, reach)
+        return cls(problem, dynamics, kinematics, kinematics.length)
 
     @cached_property
     def room(self) -> Room | None:

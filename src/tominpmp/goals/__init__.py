@@ -9,7 +9,7 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, FrameGoal, PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.goals.passing import PassedGoal, passed
-from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place
+from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, Scales
 from tominpmp.goals.region import RegionGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
 
@@ -30,5 +30,6 @@ __all__ = [
     "PoseGoal",
     "PositionGoal",
     "RegionGoal",
+    "Scales",
     "passed",
 ]

@@ -61,10 +61,7 @@ class Goal(ABC):
             Excess beyond the bounds, zero where the goal is reached, and its Jacobian,
             shapes (k,) and (k, n).
         """
-        place = self.place(kinematics, q)
-        excess = place.value - np.clip(place.value, place.lower, place.upper)
-        outside = (excess != 0.0) | (place.lower == place.upper)
-        return excess, np.where(outside[:, None], place.by_q, 0.0)
+        return self.place(kinematics, q).residual()
 
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Evaluate the residual at a final state of shape (n,) each."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 
 
@@ -100,6 +100,22 @@ class Place(NamedTuple):
             (*labels, label),
         )
 
+    @property
+    def excess(self) -> Array:
+        """How far the values are beyond the bounds, zero within, shape (k,)."""
+        return self.value - np.clip(self.value, self.lower, self.upper)
+
+    @property
+    def lengths(self) -> BoolArray:
+        """Which of the values are lengths, the others being angles, shape (k,)."""
+        return np.array([label.unit == "m" for label in self.labels], dtype=bool)
+
+    def residual(self) -> tuple[Array, Array]:
+        """The excess, and its derivative with respect to q, shape (k, n)."""
+        excess = self.excess
+        outside = (excess != 0.0) | (self.lower == self.upper)
+        return excess, np.where(outside[:, None], self.by_q, 0.0)
+
     def kept(self, which: BoolArray) -> Place:
         """Some of the values."""
         return Place(
@@ -119,6 +135,38 @@ class Place(NamedTuple):
             np.concatenate([self.upper, other.upper]),
             self.labels + other.labels,
         )
+
+
+class Scales(NamedTuple):
+    """What counts as 1 rad in the search for configurations that reach a goal.
+
+    Joints that slide go as far as the goal is, however far they can. So what counts of
+    them is the length of the arm without them, or how far the goal is where that is
+    more, or all their travel where that is less.
+
+    Attributes:
+        joints: Displacements of the joints, shape (n,): 1, or a length [m].
+        lengths: An error in position: a metre, or for shorter arms their length [m].
+    """
+
+    joints: Array
+    lengths: float
+
+    @classmethod
+    def of(cls, kinematics: RobotKinematics, start: Place) -> Scales:
+        """Scales of a search.
+
+        Args:
+            kinematics: Of the robot.
+            start: What is asked, at the configuration that the search begins with.
+        """
+        missing = float(np.max(np.abs(start.excess[start.lengths]), initial=0.0))
+        length = max(kinematics.reach(travel=0.0), missing) or 1.0
+        robot = kinematics.robot
+        travel = robot.limits.position_upper - robot.limits.position_lower
+        slides = prismatic_joints(robot)
+        joints = np.where(slides, np.minimum(length, travel), 1.0)
+        return cls(joints, min(length, 1.0))
 
 
 class Ball(NamedTuple):

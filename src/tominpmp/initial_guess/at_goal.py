@@ -9,7 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.goals import Goal
+from tominpmp.goals import Goal, Scales
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # How far beyond what is asked for bodies are led apart [m].
@@ -18,6 +18,9 @@ BEYOND = 1e-3
 
 class AtGoal:
     """What is asked of the configuration in which a segment ends.
+
+    Attributes:
+        scales: What counts as 1 rad, of joints and of errors.
 
     Args:
         system: Kinematics and limits.
@@ -37,6 +40,8 @@ class AtGoal:
         apart: bool = False,
     ) -> None:
         self.system, self.goal = system, goal
+        place = goal.place(system.kinematics, system.problem.q_start)
+        self.scales = Scales.of(system.kinematics, place)
         self.clearance = system.clearance if apart else None
         rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
         self.constraints = tuple(
@@ -51,16 +56,25 @@ class AtGoal:
         """How far a configuration is from all of it, and the Jacobian of that.
 
         Returns:
-            Shapes (k,) and (k, n); zero where it is met.
+            Shapes (k,) and (k, n), with lengths of the goal in units of their scale;
+            zero where it is met.
         """
-        value, by_q = self.goal.place_residual(self.system.kinematics, q)
-        every = [item.excess_at_rest(q) for item in self.constraints]
+        place = self.goal.place(self.system.kinematics, q)
+        value, by_q = place.residual()
+        share = np.where(place.lengths, 1.0 / self.scales.lengths, 1.0)
+        every = [(share * value, share[:, None] * by_q)]
+        every += [item.excess_at_rest(q) for item in self.constraints]
         if self.clearance is not None:
             every.append(self._overlap(self.clearance, q))
-        if not every:
-            return value, by_q
-        values, slopes = zip((value, by_q), *every, strict=True)
+        values, slopes = zip(*every, strict=True)
         return np.concatenate(values), np.concatenate(slopes)
+
+    def missing(self, q: Array) -> float:
+        """How far a configuration is from all of it, as a norm [m, rad]."""
+        value, _ = self.residual(q)
+        place = self.goal.place(self.system.kinematics, q)
+        value[: place.value.size] = place.excess
+        return float(np.linalg.norm(value))
 
     def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
         """What bodies lack of their distances [m], of those that lack anything."""

@@ -18,16 +18,21 @@ from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 STEPS = 60
-TOLERANCE = 1e-8
-# Residual that counts as none [m, rad].
-REACHED = 1e-6
+# Longest step of a joint [rad, or shares of the length that counts as 1 rad].
+LONGEST_STEP = 0.5
+# Residuals that end the steps, and that count as none [m, rad]; of arms shorter than a
+# metre shares of their length.
+TOLERANCE, REACHED = 1e-8, 1e-6
+# Keeps a system of equations regular that lacks some, as a share of its diagonal.
+REGULAR = 1e-12
 # A start is given up when this many steps have not halved the residual; most of the
 # time would go into those that get nowhere.
 PATIENCE = 12
-# Two solutions closer than this are one [rad or m].
-DISTINCT = 1e-2
-# Solutions at least this far apart go before those near to one of them [rad].
-SPREAD = 0.5
+# Two solutions closer than this are one, and solutions at least so far apart go before
+# those near to one of them [rad, or shares of the length that counts as 1 rad].
+DISTINCT, SPREAD = 1e-2, 0.5
+# Starts are drawn from this far round the start of the motion [likewise].
+AROUND = np.pi
 # Configurations in collision that are led out of it at most.
 LED_OUT = 10
 # Starts are drawn from all that is within reach, and as often from this share of it
@@ -78,10 +83,16 @@ def solve_inverse_kinematics(
     Returns:
         Configuration, shape (n,), and the norm of the residual left there.
     """
-    limits = system.problem.robot.limits
+    asked = AtGoal(system, goal, alone=alone, beyond=beyond, apart=apart)
+    q, _ = _solved(asked, q)
+    return q, asked.missing(q)
+
+
+def _solved(asked: AtGoal, q: Array) -> tuple[Array, float]:
+    """The steps, in joint displacements of which each counts as 1 rad."""
+    limits = asked.system.problem.robot.limits
     low, high = limits.position_lower, limits.position_upper
     q = np.clip(q, low, high)
-    asked = AtGoal(system, goal, alone=alone, beyond=beyond, apart=apart)
     value, jacobian = asked.residual(q)
     damping = 1e-2
     error = mark = float(value @ value)
@@ -98,12 +109,14 @@ def solve_inverse_kinematics(
         free = ~pinned
         if not np.any(free):
             break
-        J = jacobian[:, free]
-        normal = J.T @ J + (damping * error + 1e-12) * np.eye(int(free.sum()))
+        J = (jacobian * asked.scales.joints)[:, free]
+        normal = J.T @ J
+        least = REGULAR * max(float(normal.diagonal().max()), np.finfo(float).tiny)
+        normal += (damping * error + least) * np.eye(len(normal))
         step = np.zeros_like(q)
-        step[free] = -np.linalg.solve(normal, gradient[free])
-        step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
-        trial = np.clip(q + step, low, high)
+        step[free] = -np.linalg.solve(normal, J.T @ value)
+        step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+        trial = np.clip(q + asked.scales.joints * step, low, high)
         new_value, new_jacobian = asked.residual(trial)
         new_error = float(new_value @ new_value)
         if new_error < error:
@@ -136,76 +149,66 @@ def find_configurations(
     """
     problem = system.problem
     limits = problem.robot.limits
-    low = np.maximum(limits.position_lower, problem.q_start - np.pi)
-    high = np.minimum(limits.position_upper, problem.q_start + np.pi)
+    asked = AtGoal(system, goal, alone=alone, beyond=beyond)
+    around = AROUND * asked.scales.joints
+    low = np.maximum(limits.position_lower, problem.q_start - around)
+    high = np.minimum(limits.position_upper, problem.q_start + around)
     found: list[Array] = []
-    least = np.inf
+    least, nearest = np.inf, problem.q_start
     wide = [rng.uniform(low, high) for _ in range(count)]
     near = [problem.q_start + NEARER * (q - problem.q_start) for q in wide]
     for start in (problem.q_start, *wide, *near):
-        q, error = solve_inverse_kinematics(
-            system, goal, start, alone=alone, beyond=beyond
-        )
-        least = min(least, error)
-        if error < REACHED and not _near(q, found, DISTINCT):
+        q, error = _solved(asked, start)
+        if error < least:
+            least, nearest = error, q
+        if _is_new(asked, q, error, found):
             found.append(q)
     if not alone:
-        found += _nearer(system, goal, found, beyond)
+        found += _nearer(asked, found)
     weights = speed_weights(limits.velocity)
     found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
     clear = [is_free(system, q) for q in found]
-    free = _spread(system, [q for q, ok in zip(found, clear, strict=True) if ok])
-    blocked = _spread(system, [q for q, ok in zip(found, clear, strict=True) if not ok])
-    if not free:
-        free = _led_out(system, goal, blocked[:LED_OUT], alone=alone, beyond=beyond)
-    return GoalSearch(free, blocked, 0.0 if found else least)
+    free = _spread(asked, [q for q, ok in zip(found, clear, strict=True) if ok])
+    blocked = _spread(asked, [q for q, ok in zip(found, clear, strict=True) if not ok])
+    if not free and system.clearance is not None:
+        apart = AtGoal(system, goal, alone=alone, beyond=beyond, apart=True)
+        free = _led_out(apart, blocked[:LED_OUT])
+    return GoalSearch(free, blocked, 0.0 if found else asked.missing(nearest))
 
 
-def _nearer(
-    system: ProblemFunctions,
-    goal: Goal,
-    found: Sequence[Array],
-    beyond: Sequence[PathConstraint],
-) -> list[Array]:
+def _is_new(asked: AtGoal, q: Array, error: float, others: list[Array]) -> bool:
+    """Whether a configuration reaches the goal, and none of the others is near it."""
+    return error < REACHED and not _near(asked, q, others, DISTINCT)
+
+
+def _nearer(asked: AtGoal, found: list[Array]) -> list[Array]:
     """Configurations that reach a goal nearer to the start than those found."""
-    asked, nearer = AtGoal(system, goal, beyond=beyond), list[Array]()
+    nearer = list[Array]()
     for q in found:
-        if isolated(system, goal, q):
+        if isolated(asked, q):
             continue
-        moved, error = solve_inverse_kinematics(
-            system, goal, led_nearer(system, asked, q), beyond=beyond
-        )
-        if error < REACHED and not _near(moved, [*found, *nearer], DISTINCT):
+        moved, error = _solved(asked, led_nearer(asked, q))
+        if _is_new(asked, moved, error, [*found, *nearer]):
             nearer.append(moved)
     return nearer
 
 
-def _led_out(
-    system: ProblemFunctions,
-    goal: Goal,
-    blocked: Sequence[Array],
-    *,
-    alone: bool,
-    beyond: Sequence[PathConstraint],
-) -> list[Array]:
+def _led_out(asked: AtGoal, blocked: Sequence[Array]) -> list[Array]:
     """Configurations that reach a goal beside those that collide there."""
     found: list[Array] = []
     for q in blocked:
-        if system.clearance is None or isolated(system, goal, q):
+        if isolated(asked, q):
             continue
-        moved, error = solve_inverse_kinematics(
-            system, goal, q, alone=alone, beyond=beyond, apart=True
-        )
-        new = error < REACHED and not _near(moved, found, DISTINCT)
-        if new and is_free(system, moved):
+        moved, error = _solved(asked, q)
+        if _is_new(asked, moved, error, found) and is_free(asked.system, moved):
             found.append(moved)
     return found
 
 
-def isolated(system: ProblemFunctions, goal: Goal, q: Array) -> bool:
+def isolated(asked: AtGoal, q: Array) -> bool:
     """Whether no other configuration near one that reaches a goal reaches it."""
-    _, by_q = goal.place_residual(system.kinematics, q)
-    values = np.linalg.svd(by_q / system.step_scale, compute_uv=False)
+    _, by_q = asked.goal.place_residual(asked.system.kinematics, q)
+    values = np.linalg.svd(by_q * asked.scales.joints, compute_uv=False)
     return values.size == q.size and bool(values[-1] > RANK * values[0])
 
 
@@ -219,9 +222,9 @@ def shut_out(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
     if not blocked or problem.checker.moving:
         return False
     margins = problem.checker.margins(problem.margin)
+    asked = AtGoal(system, problem.goal)
     return all(
-        isolated(system, problem.goal, q) and not problem.checker.is_free(q, margins)
-        for q in blocked
+        isolated(asked, q) and not problem.checker.is_free(q, margins) for q in blocked
     )
 
 
@@ -242,16 +245,15 @@ def goal_configurations(
     return free or blocked, least
 
 
-def _near(q: Array, others: list[Array], distance: float) -> bool:
-    return any(float(np.abs(q - other).max()) <= distance for other in others)
+def _near(asked: AtGoal, q: Array, others: list[Array], distance: float) -> bool:
+    apart = (np.abs(q - other) / asked.scales.joints for other in others)
+    return any(float(one.max()) <= distance for one in apart)
 
 
-def _spread(system: ProblemFunctions, found: list[Array]) -> list[Array]:
+def _spread(asked: AtGoal, found: list[Array]) -> list[Array]:
     """Put configurations that are near to one before them last."""
-    scale = system.step_scale
     first: list[Array] = []
     last: list[Array] = []
     for q in found:
-        near = _near(q / scale, [other / scale for other in first], SPREAD)
-        (last if near else first).append(q)
+        (last if _near(asked, q, first, SPREAD) else first).append(q)
     return first + last

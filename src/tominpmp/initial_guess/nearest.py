@@ -13,7 +13,6 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.at_goal import AtGoal
 from tominpmp.initial_guess.path import speed_weights
-from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Steps at most, how far each of them may go, and one that is none [rad].
 STEPS, LONGEST_STEP, SHORTEST_STEP = 25, 0.2, 1e-3
@@ -24,22 +23,22 @@ POWER, LEAST_SHARE = 4, 0.05
 REGULAR = 1e-10
 
 
-def led_nearer(system: ProblemFunctions, asked: AtGoal, q: Array) -> Array:
+def led_nearer(asked: AtGoal, q: Array) -> Array:
     """Lead a configuration to where the slowest joint has least to go.
 
     Newton's steps for the sum of the powers, with the goal to first order.
 
     Args:
-        system: Limits, and the start.
         asked: What is asked of the configuration.
         q: A configuration that reaches the goal, shape (n,) [rad or m].
 
     Returns:
         A configuration near to one that reaches it, shape (n,).
     """
-    limits, start = system.problem.robot.limits, system.problem.q_start
+    problem = asked.system.problem
+    limits, start = problem.robot.limits, problem.q_start
     low, high = limits.position_lower, limits.position_upper
-    weights, scale = speed_weights(limits.velocity), system.step_scale
+    weights, scale = speed_weights(limits.velocity), asked.scales.joints
     for _ in range(STEPS):
         value, jacobian = asked.residual(q)
         share = weights * np.abs(q - start)

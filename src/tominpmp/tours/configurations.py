@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.goals import Goal
+from tominpmp.goals import Goal, Scales
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
@@ -22,8 +22,9 @@ from tominpmp.tours.goal_rows import GoalRows
 STEPS = 40
 # Residual that counts as none [m, rad], and that of steps that are given up.
 REACHED = 1e-7
-# Longest step of a joint [rad or m].
-LONGEST_STEP = 0.5
+# Longest step of a joint, and how far from the start random ones are [rad, or shares of
+# the length that counts as 1 rad].
+LONGEST_STEP, AROUND = 0.5, np.pi
 # Configurations that differ by less in all joints are one [rad or m].
 DISTINCT = 0.02
 # Rows that are improved at once, for the sake of memory.
@@ -52,6 +53,7 @@ class Configurations:
     _rows: GoalRows = field(init=False, repr=False)
     _counts: IntArray = field(init=False, repr=False)
     _first: IntArray = field(init=False, repr=False)
+    _scales: Array = field(init=False, repr=False)
     _kinematics: RobotKinematics = field(init=False, repr=False)
     _free: dict[tuple[bytes, int | None], bool] = field(
         init=False, repr=False, default_factory=dict
@@ -66,7 +68,11 @@ class Configurations:
         object.__setattr__(self, "_counts", counts)
         object.__setattr__(self, "_first", np.cumsum(counts) - counts)
         object.__setattr__(self, "_rows", GoalRows(robot, every))
-        object.__setattr__(self, "_kinematics", RobotKinematics(robot))
+        kinematics = RobotKinematics(robot)
+        object.__setattr__(self, "_kinematics", kinematics)
+        starts = (goal.place(kinematics, self.problem.q_start) for goal in every)
+        scales = [Scales.of(kinematics, start).joints for start in starts]
+        object.__setattr__(self, "_scales", np.stack(scales))
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -115,7 +121,7 @@ class Configurations:
     def _projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
         low, high = self.limits
         q = np.clip(q, low, high)
-        metric = 1.0 / self.weights**2
+        metric = (self._scales / self.weights) ** 2
         good, left = np.zeros(len(q), dtype=bool), np.arange(len(q))
         mark = np.full(len(q), np.inf)
         for step in range(STEPS):
@@ -134,7 +140,7 @@ class Configurations:
             # A joint at its limit that would go beyond is held there.
             held = np.zeros((left.size, len(low)), dtype=bool)
             for _ in range(2):
-                D = metric * ~held
+                D = metric[which[left]] * ~held
                 JD = J * D[:, None]
                 normal = JD @ np.swapaxes(J, 1, 2)
                 size = np.trace(normal, axis1=1, axis2=2) / normal.shape[1]
@@ -152,7 +158,8 @@ class Configurations:
                 if not np.any(more):
                     break
                 held |= more
-            longest = np.max(np.abs(move), axis=1, initial=0.0)
+            far = np.abs(move) / self._scales[which[left]]
+            longest = np.max(far, axis=1, initial=0.0)
             move *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))[:, None]
             q[left] = np.clip(q[left] + move, low, high)
         return q, good
@@ -208,7 +215,7 @@ class Configurations:
         if not which:
             return
         home = self.problem.q_start
-        starts = self._random(rng, (len(which), count, home.size))
+        starts = np.stack([self._random(rng, g, count) for g in which])
         starts[:, 0] = home
         # What does not carry the frame stays where it is.
         for i, g in enumerate(which):
@@ -221,10 +228,12 @@ class Configurations:
         rows = np.repeat(np.array(which, dtype=np.int64), count)
         self._add(found, starts.reshape(-1, home.size), rows, in_turn=True)
 
-    def _random(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Configurations at most half a turn of each joint from the start."""
+    def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
+        """Configurations for a station within half a turn of the start, (count, n)."""
         (low, high), home = self.limits, self.problem.q_start
-        low, high = np.maximum(low, home - np.pi), np.minimum(high, home + np.pi)
+        around = AROUND * self._scales[self._first[g]]
+        low, high = np.maximum(low, home - around), np.minimum(high, home + around)
+        shape = count, home.size
         return rng.uniform(np.minimum(low, high), np.maximum(low, high), shape)
 
     def _idle(self, goal: Goal) -> BoolArray:
@@ -299,7 +308,7 @@ class Configurations:
 
     def unreached(self, g: int) -> str:
         """Why no configuration was found for a station, in a clause."""
-        starts = self._random(np.random.default_rng(0), (60, self.problem.robot.n))
+        starts = self._random(np.random.default_rng(0), g, 60)
         q, good = self.projected(starts, np.full(60, g, dtype=np.int64))
         if not np.any(good):
             rests = [

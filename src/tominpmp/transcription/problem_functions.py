@@ -125,7 +125,7 @@ class ProblemFunctions:
     @classmethod
     def _of(cls, problem: Problem) -> ProblemFunctions:
         kinematics = RobotKinematics(problem.robot)
-        reach = max(kinematics.reach(), 1e-3)
+        reach = kinematics.length
         dynamics = RobotDynamics(problem.robot, dry=False)
         watched = Watched(problem, reach)
         if not problem.checker.lone:
