@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.checks import instance, number, text, wrong
 from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
+from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.urdf import UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
 from tominpmp.inputs import VectorLike, vector
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
-# A moment of inertia may exceed the sum of the other two by this share: files round.
+# Products of inertia may differ by this share from those across the diagonal.
 ROUNDING = 1e-6
 
 
@@ -107,14 +108,9 @@ def checked_inertia(value: object, name: str) -> Array:
     shaped = array.shape == (3, 3) and bool(np.all(np.isfinite(array)))
     if not shaped or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
         raise wrong(value, name, "a symmetric matrix of 3x3 numbers [kg m^2]")
-    moments = np.linalg.eigvalsh(array)
-    slack = ROUNDING * float(np.abs(moments).max())
-    if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
-        raise ProblemError(
-            f"{name} has the principal moments {moments.tolist()}, expected "
-            "none below 0 or above the sum of the other two",
-            name,
-        )
+    fault = impossible_moments(array)
+    if fault is not None:
+        raise ProblemError(f"{name} {fault}", name)
     return frozen_array(0.5 * (array + array.T))
 
 

@@ -14,6 +14,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
+from tominpmp.description.inertials import (
+    impossible_bodies,
+    links_of,
+    listed,
+    named_body,
+)
 from tominpmp.description.joint_table import JointTable, example_values
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.urdf import Mimic, UrdfDescription
@@ -246,20 +252,25 @@ def check_inertia(
     table: JointTable,
     matrix: Array | None,
     offset: Array | None,
-    path: Path,
+    description: UrdfDescription,
 ) -> None:
-    """Check that no torque would accelerate joints without bound.
+    """Check that joints move bodies that can be, and none without bound.
+
+    A joint with rotor inertia may move what no body is: its torques are not its own.
 
     Args:
         model: Model with its rotor inertia.
         table: Values of the n free joints; positions are taken between their limits.
         matrix: S, shape (nv, n), or ``None``.
         offset: c, shape (nv,), or ``None``.
-        path: The description, for the message.
+        description: The robot, for messages.
 
     Raises:
-        RobotLoadError: Naming the joints that move while the mass matrix is singular.
+        RobotLoadError: Naming the joints that move what no body is, or that move while
+            the mass matrix is singular.
     """
+    path = description.path
+    _check_bodies(model, table, matrix, path)
     rng = np.random.default_rng(0)
     low = np.clip(table.position_lower, -np.pi, np.pi)
     high = np.clip(table.position_upper, -np.pi, np.pi)
@@ -275,13 +286,53 @@ def check_inertia(
         singular = np.flatnonzero(singular_directions(mass))
         if singular.size:
             joints = [table.joint_names[i] for i in singular]
+            least = float(np.diag(mass)[singular].min())
             raise RobotLoadError(
-                f"{path}: the links that {', '.join(joints)} move have no inertia, so "
-                "that any torque would accelerate them without bound: give "
+                f"{path}: {' and '.join(joints)} can move without any inertia"
+                f"{_without_inertia(model, joints, least, description.xml)}, so that "
+                "any torque would accelerate them without bound: give "
                 f"armature={example_values(joints)} [kg m^2 or kg], or mend the "
                 "<inertial> elements",
                 path,
             )
+
+
+def _check_bodies(
+    model: pin.Model, table: JointTable, matrix: Array | None, path: Path
+) -> None:
+    matrix = np.eye(len(table.joint_names)) if matrix is None else np.abs(matrix)
+    free = matrix @ table.armature == 0.0
+    found = {
+        joint: fault
+        for joint, fault in impossible_bodies(model).items()
+        if free[joint - 1]
+    }
+    if not found:
+        return
+    leaders = np.unique([matrix[joint - 1].argmax() for joint in found]).tolist()
+    rotors = example_values([table.joint_names[leader] for leader in leaders])
+    raise RobotLoadError(
+        f"{path}: {listed(list(found.values()))}: mend the <inertial> elements, or "
+        f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless",
+        path,
+    )
+
+
+def _without_inertia(
+    model: pin.Model, joints: Sequence[str], least: float, xml: str
+) -> str:
+    """Which bodies of joints lack inertia, or how little they have, in brackets."""
+    given = {
+        link.get("name", "")
+        for link in fromstring(xml).iter("link")
+        if link.find("inertial") is not None
+    }
+    indices = [int(model.getJointId(name)) for name in joints]
+    lacking = [k for k in indices if not given.intersection(links_of(model, k))]
+    if lacking:
+        bodies = (f"{named_body(model, k)} has no <inertial>" for k in lacking)
+        return f" ({', '.join(bodies)})"
+    return f" (what the <inertial> elements give is {least:.2g} kg m^2 or kg)"
 
 
 def singular_directions(mass: Array) -> NDArray[np.bool_]:

@@ -143,7 +143,7 @@ def load_robot(
         description=given.description,
         motion_limits=given.motion_limits(published, joint_names),
     )
-    check_inertia(robot.model, table, matrix, offset, urdf)
+    check_inertia(robot.model, table, matrix, offset, given.description)
     warn_of_inertia(robot.model, given.description.xml, urdf)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)

@@ -314,7 +314,7 @@ class Robot(Record):
             friction=table.friction,
             gravity=changed,
         )
-        check_inertia(robot.model, table, *expansion_pair, self.urdf_path)
+        check_inertia(robot.model, table, *expansion_pair, self.description)
         # Geometry does not depend on any of this; it need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
