@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from tominpmp.linear_programs import (
     make_solver,
 )
 from tominpmp.linear_programs import piqp as piqp_module
+from tominpmp.linear_programs.piqp import PIQP_ITERATIONS
 from tominpmp.program_records import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]
@@ -267,3 +269,25 @@ def test_matrices_may_have_their_columns_in_any_order():
     one, other = (PiqpSolver().solve(p) for p in (ordered, mixed))
     assert one.optimal and one.iterations == other.iterations
     np.testing.assert_array_equal(one.x, other.x)
+
+
+def test_a_feasible_program_of_a_panda_is_not_called_infeasible():
+    """The first one with jerks of 1000 rad/s^3: PIQP 0.7 took its last steps for a
+    proof that there is no solution, and left it to 1094 pivots."""
+    with np.load(Path(__file__).parent / "panda_jerk_program.npz") as kept:
+        parts = {name: kept[name].astype(float) for name in kept.files}
+    columns = tuple(parts.pop(name) for name in ("data", "indices", "indptr"))
+    matrix = sp.csc_matrix(columns, shape=parts.pop("shape").astype(int))
+    rows = matrix.shape[0]
+    p = LinearProgram(
+        matrix=matrix,
+        row_keys=np.arange(rows),
+        column_keys=np.arange(matrix.shape[1]),
+        **parts,
+    )
+    exact, found = make_solver("highs").solve(p), make_solver("piqp").solve(p)
+    assert found.optimal
+    assert found.iterations <= PIQP_ITERATIONS
+    assert p.cost @ found.x == pytest.approx(p.cost @ exact.x, abs=2e-5)
+    at = matrix @ found.x
+    assert np.all(at <= p.row_upper + 1e-6) and np.all(at >= p.row_lower - 1e-6)
