@@ -19,6 +19,7 @@ from tominpmp.exceptions import OptionsError
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 client = pytest.importorskip("websockets.sync.client")
+websockets = pytest.importorskip("websockets.exceptions")
 
 PATIENCE = 300.0  # on a loaded machine [s]
 
@@ -127,6 +128,77 @@ def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
     told = page.readout._notice.content  # type: ignore[attr-defined]
     assert "cat.urdf" in told
     assert page.controller.request == before  # type: ignore[attr-defined]
+
+
+def handshake(page: object, host: str, origin: str | None, path: str = "/") -> int:
+    """The code that the page answers who speaks to it by a name, from an origin."""
+    port = int(page.address.rpartition(":")[2])  # type: ignore[attr-defined]
+    try:
+        with client.connect(
+            f"ws://{host.replace('PORT', str(port))}{path}",
+            origin=None if origin is None else origin.replace("PORT", str(port)),
+            subprotocols=[f"viser-v{viser.__version__}"],
+            max_size=None,
+            open_timeout=PATIENCE,
+            sock=socket.create_connection(("127.0.0.1", port)),
+        ) as connection:
+            assert connection.recv(timeout=PATIENCE)  # the scene
+            return 101
+    except websockets.InvalidStatus as refused:
+        return int(refused.response.status_code)
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "code"),
+    [
+        ("localhost:PORT", "http://localhost:PORT", 101),
+        ("127.0.0.1:PORT", "http://127.0.0.1:PORT", 101),
+        ("[::1]:PORT", "http://[::1]:PORT", 101),
+        ("LOCALHOST:PORT", "http://localhost:PORT", 101),
+        # Through a tunnel from another port, or behind what speaks TLS.
+        ("localhost:9000", "http://localhost:9000", 101),
+        ("localhost", "https://localhost", 101),
+        # Programs, which are no browsers.
+        ("localhost:PORT", None, 101),
+        # Other sites in the browser of who opened the page.
+        ("localhost:PORT", "http://attacker.example", 403),
+        ("localhost:PORT", "http://attacker.example:PORT", 403),
+        ("localhost:PORT", "http://localhost:9000", 403),
+        ("127.0.0.1:PORT", "http://localhost.attacker.example:PORT", 403),
+        ("localhost:PORT", "null", 403),
+        # Their names, led to this machine.
+        ("attacker.example:PORT", "http://attacker.example:PORT", 403),
+        ("attacker.example:PORT", None, 403),
+        ("127.0.0.1.attacker.example:PORT", None, 403),
+    ],
+)
+def test_a_page_of_another_origin_cannot_drive_this_one(
+    page: object, host: str, origin: str | None, code: int
+) -> None:
+    assert handshake(page, host, origin) == code
+
+
+def test_a_viser_that_cannot_be_guarded_serves_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from tominpmp.app.page import Page
+    from tominpmp.exceptions import TominpmpError
+
+    stopped = []
+
+    class Other:
+        """Opens its websocket in some other way."""
+
+        def __init__(self, *where: object, **settings: object) -> None:
+            pass
+
+        def stop(self) -> None:
+            stopped.append(self)
+
+    monkeypatch.setattr(viser, "ViserServer", Other)
+    with pytest.raises(TominpmpError, match=f"viser {viser.__version__} opens"):
+        Page(first_request(known("planar3r")), port=free_port())
+    assert stopped
 
 
 @pytest.mark.browser

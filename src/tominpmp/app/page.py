@@ -21,6 +21,7 @@ from tominpmp.app.camera import look_at, size_of
 from tominpmp.app.choice import RobotChoice, loaded
 from tominpmp.app.controller import Controller
 from tominpmp.app.handles import Handles
+from tominpmp.app.origins import serve
 from tominpmp.app.outcome import Outcome, Shown
 from tominpmp.app.panel import Panel
 from tominpmp.app.readout import Readout
@@ -85,7 +86,7 @@ class Page:
     Raises:
         MissingDependency: If viser is not installed.
         OptionsError: If the port is taken.
-        TominpmpError: If the robot cannot be loaded.
+        TominpmpError: If the robot cannot be loaded, or no visitor could be refused.
     """
 
     def __init__(
@@ -96,7 +97,7 @@ class Page:
         check_port(host, port)
         with redirect_stdout(io.StringIO()):
             # It says where it listens, which the caller does.
-            self.server = viser.ViserServer(host, port, label="tominpmp")
+            self.server = serve(viser, host, port)
         self.address = f"http://{'localhost' if host == '127.0.0.1' else host}:{port}"
         self._lock = threading.RLock()
         self._ended = threading.Event()
