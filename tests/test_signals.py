@@ -13,6 +13,7 @@ import time
 import pytest
 from unit.parallel_work import until_asked
 
+import tominpmp as tm
 from tominpmp.initial_guess import parallel
 from tominpmp.initial_guess.parallel import run_parallel
 
@@ -152,3 +153,68 @@ def test_the_command_writes_what_was_found(tmp_path, number, where):
     # By then there may be the motion of a coarse grid only.
     assert len(rows) > 16 and len(rows[-1].split(",")) == len(rows[-2].split(","))
     assert os.listdir(tmp_path) == ["motion.csv"]
+
+
+# As the command and ``python -m tominpmp`` begin.
+ENTRIES = {
+    "command": "from tominpmp.cli import main; main()",
+    "module": "import runpy; runpy.run_module('tominpmp', run_name='__main__')",
+}
+# Modules in the order in which they are imported: the parser of the command line, the
+# options, and what takes long.
+STAGES = ("typer", "tominpmp.cli.option_fields", "numpy", "pinocchio", "tominpmp.goals")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_signals_while_it_starts_end_it_without_a_traceback(
+    tmp_path, monkeypatch, entry, number
+):
+    """Each time another import is under way, and says so."""
+    monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
+    for stage in STAGES:
+        process = start(ENTRIES[entry], *PLAN, cwd=tmp_path)
+        for line in process.stderr:
+            if line.rpartition("|")[2].strip().startswith(stage):
+                break
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=WAIT)
+        said = [row for row in errors.splitlines() if not row.startswith("import time")]
+        assert said == ["error: interrupted"], stage
+        assert process.returncode == 128 + number, stage
+        assert not os.listdir(tmp_path)
+
+
+def test_nothing_is_imported_before_signals_are_heeded():
+    """But for what Python itself has imported, where no packages are looked for."""
+    root = os.path.dirname(os.path.dirname(tm.__file__))
+    code = f"import sys; sys.path.insert(0, {root!r}); import tominpmp.cli\n"
+    code += "print(sorted({'logging', 'typing', 'typer', 'numpy'} & set(sys.modules)))"
+    command = [sys.executable, "-S", "-c", code]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert found.stdout == "[]\n"
+
+
+def test_what_the_library_logs_is_the_application_s_to_show():
+    """It is not written to standard error where nobody asked for it."""
+    code = "from tominpmp.collision import decomposition_cache as those\n"
+    code += "those.logger.warning('seen')"
+    command = [sys.executable, "-c", code]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert found.stderr == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_batch_ends_with_the_plan_that_a_signal_meets(tmp_path, number):
+    robot = tm.load_robot("planar3r")
+    for k in range(3):
+        goal = tm.JointGoal((1.5 + 0.1 * k, -1.0, 0.5))
+        problem = tm.Problem(robot, (0.5, 1.7, -1.7), goal)
+        tm.save_scenario(tmp_path / f"{k}.toml", problem)
+    words = f"batch {tmp_path} --workers 1 --planning-effort quick".split()
+    process = start(ENTRIES["command"], *words, cwd=tmp_path)
+    assert process.stderr.readline().startswith("1/3")
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 128 + number, errors
+    assert "interrupted" in errors and "3/3" not in errors

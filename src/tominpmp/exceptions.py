@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import copyreg
 import difflib
+import logging
 import reprlib
 import sys
 import warnings
@@ -30,6 +31,9 @@ _repr = reprlib.Repr()
 _repr.maxlevel, _repr.maxother = 4, 10 * BRIEF
 _repr.maxlist = _repr.maxtuple = _repr.maxset = _repr.maxfrozenset = 8
 _repr.maxstring = _repr.maxlong = BRIEF
+
+# A library leaves it to the application whether its log is shown.
+logging.getLogger(LIBRARY).addHandler(logging.NullHandler())
 
 
 def shortened(text: str, most: int = BRIEF) -> str:

@@ -48,6 +48,8 @@ Exit codes:
   0    all have a motion
   1    some have none: they are named
   2    bad input
+  130  interrupted (Ctrl-C); results that were kept are taken by the next run
+  143  terminated (SIGTERM); likewise
 """
 
 TOUR_CODES = """\b
@@ -56,6 +58,7 @@ Exit codes:
   1    none was found
   2    bad input
   130  interrupted (Ctrl-C)
+  143  terminated (SIGTERM)
 """
 
 app = new_app()

@@ -12,6 +12,7 @@ import typer
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.options import BatchOptions
 from tominpmp.cli.report import rows_text
+from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, complain
 
 # Problems without a motion that are named.
@@ -57,7 +58,10 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         **given,
     )
     # Motions are in files; thousands of them need not be in memory, too.
-    rows = [_light(outcome) for outcome in found]
+    rows = []
+    for outcome in found:
+        rows.append(_light(outcome))
+        present().check()
     data = summary(rows) | {"seconds": time.perf_counter() - begin}
     failed = [row for row in rows if not row.success]
     for row in failed[:NAMED] if not args.json else ():

@@ -14,7 +14,7 @@ from tominpmp.cli.options import PlanOptions, ProblemArguments
 from tominpmp.cli.output_files import OutputFiles
 from tominpmp.cli.progress import Progress
 from tominpmp.cli.report import report_data, report_text
-from tominpmp.cli.signals import Signals, heeded_signals
+from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import (
     INTERRUPTED,
     NO_PLAN,
@@ -44,18 +44,12 @@ def run_plan(
     """
     begin = time.perf_counter()
     files = OutputFiles.of(args)
-    with heeded_signals() as signals:
-        try:
-            with logged(args.verbose, error_console()):
-                solution = _solve(problem_args, options, args, begin, signals)
-            signals.writing()
-            sound = _write(solution, files)
-        except KeyboardInterrupt:
-            complain("error", "interrupted")
-            return signals.code or INTERRUPTED
-    if signals.code is not None:
-        return signals.code
-    if solution.status is Status.INTERRUPTED:
+    signals = present()
+    with logged(args.verbose, error_console()):
+        solution = _solve(problem_args, options, args, begin)
+    signals.writing()
+    sound = _write(solution, files)
+    if signals.number is not None or solution.status is Status.INTERRUPTED:
         return INTERRUPTED
     return PLANNED if solution.success and sound else NO_PLAN
 
@@ -65,7 +59,6 @@ def _solve(
     options: Mapping[str, Any],
     args: PlanOptions,
     begin: float,
-    signals: Signals,
 ) -> Solution:
     """Load and plan; the time for both counts since the beginning."""
     # Loading the libraries takes long, and may be interrupted.
@@ -85,7 +78,7 @@ def _solve(
             {} if args.start_from is None else {"start": load_motion(args.start_from)}
         )
         progress.phase("planning")
-        signals.check()
+        present().check()
         return plan(problem, chosen, **former)
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
-from typing import Any
 
 from tominpmp import stopping
 
+TYPE_CHECKING = False  # typing takes long to import
+if TYPE_CHECKING:
+    from types import FrameType
+    from typing import Any
+
 # What a shell says of a process that a signal has ended: this and its number.
 SIGNALLED = 128
+# Clears the line of progress, and shows the cursor.
+CLEARED = b"\r\x1b[K\x1b[?25h"
 
 
 class Signals:
@@ -30,17 +36,12 @@ class Signals:
         self._writing = False
         self._insisted = False
 
-    @property
-    def code(self) -> int | None:
-        """Exit code for the signal that came; None if none has."""
-        return None if self.number is None else SIGNALLED + self.number
-
     def writing(self) -> None:
         """Say that what was found is written from now on."""
         self._writing = True
 
     def check(self) -> None:
-        """End if a signal has come before: loading libraries may swallow the exception.
+        """End if a signal has come before: native code may swallow the exception.
 
         Raises:
             KeyboardInterrupt: If one has.
@@ -56,20 +57,63 @@ class Signals:
             return
         if not self._writing and stopping.request():
             return
+        if not stopping.due() and _importing(frame):
+            end_at_once(self.number, frame)
         raise KeyboardInterrupt
 
 
-@contextmanager
-def heeded_signals() -> Iterator[Signals]:
-    """Take Ctrl-C and SIGTERM, unless they are ignored, as a shell does for jobs."""
-    signals = Signals()
+def end_at_once(number: int, frame: FrameType | None) -> None:
+    """End the process by a signal, while there is nothing to save.
+
+    An exception while modules are imported would be lost in native code, or be shown
+    by what imports them.
+    """
+    cleared = CLEARED if os.isatty(2) else b""
+    try:
+        os.write(2, cleared + b"error: interrupted\n")
+    finally:
+        os._exit(SIGNALLED + number)
+
+
+def _importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def take(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
+    """Take Ctrl-C and SIGTERM, unless they are ignored, as a shell does for jobs.
+
+    Returns:
+        The former handlers by the numbers of the signals.
+    """
     former: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                former[number] = signal.signal(number, signals)
+                former[number] = signal.signal(number, handler)
+    return former
+
+
+_present = Signals()
+
+
+def present() -> Signals:
+    """The signals that have come to the command."""
+    return _present
+
+
+@contextmanager
+def heeded_signals() -> Iterator[Signals]:
+    """Take signals for a command."""
+    global _present
+    before, _present = _present, Signals()
+    former = take(_present)
     try:
-        yield signals
+        yield _present
     finally:
         for key, handler in former.items():
             signal.signal(key, handler)
+        _present = before

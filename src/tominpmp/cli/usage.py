@@ -10,7 +10,8 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from tominpmp.cli.terminal import flush_output, guarded
+from tominpmp.cli.signals import SIGNALLED, heeded_signals
+from tominpmp.cli.terminal import INTERRUPTED, flush_output, guarded
 
 # What the options are listed under in the help, in this order.
 PANELS = ("Motion", "Scene", "Robot", "Planning", "Output", "Page", "General")
@@ -98,11 +99,13 @@ class Commands(TyperGroup):
             kwargs["standalone_mode"] = standalone_mode
             return super().main(*args, **kwargs)
         try:
-            with guarded():
+            with guarded(), heeded_signals() as signals:
                 kwargs["standalone_mode"] = False
                 code = int(super().main(*args, **kwargs) or 0)
         except typer.Exit as end:
             code = end.exit_code
+        if code == INTERRUPTED and signals.number is not None:
+            code = SIGNALLED + signals.number
         code = flush_output(code)
         if standalone_mode:
             sys.exit(code)
