@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from string import ascii_lowercase
 from typing import cast
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -120,6 +122,30 @@ def row(solution: tm.Solution) -> list[str]:
     return [duration + marks(solution), *cells]
 
 
+# Motions whose joints end so far apart are different local optima [rad].
+APART = 0.5
+
+
+def local_optima(
+    solutions: Sequence[tm.Solution],
+) -> tuple[list[str], dict[str, np.ndarray]]:
+    """Letter of the local optimum that each motion is near.
+
+    Returns:
+        The letters, and the joint angles at the end by letters.
+    """
+    letters, ends = [], dict[str, np.ndarray]()
+    for solution in solutions:
+        motion, letter = solution.trajectory, ""
+        if motion is not None:
+            q = motion.q[-1]
+            near = (k for k, end in ends.items() if np.abs(q - end).max() < APART)
+            letter = next(near, ascii_lowercase[len(ends)])
+            ends.setdefault(letter, q)
+        letters.append(letter)
+    return letters, ends
+
+
 def print_table(
     console: Console, solutions: Mapping[Key, tm.Solution], limit: float
 ) -> None:
@@ -128,14 +154,27 @@ def print_table(
     for heading in ("case", "gravity", *METHODS, "paper", "paper, penalty"):
         numeric = heading not in ("case", "gravity")
         table.add_column(heading, justify="right" if numeric else "left")
+    notes = []
     for gravity in GRAVITIES:
         for case in CASES:
             cells = []
-            for method in METHODS:
-                t, iterations, seconds = row(solutions[case, gravity, method])
-                cells.append(f"{t} ({iterations}, {seconds})")
+            found = [solutions[case, gravity, method] for method in METHODS]
+            letters, ends = local_optima(found)
+            for solution, letter in zip(found, letters, strict=True):
+                t, iterations, seconds = row(solution)
+                mark = f" {letter}" if len(ends) > 1 else ""
+                cells.append(f"{t}{mark} ({iterations}, {seconds})")
+            if len(ends) > 1:
+                told = (
+                    f"{k} ends with joints at {q.round(2)}" for k, q in ends.items()
+                )
+                notes.append(f"{case}, gravity {gravity}: {', '.join(told)} rad")
             table.add_row(case, gravity, *cells, *(f"{t:.3f}" for t in PAPER[case]))
     console.print(table)
+    if notes:
+        console.print("Letters tell local optima of one problem apart:")
+    for note in notes:
+        console.print(f"  {note}", markup=False)
     failed = [s for s in solutions.values() if not s.success]
     if failed:
         worst = max(max(s.violations.values(), default=0.0) for s in failed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import tominpmp as tm
@@ -32,6 +33,31 @@ def test_what_was_cut_off_or_violates_something_is_marked(
     assert paper_demo.label("penalty", solution) == "penalty"
     said = paper_demo.label("penalty", broken)
     assert said == "penalty, goal or limits violated, cut off"
+
+
+def test_local_optima_of_a_row_are_told_apart(
+    solution: tm.Solution, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """0.8600 and 1.0455 stood in one row, as if one of them were wrong."""
+    motion = solution.trajectory
+    assert motion is not None
+    turned = replace(motion, q=motion.q + np.array([0.0, 0.0, 2.0 * paper_demo.APART]))
+    other = replace(solution, trajectory=turned)
+    case, gravity = paper_demo.CASES[1], "none"
+    found = {
+        (c, g, m): other if (c, g, m) == (case, gravity, "collocation") else solution
+        for g in paper_demo.GRAVITIES
+        for c in paper_demo.CASES
+        for m in paper_demo.METHODS
+    }
+    paper_demo.print_table(paper_demo.Console(width=160), found, 20.0)
+    lines = capsys.readouterr().out.splitlines()
+    T = f"{solution.T:.4f}"
+    marked = [line for line in lines if f"{T} a (" in line]
+    assert len(marked) == 1 and case in marked[0] and gravity in marked[0]
+    assert marked[0].count(f"{T} a (") == 3 and marked[0].count(f"{T} b (") == 1
+    assert "local optima" in "".join(lines)
+    assert any(f"{case}, gravity {gravity}: a ends with" in line for line in lines)
 
 
 def test_the_marks_are_explained(
