@@ -16,6 +16,8 @@ from pathlib import Path
 
 from PIL import Image
 
+from tominpmp.viz.shares import SPEED_COLOR, TORQUE_COLOR
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
     "--headless",
@@ -46,7 +48,7 @@ STILLS = {
 FILM, BEGIN, END, FRAMES, PAUSE = "payload", 0.0, 1.65, 34, 60
 FILM_WIDTH, COLORS, LAST = 640, 96, 900
 # Colours of the curves and of the path.
-ACCENTS = ("#d98200", "#fbe3bd", "#12375f", "#c9d8ea", "#f2a419", "#d6453a")
+ACCENTS = (SPEED_COLOR, "#fbe3bd", TORQUE_COLOR, "#c9d8ea", "#f2a419", "#d6453a")
 
 
 def picture(browser: str, page: Path, time: float, path: Path) -> None:

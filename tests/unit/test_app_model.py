@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from tominpmp.exceptions import (
     SceneError,
     TominpmpError,
 )
+from tominpmp.viz.page import build_page
+from tominpmp.viz.shares import Shares
 
 PLANAR = EXAMPLES["planar3r"]
 TURNED = (0.0, 0.0, 0.382683, 0.92388)
@@ -204,6 +207,29 @@ def test_bars_are_red_at_the_limit_and_names_are_escaped() -> None:
     assert pictures.HOT not in pictures.curves(
         shown(speed=0 * shown().speed, torque=0 * shown().speed)
     )
+
+
+def test_torque_and_speed_are_drawn_as_on_the_pages_of_motions() -> None:
+    """They were, but for the names: the torque orange here, the speed there."""
+    found = shown()
+    page = build_page(
+        [],
+        title="",
+        caption="",
+        rate=1.0,
+        shares=Shares(tuple(found.joint_names), found.t, found.torque, found.speed),
+    )
+    for word in ("torque", "speed"):
+        told = rf'style="color:(#\w{{6}})[^>]*>{word}<'
+        colors = {
+            match[1]
+            for text in (page, pictures.bars(found, 0.0))
+            if (match := re.search(told, text))
+        }
+        assert len(colors) == 1
+        (color,) = colors
+        assert f'shares.{word}[k], "{color}"' in page  # the curve
+        assert f'stroke="{color}"' in pictures.curves(found)
 
 
 def test_names_of_joints_are_short() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 
 from tominpmp.app.outcome import Held, Outcome, Shown
 from tominpmp.arrays import Array
-from tominpmp.viz.shares import AT_LIMIT
+from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR
 
-SPEED, TORQUE, HOT = "#3b82f6", "#f59e0b", "#e11d48"
+HOT = "#e11d48"
 INK, FAINT, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
 GOOD, BAD = "#15803d", "#be123c"
 FONT = "font-family:Inter,system-ui,sans-serif"
@@ -67,16 +67,16 @@ def bars(shown: Shown, time: float) -> str:
     head = (
         '<div style="display:grid;grid-template-columns:76px 1fr 1fr;gap:4px 10px;'
         f'font-size:12px;align-items:center;color:{INK}">'
-        f'<span></span><span style="color:{SPEED};font-weight:600">speed</span>'
-        f'<span style="color:{TORQUE};font-weight:600">torque</span>'
+        f'<span></span><span style="color:{SPEED_COLOR};font-weight:600">speed</span>'
+        f'<span style="color:{TORQUE_COLOR};font-weight:600">torque</span>'
     )
     cells = []
     for joint, name in enumerate(names):
         cells.append(
             f'<span style="{_CUT}" title="{escape(name)}">{escape(name)}</span>'
         )
-        cells.append(_bar(float(shown.speed[row, joint]), SPEED))
-        cells.append(_bar(float(shown.torque[row, joint]), TORQUE))
+        cells.append(_bar(float(shown.speed[row, joint]), SPEED_COLOR))
+        cells.append(_bar(float(shown.torque[row, joint]), TORQUE_COLOR))
     return _box(head + "".join(cells) + "</div>")
 
 
@@ -104,8 +104,8 @@ def curves(shown: Shown) -> str:
     rows = np.linspace(0, shown.t.size - 1, POINTS).round().astype(int)
     parts = []
     for joint, name in enumerate(names):
-        drawn = _curve(shown.torque[rows, joint], TORQUE)
-        drawn += _curve(shown.speed[rows, joint], SPEED)
+        drawn = _curve(shown.torque[rows, joint], TORQUE_COLOR)
+        drawn += _curve(shown.speed[rows, joint], SPEED_COLOR)
         parts.append(
             f'<span style="{_CUT}">{escape(name)}</span>'
             f'<svg viewBox="0 -1.15 {POINTS - 1} 2.3" preserveAspectRatio="none" '

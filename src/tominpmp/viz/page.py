@@ -16,7 +16,7 @@ import numpy as np
 
 from tominpmp.exceptions import MissingDependency
 from tominpmp.viz.meshcat_scene import ASPECT, FIELD_OF_VIEW
-from tominpmp.viz.shares import Shares
+from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR, Shares
 from tominpmp.viz.viewer import Command, import_meshcat
 
 # Meshcat's viewer evaluates no strings and loads nothing; the browser is told to see to
@@ -54,6 +54,9 @@ def build_page(
         "TITLE": html.escape(title),
         "CAPTION": html.escape(caption),
         "RATE": json.dumps(float(rate)),
+        "AT_LIMIT": json.dumps(AT_LIMIT),
+        "SPEED_COLOR": SPEED_COLOR,
+        "TORQUE_COLOR": TORQUE_COLOR,
         "SHARES": _script(_rounded(shares)),
         "SLOPE": json.dumps(math.tan(math.radians(FIELD_OF_VIEW / 2))),
         "ASPECT": json.dumps(ASPECT),

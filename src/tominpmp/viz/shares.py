@@ -14,6 +14,8 @@ from tominpmp.trajectory import Trajectory
 INSTANTS = 160
 # At so large a share something is at its limit.
 AT_LIMIT = 0.985
+# What they are drawn in, on pages of motions and on the live page.
+TORQUE_COLOR, SPEED_COLOR = "#12375f", "#d98200"
 
 
 @dataclass(frozen=True, eq=False)
