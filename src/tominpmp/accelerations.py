@@ -38,7 +38,8 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     steps = np.diff(nodes)
     # Accelerations may jump at the nodes: just after and just before, and in between.
     shares = np.array([1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9])
-    times = (nodes[:-1, None] + steps[:, None] * shares).ravel()
+    inside = (nodes[:-1, None] + steps[:, None] * shares).ravel()
+    times = inside if steps.size else nodes
     motion = trajectory.t, trajectory.q, trajectory.v, trajectory.a
     sizes = np.abs(states(*motion, times)[2])
     limits, names = problem.motion_limits, problem.robot.joint_names

@@ -31,6 +31,8 @@ def states(
     Returns:
         Shape (m, n) each; at nodes accelerations are those just afterwards.
     """
+    if t.size == 1:
+        t, q, v, a = _instant(t, q, v, a)
     k = np.minimum(np.searchsorted(t, times, side="right") - 1, t.size - 2)
     s, h = (times - t[k])[:, None], (t[k + 1] - t[k])[:, None]
     q0, v0 = q[k], v[k]
@@ -57,6 +59,8 @@ def polynomials(t: Array, q: Array, v: Array, a: Array | None) -> Any:
     """
     from scipy.interpolate import PPoly
 
+    if t.size == 1:
+        t, q, v, a = _instant(t, q, v, a)
     h = np.diff(t)[:, None]
     if a is not None and a.shape[0] == t.size:
         rest = _rest(np.arange(h.size), h, (q, v, a))
@@ -66,6 +70,15 @@ def polynomials(t: Array, q: Array, v: Array, a: Array | None) -> Any:
     else:
         more = [*_cubic(q[:-1], v[:-1], q[1:], v[1:], h)]
     return PPoly(np.stack([*more[::-1], v[:-1], q[:-1]]), t, extrapolate=False)
+
+
+def _instant(
+    t: Array, q: Array, v: Array, a: Array | None
+) -> tuple[Array, Array, Array, Array]:
+    """Two nodes of a motion that has one, with the shortest interval between them."""
+    still = np.zeros_like(q) if a is None or not len(a) else a
+    ends = np.array([t[0], np.nextafter(t[0], np.inf)])
+    return ends, np.vstack([q, q]), np.vstack([v, v]), still
 
 
 def velocities(t: Array, q: Array, v: Array, a: Array | None) -> Array:

@@ -58,5 +58,5 @@ def _integral(
     places, weights = np.polynomial.legendre.leggauss(points)
     share = 0.5 * (1.0 + places)
     times = trajectory.t[:-1, None] + h[:, None] * share
-    values = of(trajectory(times.ravel())).reshape(h.size, -1)
+    values = of(trajectory(times.ravel())).reshape(h.size, points)
     return float(np.sum(values @ (0.5 * weights) * h))

@@ -47,6 +47,7 @@ MANNERS = {
     "cubic": "cubics through positions and velocities",
     "quintic": "polynomials of degree 5 through positions, velocities, accelerations",
     "held": "cubics through positions and velocities, torques held as recorded",
+    "instant": "nothing, as there is a single point",
     "spline": "a smooth spline through positions, at rest at both ends",
 }
 
@@ -155,6 +156,8 @@ def _joined(
     if rows.t[0] > 0.0 and start is not None:
         rows = _from_start(rows, start, start_velocity)
     dynamics = RobotDynamics(robot)
+    if rows.t.size == 1:
+        return _instant(rows, robot, dynamics)
     if chosen == "auto":
         return _as_recorded(rows, robot, dynamics)
     manner = _by_rule(chosen, rows, path)
@@ -163,12 +166,19 @@ def _joined(
     return Joined(_polynomials(rows, manner, robot, dynamics), manner)
 
 
+def _instant(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
+    """A motion that takes no time; what a single row does not say of it is zero."""
+    v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
+    draft = Trajectory(robot.joint_names, rows.t, rows.q, v, 0.0 * v, a)
+    return Joined(draft.with_torques(dynamics.inverse), "instant")
+
+
 def _ended(motion: Trajectory, ends: Array) -> Trajectory:
     """A motion with the times at which its segments end, each at a node at least."""
     places = np.searchsorted(motion.t, ends - SAME_INSTANT * motion.duration)
     places = np.minimum(places, motion.t.size - 1)
     places[-1] = motion.t.size - 1
-    if not np.all(np.diff(places) > 0):
+    if np.any((np.diff(places) == 0) & (np.diff(ends) > 0.0)):
         return motion  # segments shorter than the time between rows
     return replace(motion, segment_ends=motion.t[places])
 

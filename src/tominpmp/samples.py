@@ -72,9 +72,10 @@ class Samples(Record):
             positions only, by cubics with velocities, by polynomials of degree 5 with
             accelerations; these three may be named too; "auto" looks for the motion
             that they were taken from, see :mod:`~tominpmp.sampled_motion`.
-        segment_ends: Times at which the segments of the motion end [s], increasing,
-            shape (k,); None for one segment, or where that is not known. What was taken
-            from a file may be late by the time between two rows.
+        segment_ends: Times at which the segments of the motion end [s], in order, two
+            of them the same where a segment takes no time, shape (k,); None for one
+            segment, or where that is not known. What was taken from a file may be late
+            by the time between two rows.
     """
 
     joint_names: tuple[str, ...]
@@ -104,9 +105,9 @@ class Samples(Record):
         object.__setattr__(self, "segment_ends", numbers("segment_ends", self))
         ends = np.asarray(self.segment_ends)
         listed = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
-        rising = listed and bool(np.all(np.diff(ends, prepend=0.0) > 0.0))
+        rising = listed and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
         if not (rising and ends[-1] <= self.t[-1]):
-            expected = "times that increase, up to that of the last row"
+            expected = "times in order, up to that of the last row"
             with told_of("samples"):
                 raise wrong(self.segment_ends, "segment_ends", expected)
 

@@ -24,7 +24,7 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.notebook import motion_card
 from tominpmp.samples import Samples, check_shape, names, numbers
 from tominpmp.sampling import clock
-from tominpmp.turns import Turns
+from tominpmp.turns import Turns, directions
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -78,7 +78,8 @@ class State(NamedTuple):
 class Trajectory(Record):
     """A motion of all joints from time 0 to its duration.
 
-    Two trajectories are equal if their nodes are.
+    Two trajectories are equal if their nodes are. A motion that takes no time, since it
+    is at its goal already, has a single node.
 
     Attributes:
         joint_names: Names of the joints, in column order.
@@ -95,9 +96,9 @@ class Trajectory(Record):
             of a motion with constant acceleration; without it the torque is constant.
         holding: The same function for a motion whose torques are given: what holds the
             arm before and after it.
-        segment_ends: Times at which the segments of the motion end [s], increasing to
-            T, shape (k,), with the time the arm stays there; each is a node. None for
-            one segment.
+        segment_ends: Times at which the segments of the motion end [s], in order up to
+            T, shape (k,), with the time the arm stays there; each is a node, and two
+            are the same where a segment takes no time. None for one segment.
         segment_dynamics: Functions as ``inverse_dynamics``, one for each segment, where
             the arm carries something else on each; empty else.
     """
@@ -136,7 +137,7 @@ class Trajectory(Record):
             layout = "one row a node, one column a joint"
             check_shape(self, name, (nodes, n), layout)
         increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
-        if nodes < 2 or not increasing or self.t[0] != 0.0:
+        if nodes < 1 or not increasing or self.t[0] != 0.0:
             raise ProblemError(
                 "trajectory times must be finite and increase from 0 [s]", field="t"
             )
@@ -149,11 +150,11 @@ class Trajectory(Record):
     def _check_segments(self) -> None:
         object.__setattr__(self, "segment_ends", numbers("segment_ends", self))
         ends = np.asarray(self.segment_ends)
-        good = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t[1:]))
-        if not (good and np.all(np.diff(ends) > 0.0) and ends[-1] == self.t[-1]):
+        good = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t))
+        if not (good and np.all(np.diff(ends) >= 0.0) and ends[-1] == self.t[-1]):
             raise ProblemError(
                 f"trajectory field 'segment_ends' is {brief(self.segment_ends)}, "
-                f"expected times of nodes that increase to T = {self.t[-1]:g} s",
+                f"expected times of nodes in order, up to T = {self.t[-1]:g} s",
                 "segment_ends",
             )
 
@@ -326,6 +327,9 @@ class Trajectory(Record):
     @cached_property
     def turns(self) -> Turns:
         """Which way the joints go, and when they turn."""
+        if self.t.size == 1:
+            still = np.zeros(0, dtype=np.int64)
+            return Turns(self.t, directions(self.v, 0.0 * self.v), still * 0.0, still)
         return Turns.of(self.t, velocities(self.t, self.q, self.v, self.a))
 
     def with_torques(

@@ -29,7 +29,7 @@ def clock_share(trajectory: Trajectory, period: float) -> float:
     lengths = np.diff(np.concatenate([[0.0], ends]))
     least = (FEWEST_PERIODS + SAME) * period
     lost = np.where(lengths <= least, lengths, period)
-    return float(lost.sum() / trajectory.duration)
+    return float(lost.sum() / trajectory.duration) if trajectory.duration else 0.0
 
 
 def with_bound(

@@ -49,7 +49,7 @@ from tominpmp.sampled_motion import checked_motion
 from tominpmp.samples import Samples
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.stages import with_segments
-from tominpmp.verification.verification import Verification
+from tominpmp.verification.verification import Verification, verify
 
 # What small changes may promise, as a share of the duration.
 TOLERANCE = 0.01
@@ -105,8 +105,11 @@ def certify(
     # Goals that will do as well may have another number of rows.
     problem = problem.alternative_of(trajectory)
     rounding = 0.0 if period is None else clock_share(trajectory, period)
+    given = trajectory
     if problem.segments:
-        trajectory = without_stays(problem, trajectory)
+        trajectory = without_stays(problem, given)
+    if verification is None and not trajectory.duration:
+        verification = verify(problem, given)
     seen = examine(problem, trajectory, verification, tolerance, rounding=rounding)
     out = seen.certificate
     return replace(out, seconds=time.perf_counter() - begin)
@@ -148,6 +151,8 @@ def examine(
             that changes may promise on top.
     """
     tolerance += rounding
+    if not trajectory.duration:
+        return Findings(_nothing(trajectory, verification, tolerance), None, None)
     try:
         with np.errstate(all="ignore"):
             motion = Motion.of(Task.of(problem), trajectory)

@@ -47,12 +47,6 @@ def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
     stays = [segment.dwell for segment in problem.segments]
     if ends is None or not any(stays):
         return motion
-    if stays_where_it_moves(problem):
-        raise ProblemError(
-            "segments: the motion stays where obstacles move, expected no dwell: there "
-            "is no certificate for that",
-            "segments",
-        )
     slack = SAME * motion.duration
     t, last = np.array(motion.t), []
     keep = np.ones(t.size, dtype=bool)
@@ -79,6 +73,12 @@ def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
         a=a,
         segment_ends=None,
     )
+    if found.duration and stays_where_it_moves(problem):
+        raise ProblemError(
+            "segments: the motion stays where obstacles move, expected no dwell: there "
+            "is no certificate for that",
+            "segments",
+        )
     places = np.argmin(np.abs(found.t[:, None] - new), axis=0)
     return replace(found, segment_ends=found.t[places])
 

@@ -33,7 +33,7 @@ def limit_shares(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     reach = np.minimum(state.u - limits.effort_lower, limits.effort_upper - state.u)
     torque = np.any((reach <= CLOSE * span / 2) & (span > 0.0), axis=1)
     speed = np.any(np.abs(state.v) >= (1.0 - CLOSE) * limits.velocity, axis=1)
-    weights = np.diff(trajectory.t) / trajectory.duration
+    weights = np.diff(trajectory.t) / (trajectory.duration or 1.0)
     return float(weights @ torque), float(weights @ (torque | speed))
 
 

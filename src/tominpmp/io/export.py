@@ -242,10 +242,8 @@ def _checked(samples: Samples, path: Path) -> Samples:
             raise ScenarioError(
                 f"{path}: {key} is not a finite number in {where}", path, key
             )
-    if samples.t.size < 2:
-        raise ScenarioError(
-            f"{path} holds {samples.t.size} rows, expected 2 or more", path
-        )
+    if not samples.t.size:
+        raise ScenarioError(f"{path} holds 0 rows, expected 1 or more", path)
     back = np.flatnonzero(np.diff(samples.t) <= 0.0)
     if back.size:
         k = int(back[0])

@@ -96,6 +96,8 @@ def message_samples(
 
 def _spread(ticks: IntArray, duration: float) -> IntArray:
     """Ticks [ns] that are far enough apart; the last is not before the end."""
+    if ticks.size == 1:
+        return ticks
     last = max(int(np.ceil(duration * BILLION - 1e-3)), CLOSEST)
     kept = [0]
     for tick in ticks[1:-1].tolist():

@@ -39,6 +39,8 @@ BATCH = 10_000
 
 
 SEGMENT = "segment"
+# More segments without a row of their own, one after the other, are a mistake.
+MOST_SEGMENTS = 100
 
 
 def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[str]:
@@ -100,17 +102,18 @@ def read_csv(content: bytes, path: Path) -> Samples:
 
 def _segment_ends(table: Array, path: Path) -> Array:
     """Times of the first rows of segments, and of the last row."""
-    step = np.diff(table[:, -1])
-    wrong = np.flatnonzero((step != 0.0) & (step != 1.0))
-    if table[0, -1] != 1.0 or wrong.size:
-        row = int(wrong[0]) + 2 if table[0, -1] == 1.0 else 1
+    # A segment that takes no time has no row of its own.
+    step = np.diff(table[:, -1], prepend=1.0)
+    wrong = np.flatnonzero(~((step >= 0.0) & (step < MOST_SEGMENTS) & (step % 1 == 0)))
+    if wrong.size:
+        row = int(wrong[0])
         raise ScenarioError(
-            f"{path}, row {row}: the segment is {table[row - 1, -1]:g}, expected "
-            "numbers from 1 that rise by 1",
+            f"{path}, row {row + 1}: the segment is {table[row, -1]:g}, expected whole "
+            "numbers from 1 that do not fall",
             path,
             SEGMENT,
         )
-    return np.append(table[1:, 0][step == 1.0], table[-1, 0])
+    return np.append(np.repeat(table[:, 0], step.astype(np.int64)), table[-1, 0])
 
 
 def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:

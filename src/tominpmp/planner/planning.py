@@ -30,6 +30,7 @@ from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.replays import all_replayed, not_waiting, replayed, replays_last
 from tominpmp.planner.smoothing import smooth
+from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
 from tominpmp.problem import Problem
 from tominpmp.samples import Samples
@@ -71,6 +72,9 @@ def plan(
     """
     instance(problem, Problem, "problem")
     asked = options = resolve_options(problem, Options.of(options).changed(changes))
+    stands = standing(problem, options)
+    if stands is not None:
+        return stands
     if asked.energy_weight:
         # The fastest motion is where the search for the best one begins, no more.
         options = replace(options, energy_weight=0.0, refine=None, effort="quick")
@@ -137,6 +141,8 @@ def _attempts(
 ) -> Iterator[Attempt]:
     """One attempt after the other."""
     former = None if start is None else motion_of(start)
+    if former is not None and former.t.size == 1:
+        former = None  # a motion that takes no time leads nowhere
     make = partial(make_attempts, options=options, progress=progress)
     attempts: list[Attempt] = []
     for attempt in attempts_of_alternatives(problem, make, progress, former):

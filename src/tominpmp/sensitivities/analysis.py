@@ -57,6 +57,8 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     T = given.duration
     if problem.segments:
         problem, given = _moving(problem, given)
+    if not given.duration:
+        return Sensitivities(T, (), 0.0, np.zeros(6))
     found = None
     try:
         with np.errstate(all="ignore"):

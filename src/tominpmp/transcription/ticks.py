@@ -25,6 +25,18 @@ def ticks_of(duration: float, period: float) -> int:
     return int(np.ceil(duration / period - ROUNDING))
 
 
+def whole_periods(duration: float, period: float | None) -> float:
+    """The least time on a clock that is as long as a duration, up to rounding [s].
+
+    Args:
+        duration: The duration [s].
+        period: The period of the clock [s]; None where there is no clock.
+    """
+    if period is None:
+        return duration
+    return float(multiples(np.array(ticks_of(duration, period)), period))
+
+
 @dataclass(frozen=True, eq=False)
 class Ticks:
     """Knots of a motion as multiples of a period.

@@ -22,6 +22,8 @@ from tominpmp.verification.replay import TIME_STEP, Replay, planned
 NEAR_END = 0.05
 # Links are as near as pieces as they are as hulls if this is what differs [m].
 RESIDUE = 1e-6
+# A motion that takes no time, or is lost at once, is looked at for so long [s].
+INSTANT = 1e-9
 # Rows of a planned motion, with its nodes: between them it is known.
 PLANNED_ROWS = 200
 
@@ -57,6 +59,8 @@ def closest(
         The pair; None without pairs.
     """
     check()
+    if replay.t.size < 2:
+        replay = _held(replay)
     if checker.lone:
         if not checker.with_cut(frozenset()).pairs:
             return None
@@ -67,8 +71,6 @@ def closest(
         return None
     margins = checker.margins(problem.margin)
     allowed = touching(problem, checker, margins, tolerance)
-    if replay.t.size < 2:  # lost at once: the end is not reached anyway
-        return _at_start(replay, checker, margins)
     nearest = Approach(checker, replay, margins, allowed, NEAR_END).run()
     return _nearest(nearest, checker, margins)
 
@@ -86,7 +88,7 @@ def _of_links(
     """
     cut: frozenset[str] = frozenset()
     clear = None
-    while replay.t.size >= 2:
+    while True:
         try:
             part = checker.with_cut(cut)
             margins = part.margins(problem.margin)
@@ -106,7 +108,6 @@ def _of_links(
             if clear is None:
                 raise
             return clear
-    return None
 
 
 def _apart(checker: CollisionChecker, names: frozenset[str], q: Array) -> float:
@@ -149,11 +150,11 @@ def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Neare
     return Nearest(violation, found.room + float(margins[found.pair]))
 
 
-def _at_start(replay: Replay, checker: CollisionChecker, margins: Array) -> Nearest:
-    room = checker.distances(replay.q[:1], times=replay.t[:1])[0] - margins
-    pair, time = int(np.argmin(room)), float(replay.t[0])
-    least = float(room[pair])
-    return _nearest(Closest(pair, time, least, least < 0.0, 0.0), checker, margins)
+def _held(replay: Replay) -> Replay:
+    """A motion of one row as one that stands there for an instant."""
+    t = replay.t[0] + np.array([0.0, INSTANT])
+    q = np.vstack([replay.q, replay.q])
+    return replace(replay, t=t, q=q, v=0.0 * q, u=np.vstack([replay.u, replay.u]))
 
 
 def touching(

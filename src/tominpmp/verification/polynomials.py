@@ -39,7 +39,8 @@ class Pieces:
 
     Attributes:
         t: Ends of the pieces [s], shape (P + 1,).
-        coefficients: Of 1, s, s^2, ..., shape (P, n, K).
+        coefficients: Of 1, s, s^2, ..., shape (P, n, K). Of a curve at a single time,
+            which has no piece, its value there, shape (1, n, 1).
         deviation: Largest deviation from the curve that was found, relative to its
             largest value.
     """
@@ -55,6 +56,8 @@ class Pieces:
         It is smooth between the times t, shape (P + 1,) [s]; pieces are halved until
         they follow it.
         """
+        if t.size == 1:
+            return cls(t, curve(t)[:, :, None], 0.0)
         pieces = cls._fit(curve, t)
         for _ in range(HALVINGS):
             if not pieces.deviation > DEVIATION:
@@ -92,7 +95,7 @@ class Pieces:
             Shape (P, 2, n).
         """
         signs = np.vander([-1.0, 1.0], self.coefficients.shape[2], increasing=True)
-        return np.swapaxes(self.coefficients @ signs.T, 1, 2)
+        return np.swapaxes(self.coefficients[: self.count] @ signs.T, 1, 2)
 
     def derivatives(self) -> Array:
         """Coefficients of the derivatives with respect to time, shape (P, n, K)."""
@@ -117,6 +120,8 @@ class Pieces:
         return out
 
     def _at(self, times: Array) -> Array:
+        if not self.count:
+            return np.repeat(self.coefficients[:, :, 0], times.size, axis=0)
         piece = np.searchsorted(self.t, times, side="right") - 1
         piece = np.clip(piece, 0, self.count - 1)
         begin, end = self.t[piece], self.t[piece + 1]

@@ -22,7 +22,7 @@ from tominpmp.viz.figures import (
     new_figure,
     styled,
 )
-from tominpmp.viz.plots import curves
+from tominpmp.viz.plots import MOMENT, curves
 from tominpmp.viz.skeleton import check_motion
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def plot_certificate(
         _plot_limits(axes[n], limits, robot.joint_names)
         _plot_hamiltonian(axes[n + 1], certificate)
         for panel in axes:
-            panel.set_xlim(0.0, trajectory.duration)
+            panel.set_xlim(0.0, trajectory.duration or MOMENT)
             panel.tick_params(labelbottom=panel is axes[-1])
         axes[-1].set_xlabel("time [s]")
         axes[0].set_title(_headline(certificate), loc="left")
@@ -121,14 +121,15 @@ def _plot_joint(
     other = panel.twinx()
     other.spines["right"].set_visible(True)
     other.grid(False)
+    switching = certificate.switching[:, joint]
     other.stairs(
-        certificate.switching[:, joint],
+        switching,
         certificate.t,
         baseline=None,
         color=SWITCHING_COLOR,
         linewidth=0.9,
     )
-    largest = max(float(np.max(np.abs(certificate.switching[:, joint]))), 1e-3)
+    largest = float(np.max(np.abs(switching), initial=1e-3))
     # Reversed: a negative switching function asks for the upper limit.
     other.set_ylim(BEYOND * largest, -BEYOND * largest)
     other.tick_params(labelsize=7.0, labelbottom=False)
@@ -199,7 +200,7 @@ def _plot_hamiltonian(panel: Axes, certificate: Certificate) -> None:
     panel.stairs(
         certificate.hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
     )
-    largest = max(1.2 * float(np.max(np.abs(certificate.hamiltonian))), 0.05)
+    largest = max(1.2 * np.max(np.abs(certificate.hamiltonian), initial=0.0), 0.05)
     panel.set_ylim(-largest, largest)
     panel.set_ylabel("H", rotation=0, labelpad=10.0)
 

@@ -37,6 +37,8 @@ __all__ = ["plot_controls", "plot_convergence", "plot_motion", "plot_trajectory"
 
 # Points drawn of a motion, at least, so that what is curved looks it.
 CURVE_POINTS = 500
+# What is drawn of a motion that takes no time [s].
+MOMENT = 1e-3
 
 # A limit further off than this many times the largest value is not drawn: the curve
 # would be flat.
@@ -222,9 +224,13 @@ def curves(trajectory: Trajectory) -> tuple[Array, State]:
     """Sample a motion for drawing, both sides of every jump at a node included.
 
     The last of the times of an interval is at the same place as the first of the next
-    one, with the values before the jump.
+    one, with the values before the jump. A motion that takes no time is held for a
+    moment.
     """
     intervals = trajectory.t.size - 1
+    if not intervals:
+        times = np.array([0.0, MOMENT])
+        return times, trajectory(times, hold=True)
     share = np.linspace(0.0, 1.0, max(2, CURVE_POINTS // intervals + 1))
     start, end = trajectory.t[:-1, None], trajectory.t[1:, None]
     times = start + share * (end - start)
@@ -334,7 +340,7 @@ def _name_row(panel: Axes, joint: str, shade: str) -> None:
 
 def _time_axes(axes: np.ndarray[Any, np.dtype[np.object_]], duration: float) -> None:
     for panel in axes.reshape(-1):
-        panel.set_xlim(0.0, duration)
+        panel.set_xlim(0.0, duration or MOMENT)
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
 

@@ -1,0 +1,90 @@
+"""Starts that meet the goal already: nothing has to move, and nothing is searched for.
+
+Their motion takes no time and has a single node. Where segments ask the arm to stay, or
+to be at a goal no earlier than at some time, it stands there for so long.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from tominpmp.bounds import LowerBound
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.segments import Segment
+from tominpmp.solution import Solution
+from tominpmp.status import Status
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.ticks import whole_periods
+from tominpmp.verification import verify
+
+# What is said of it.
+STANDS = "The start already satisfies the goal: nothing has to move."
+
+
+def standing(problem: Problem, options: Options) -> Solution | None:
+    """The motion of an arm that is where it is to be.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan; goals may be missed by their ``feasibility``.
+
+    Returns:
+        A verified motion that no other is faster than; None where the start does not
+        satisfy all goals, or the arm cannot stand there for as long as it is to.
+    """
+    begin = time.perf_counter()
+    motion = _motion(problem, options)
+    if motion is None:
+        return None
+    judged = verify(problem, motion, options.tolerances, checker=problem.checker)
+    if not judged.ok:
+        return None
+    T, reason = motion.duration, "the start already satisfies the goal"
+    if T > 0.0:
+        reason = "the stays and the times of arrival that segments ask for"
+    return Solution(
+        problem=problem,
+        options=options,
+        status=Status.CONVERGED,
+        message=f"{Status.CONVERGED.value} T = {T:.4g} s. {STANDS}",
+        feasible=True,
+        trajectory=motion,
+        planning_time=time.perf_counter() - begin,
+        verification=judged,
+        lower_bound=LowerBound(T, reason),
+    )
+
+
+def _motion(problem: Problem, options: Options) -> Trajectory | None:
+    """A motion that stands at the start; None where a goal is elsewhere, or later."""
+    robot, period, q = problem.robot, options.control_period, problem.q_start
+    v = np.zeros(robot.n) if problem.v_start is None else problem.v_start
+    nodes, ends, now = [0.0], [], 0.0
+    segments = problem.segments or (Segment(problem.goal),)
+    for phase, segment in zip(problem.phases, segments, strict=True):
+        misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)
+        if any(miss.amount > options.feasibility for miss in misses):
+            return None
+        earliest, latest = segment.arrival or (0.0, np.inf)
+        arrival = max(now, whole_periods(earliest, period))
+        if arrival > latest:
+            return None
+        now = arrival + whole_periods(segment.dwell, period)
+        nodes += [arrival, now]
+        ends.append(now)
+    if now > 0.0 and np.any(v):
+        return None
+    t = np.unique(nodes)
+    rows = [np.tile(row, (t.size, 1)) for row in (q, v, 0.0 * q)]
+    dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in problem.phases)
+    motion = Trajectory(robot.joint_names, t, *rows, a=rows[2])
+    if problem.segments:
+        motion = replace(motion, segment_ends=np.array(ends))
+        return motion.with_torques(dynamics[0], dynamics)
+    return motion.with_torques(dynamics[0])
