@@ -57,6 +57,7 @@ MOST = {
     "seed": 2**63 - 1,
     "starts": 10_000,
     "slack": 10.0,
+    "control_period": 1.0,
 }
 # Likewise for all other numbers: longer than anybody waits, and squares still fit.
 LARGEST = 1e9

@@ -343,6 +343,18 @@ class Problem(Record):
         object.__setattr__(other, "segments", segments)
         return other
 
+    def with_stays(self, stays: Sequence[float]) -> Problem:
+        """The same problem with other stays at the ends of its segments.
+
+        Args:
+            stays: How long the arm stays at the end of each [s].
+        """
+        other = copy.copy(self)
+        each = zip(self.segments, stays, strict=True)
+        segments = tuple(replace(segment, dwell=stay) for segment, stay in each)
+        object.__setattr__(other, "segments", segments)
+        return other
+
     def alternative_at(self, q: Array, v: Array) -> Problem:
         """The problem with the one of its goals that a final state is nearest to.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import NoneType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from tominpmp.trajectory import Trajectory
 
 # More goals than this are taken for a mistake.
 MOST_SEGMENTS = 100
+# An arm that moves by no more than this is at rest [rad or m, rad/s or m/s], and times
+# that differ by no more are one [s].
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,8 @@ class Segment(Record):
         may_touch: Pairs of names of links, payloads and obstacles that may touch, as
             the payload and the table it is lifted from.
         stop: Whether the arm is at rest at its end.
-        dwell: How long it stays there [s]; more than zero is a stop.
+        dwell: How long it stays there at least [s]; more than zero is a stop. On the
+            clock of a controller the stay takes whole periods.
         arrival: Earliest and latest time at which its goal is met, from the start of
             the motion [s]; the latest may be infinite. None for any time.
 
@@ -273,6 +277,62 @@ class SegmentOfMotion(Record):
         """How long it takes, with the time the arm stays at its end [s]."""
         return self.end - self.begin
 
+    @property
+    def stay(self) -> float:
+        """How long the arm stays at its end [s]."""
+        return self.end - self.arrival
+
+
+class Span(NamedTuple):
+    """When a segment of a motion begins, meets its goal, and ends [s].
+
+    Attributes:
+        begin: When it begins.
+        arrival: When its goal is met; from then on the arm stays there.
+        end: When it ends.
+    """
+
+    begin: float
+    arrival: float
+    end: float
+
+
+def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
+    """When the segments of a motion begin, meet their goals, and end.
+
+    Args:
+        motion: The motion.
+        segments: What was asked of them; empty where nothing is known of them.
+    """
+    ends = [motion.duration]
+    if motion.segment_ends is not None:
+        ends = motion.segment_ends.tolist()
+    arrivals = ends
+    if segments:
+        each = zip(segments, [0.0, *ends], ends, strict=False)
+        arrivals = [_arrival(motion, segment, *span) for segment, *span in each]
+    return [*map(Span, [0.0, *ends[:-1]], arrivals, ends)]
+
+
+def _arrival(motion: Trajectory, segment: Segment, begin: float, end: float) -> float:
+    """When a motion meets the goal of a segment, and stays until the segment ends [s].
+
+    It is at a node from which on the arm rests, for as long as it is to stay at least:
+    on the clock of a controller it stays for whole periods. An arm that rests there
+    before it may arrive arrives at the first node at which it may.
+    """
+    if segment.dwell == 0.0:
+        return end
+    first, last = np.searchsorted(motion.t, [begin, end]).tolist()
+    rows = slice(first, last + 1)
+    t, off = motion.t[rows], np.abs(motion.q[rows] - motion.q[last])
+    moves = np.any(np.maximum(off, np.abs(motion.v[rows])) > SAME, axis=1)
+    rests = np.logical_and.accumulate(~moves[::-1])[::-1]
+    earliest = 0.0 if segment.arrival is None else segment.arrival[0]
+    latest = end - segment.dwell
+    able = rests & (t >= earliest - SAME) & (t <= latest + SAME)
+    return float(t[able][0]) if np.any(able) else latest
+
 
 def segments_of(
     motion: Trajectory, segments: Sequence[Segment]
@@ -283,18 +343,12 @@ def segments_of(
         motion: The motion.
         segments: What was asked of them; empty where nothing is known of them.
     """
-    ends = [motion.duration]
-    if motion.segment_ends is not None:
-        ends = motion.segment_ends.tolist()
-    asked: Sequence[Segment | None] = segments or [None] * len(ends)
-    found, begin = [], 0.0
-    for k, (end, segment) in enumerate(zip(ends, asked, strict=True)):
-        part = _part(motion, k, begin, end)
-        goal = None if segment is None else segment.goal
-        dwell = 0.0 if segment is None else segment.dwell
-        found.append(SegmentOfMotion(goal, begin, end - dwell, end, part))
-        begin = end
-    return tuple(found)
+    spans = spans_of(motion, segments)
+    goals = [segment.goal for segment in segments] or [None] * len(spans)
+    return tuple(
+        SegmentOfMotion(goal, *span, _part(motion, number, span.begin, span.end))
+        for number, (goal, span) in enumerate(zip(goals, spans, strict=True))
+    )
 
 
 def _part(motion: Trajectory, number: int, begin: float, end: float) -> Trajectory:

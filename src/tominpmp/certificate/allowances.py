@@ -10,26 +10,32 @@ from tominpmp.certificate.certificate import Certificate
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.trajectory import Trajectory
 
-# Periods of a segment are counted up to this share of one.
+# Periods of a segment are counted up to this share of one, and joints that are no
+# faster are at rest [rad/s or m/s].
 SAME = 1e-6
 
 
 def clock_share(trajectory: Trajectory, period: float) -> float:
     """Share of its duration that rounding to whole periods may have cost a motion.
 
-    Each segment is rounded by itself, by less than a period; all of it where it has no
-    more periods than any motion on a clock.
+    Each segment is rounded by itself, by less than a period; from one rest to the next
+    all is lost where that takes no more periods than any motion on a clock.
 
     Args:
         trajectory: The motion.
         period: The period [s].
     """
+    if not trajectory.duration:
+        return 0.0
     ends = trajectory.segment_ends
     ends = trajectory.t[-1:] if ends is None else ends
-    lengths = np.diff(np.concatenate([[0.0], ends]))
-    least = (FEWEST_PERIODS + SAME) * period
-    lost = np.where(lengths <= least, lengths, period)
-    return float(lost.sum() / trajectory.duration) if trajectory.duration else 0.0
+    lengths = np.diff(ends, prepend=0.0)
+    speeds = np.abs(trajectory.v[np.searchsorted(trajectory.t, ends)])
+    rests = np.all(speeds <= SAME, axis=1)
+    run = np.cumsum(rests) - rests
+    few = np.bincount(run, lengths) <= (FEWEST_PERIODS + SAME) * period
+    lost = np.where(few[run], lengths, np.minimum(lengths, period))
+    return float(lost.sum() / trajectory.duration)
 
 
 def with_bound(

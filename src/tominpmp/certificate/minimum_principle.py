@@ -103,13 +103,13 @@ def certify(
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     trajectory = with_segments(problem, trajectory, Tolerances())
     # Goals that will do as well may have another number of rows.
-    problem = problem.alternative_of(trajectory)
-    rounding = 0.0 if period is None else clock_share(trajectory, period)
+    asked, problem = problem, problem.alternative_of(trajectory)
     given = trajectory
     if problem.segments:
-        trajectory = without_stays(problem, given)
+        problem, trajectory = without_stays(problem, given)
     if verification is None and not trajectory.duration:
-        verification = verify(problem, given)
+        verification = verify(asked, given)
+    rounding = 0.0 if period is None else clock_share(trajectory, period)
     seen = examine(problem, trajectory, verification, tolerance, rounding=rounding)
     out = seen.certificate
     return replace(out, seconds=time.perf_counter() - begin)

@@ -19,6 +19,7 @@ from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import Linearised
 from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
+from tominpmp.segments import spans_of
 from tominpmp.trajectory import Trajectory
 
 # What a problem with times at which goals are to be met has rows of.
@@ -33,20 +34,23 @@ def stays_where_it_moves(problem: Problem) -> bool:
     return stays and any(phase.scene.moving for phase in problem.phases)
 
 
-def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
+def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
     """A motion that goes on at once wherever it stays.
 
     Args:
         problem: A problem of several segments.
         motion: Its motion, with the ends of its segments.
 
+    Returns:
+        The problem with the stays that the motion makes, and the motion without them.
+
     Raises:
         ProblemError: If it stays anywhere, and obstacles move.
     """
-    ends = motion.segment_ends
-    stays = [segment.dwell for segment in problem.segments]
+    ends, spans = motion.segment_ends, spans_of(motion, problem.segments)
+    stays = [span.end - span.arrival for span in spans]
     if ends is None or not any(stays):
-        return motion
+        return problem, motion
     slack = SAME * motion.duration
     t, last = np.array(motion.t), []
     keep = np.ones(t.size, dtype=bool)
@@ -80,7 +84,8 @@ def without_stays(problem: Problem, motion: Trajectory) -> Trajectory:
             "segments",
         )
     places = np.argmin(np.abs(found.t[:, None] - new), axis=0)
-    return replace(found, segment_ends=found.t[places])
+    found = replace(found, segment_ends=found.t[places])
+    return problem.with_stays(stays), found
 
 
 def still_nodes(motion: Motion) -> list[int]:

@@ -1,9 +1,9 @@
 """Duration of a guess under limits of accelerations, jerks and torque rates.
 
-A path is timed by speeds and torques alone. Where these are as good as unlimited, as
-one may set them to say that accelerations, jerks or torque rates are what limits a
-motion, the time of the path says nothing, and programs that begin with it are badly
-scaled: it is then as long as these limits let a motion be.
+A path is timed by speeds and torques alone. Where accelerations, jerks or torque rates
+are what limits a motion, as they do the more the shorter its way is, programs that
+begin with that time are badly scaled: it is then as long as these limits let a motion
+be.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# A guess is stretched if it takes less than this share of the time that is needed.
-TOO_SHORT = 0.1
 # Joints that go faster than this on average are no joints of an arm [rad/s or m/s].
 FASTEST = 2000.0
 # How much slower a guess is made for a load at most, and bisections for that.
@@ -56,8 +54,7 @@ def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
     Raises:
         ProblemError: If nothing limits the motion in practice.
     """
-    needed = least_duration(system, q)
-    factor = needed / duration if duration < TOO_SHORT * needed else 1.0
+    factor = max(1.0, least_duration(system, q) / duration)
     speed = np.ptp(q, axis=0) / (factor * duration)
     joint = int(np.argmax(speed))
     if speed[joint] > FASTEST:

@@ -13,15 +13,15 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import OptionsError
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.initial_guess.segments import SegmentedGuess
+from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.linear_programs import make_solver
-from tominpmp.options import FEWEST_PERIODS, Options
+from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.control_period_outcome import (
     Clocked,
@@ -29,7 +29,7 @@ from tominpmp.planner.control_period_outcome import (
     status_on_clock,
     succeeded,
 )
-from tominpmp.planner.control_period_segments import SegmentTicks, bring_segments
+from tominpmp.planner.control_period_segments import Course, Knots
 from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
 from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
@@ -63,6 +63,9 @@ LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
 # and the duration still changes by that share.
 HOPE = 0.5
 MOVING = 0.1
+# Gap of its linear programs, as a share of T: what they leave of that above the duration
+# that is wanted must be a trace.
+EXACT = 0.1 * TRACE
 # Intervals are halved where it takes more periods than so many more, by their share.
 DEAR = 0.01
 # They are as well where the replay of a motion is not all right, up to so many.
@@ -131,7 +134,8 @@ def on_clock(
     except (Stop, KeyboardInterrupt) as stop:
         status, promise = progress.stopped(stop), ""
     solution = replace(solution, planning_time=progress.seconds)
-    remark = f"{remark} {promise}".strip()
+    better = status is Status.CONVERGED and solution.status is not status
+    remark = "" if better else f"{remark} {promise}".strip()
     return succeeded(solution, outcome, remark, period, status)
 
 
@@ -163,17 +167,11 @@ def _numbered(
 
 
 def check_period(period: float, duration: float) -> None:
-    """Refuse periods that do not suit a motion.
+    """Refuse a period that is far too short for a motion.
 
     Raises:
-        OptionsError: If a period is longer than half of it, or far too short.
+        OptionsError: If it is.
     """
-    if period > 0.5 * duration:
-        raise OptionsError(
-            f"control_period is {period:g} s, and the motion takes {duration:.4g} s: "
-            "expected half of that at most",
-            "control_period",
-        )
     if not duration / period <= MAX_SAMPLES:
         raise OptionsError(
             f"control_period is {period:g} s, too short for a motion of "
@@ -237,7 +235,7 @@ class Try:
     """What is tried.
 
     Attributes:
-        count: Number of periods.
+        periods: Number of periods of each segment, without its stay.
         intervals: Number of intervals that are wanted at least.
         guess: The motion to begin with.
         fewest: Number of periods of the first try.
@@ -245,16 +243,21 @@ class Try:
         fruitless: Number of tries that told nothing about how many it takes.
     """
 
-    count: int
+    periods: tuple[int, ...]
     intervals: int
-    guess: WarmStart
+    guess: WarmStart | SegmentedGuess
     fewest: int
     finer: bool = False
     fruitless: int = 0
 
+    @property
+    def count(self) -> int:
+        """Number of periods of all segments."""
+        return sum(self.periods)
+
     def after(
         self,
-        system: ProblemFunctions,
+        course: Course,
         program: NonlinearProgram,
         ticks: Ticks,
         result: SlpResult,
@@ -262,7 +265,7 @@ class Try:
         """What to try after a motion that is slower, not admissible or not all right.
 
         Args:
-            system: The problem.
+            course: What is brought to the clock.
             program: The program of this try.
             ticks: Its knots.
             result: Its outcome.
@@ -270,45 +273,52 @@ class Try:
         reached, near = result.iterate, result.iterate.violation <= FAR
         needed = ticks_of(program.timed(reached.z)[-1], ticks.period)
         if near and needed > self.count:
-            guess = warm_start(system, program.trajectory(reached.z))
+            guess = course.guess(program.trajectory(reached.z))
             dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
             if dear and not self.finer and ticks.intervals < needed:
                 twice = 2 * self.intervals
                 return replace(self, guess=guess, intervals=twice, finer=True)
-            return replace(self, count=needed, guess=guess)
+            return replace(self, periods=self._longer(course, needed), guess=guess)
         longer = 1 + int(LONGER[min(self.fruitless, len(LONGER) - 1)] * self.count)
         intervals = min(2 * self.intervals, max(self.intervals, MOST_INTERVALS))
         return replace(
             self,
-            count=self.count + longer,
+            periods=self._longer(course, self.count + longer),
             intervals=intervals,
             fruitless=self.fruitless + 1,
         )
+
+    def _longer(self, course: Course, count: int) -> tuple[int, ...]:
+        """Periods of the segments, so many in all as far as their windows allow.
+
+        What is more is spread over them by their lengths.
+        """
+        ends = np.rint(np.cumsum(self.periods) * (count / self.count))
+        longer = np.maximum(np.diff(ends, prepend=0.0), self.periods)
+        return course.on_time(longer.astype(np.int64).tolist())
 
 
 def _bring(
     problem: Problem, options: Options, motion: Trajectory, callback: ClockCallback
 ) -> Clocked:
     """Look for a motion on the clock near one without."""
-    if problem.segments:
-        solve = partial(_solve, callback=callback)
-        return bring_segments(problem, options, motion, solve, callback.deadline)
     period = options.control_period
     assert period is not None  # noqa: S101
-    complete = ProblemFunctions.of(problem.alternative_at(motion.q[-1], motion.v[-1]))
-    system = complete if callback.progress.links_touched else complete.first_tried
-    fewest = max(ticks_of(motion.duration, period), FEWEST_PERIODS)
-    now = Try(fewest, motion.t.size - 1, warm_start(system, motion), fewest)
+    course = Course.of(problem, motion, period)
+    complete, progress = course.system, callback.progress
+    system = complete if progress.links_touched else complete.first_tried
+    periods = course.periods
+    now = Try(periods, course.intervals, course.guess(motion), sum(periods))
     last = Clocked(Status.INFEASIBLE)
     for _ in range(TRIES):
-        ticks = Ticks.near(period, now.count, motion.t, now.intervals)
-        program, z, result = _solve(system, options, now.guess, ticks, callback)
+        knots = course.knots(now.periods, now.intervals, now.guess)
+        program, z, result = _solve(system, options, knots, callback)
         last = replace(
             last, status=result.status, history=(*last.history, *result.history)
         )
-        logger.info("%s: %s", ticks, result.status.value)
+        logger.info("%s: %s", knots.ticks, result.status.value)
         if z is not None:
-            trajectory = ticks.timed(program.trajectory(z))
+            trajectory = knots.timed(program.trajectory(z))
             verification = verify(
                 problem, trajectory, options.tolerances, checker=problem.checker
             )
@@ -321,9 +331,11 @@ def _bring(
             return replace(last, status=stopped)
         if z is not None and system is not complete and _touches(verification):
             # As many periods, with rows for the links.
-            system, callback.progress.links_touched = complete, True
-        else:
-            now = now.after(system, program, ticks, result)
+            system, progress.links_touched = complete, True
+            continue
+        former, now = now, now.after(course, program, knots.ticks, result)
+        if (now.periods, now.intervals) == (former.periods, former.intervals):
+            break  # times of arrival leave no other choice
     return last
 
 
@@ -334,8 +346,7 @@ def _touches(verification: Verification) -> bool:
 def _solve(
     system: ProblemFunctions,
     options: Options,
-    guess: WarmStart | SegmentTicks,
-    ticks: Ticks,
+    knots: Knots,
     callback: ClockCallback,
 ) -> tuple[NonlinearProgram, Array | None, SlpResult]:
     """Look for a motion on given knots.
@@ -344,6 +355,7 @@ def _solve(
         Program, an iterate that keeps all constraints and lasts as long as the ticks,
         if there is one, and the last outcome.
     """
+    ticks = knots.ticks
     near = replace(
         options,
         objective="time",
@@ -355,20 +367,20 @@ def _solve(
         smoothing = SMOOTHING_SHARE * ticks.duration
     callback.goal = ticks.duration
     lp = make_solver(options.lp_solver)
-    program, z = guess.clocked_program(system, ticks)
+    program, z = knots.program(system)
     program = exchanged(program, z, -NEARLY) or program
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
         callback.last = np.inf
-        solver = SlpSolver(program, options, smoothing, lp, callback)
+        solver = SlpSolver(program, options, smoothing, lp, callback, accuracy=EXACT)
         return solver.run(z, after=after)
 
     program, result = solve_in_rounds(program, z, near, solve, rough=False)
     if result.best is None:
         return program, None, result
-    kept = program.timed(result.best.z)
+    # What has room on its rows may be above that duration by more than a trace.
+    kept = np.append(result.best.z[:-1], ticks.duration)
     worst = program.rows.largest_violation(program.evaluate(kept))
-    right = kept[-1] == ticks.duration and worst <= options.feasibility
-    return program, kept if right else None, result
+    return program, kept if worst <= options.feasibility else None, result

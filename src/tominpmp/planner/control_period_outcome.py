@@ -70,7 +70,8 @@ def status_on_clock(
 
     One that was called locally optimal without a clock still is where it takes less
     than a period more, and a part of what small changes may promise. Where it takes
-    more it is put to the test again, and a period is no promise.
+    more it is put to the test again, and a period is no promise. One that takes no more
+    periods than any motion on a clock is called so in any case.
 
     Args:
         solution: The motion without a clock.
@@ -80,9 +81,11 @@ def status_on_clock(
     status, problem = solution.status, solution.problem
     motion, free = outcome.trajectory, solution.trajectory
     assert motion is not None and free is not None  # noqa: S101
+    share, bound = clock_share(motion, period), solution.lower_bound
+    if share == 1.0 and status not in STOPPED:
+        return Status.CONVERGED, ""
     if status is not Status.CONVERGED or stays_where_it_moves(problem):
         return status, ""
-    share, bound = clock_share(motion, period), solution.lower_bound
     needed = (1.0 - share - TESTED_AGAIN * TOLERANCE) * motion.duration
     if needed <= free.duration:
         return status, ""

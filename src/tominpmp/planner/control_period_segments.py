@@ -1,4 +1,4 @@
-"""Motions of several segments on the clock of a controller.
+"""Motions of one or more segments, and the clock of a controller.
 
 Each segment takes a whole number of periods, and so does each stay, which is as long as
 was asked for or longer by less than a period. On these knots the motion is stretched as
@@ -7,43 +7,143 @@ one, as that of a single segment is.
 
 from __future__ import annotations
 
-import copy
-import logging
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
-from tominpmp.options import FEWEST_PERIODS, Options
-from tominpmp.planner.control_period_outcome import Clocked
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem import Problem
 from tominpmp.sampling import multiples
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import FAR
-from tominpmp.status import STOPPED, Status
-from tominpmp.stopping import Deadline
+from tominpmp.segments import Segment, Span, spans_of
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bspline_segments import SegmentedBSpline
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import interpolated
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.ticks import Ticks, ticks_of
-from tominpmp.verification.verification import verify
-
-logger = logging.getLogger(__name__)
-
-# Durations that are tried, and by how much longer the next is where nothing tells.
-TRIES, LONGER = 12, (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
-
-Found = tuple[NonlinearProgram, Array | None, SlpResult]
+from tominpmp.transcription.program import TRACE, NonlinearProgram
+from tominpmp.transcription.ticks import Ticks, ticks_of, whole_periods
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentTicks:
-    """Knots of several segments, and a motion that is brought to them.
+class Course:
+    """A motion without a clock that is to be brought to one.
+
+    Attributes:
+        problem: What it solves, with stays of whole periods.
+        motion: The motion.
+        spans: When its segments begin, meet their goals, and end.
+        period: The period [s].
+    """
+
+    problem: Problem
+    motion: Trajectory
+    spans: list[Span]
+    period: float
+
+    @classmethod
+    def of(cls, problem: Problem, motion: Trajectory, period: float) -> Course:
+        """A motion of a problem, and the period that it is brought to [s]."""
+        spans = spans_of(motion, problem.segments)
+        stays = [whole_periods(segment.dwell, period) for segment in problem.segments]
+        chosen = problem.alternative_of(motion).with_stays(stays)
+        return cls(chosen, motion, spans, period)
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """The segments; one where the problem has none."""
+        return self.problem.segments or (Segment(self.problem.goal),)
+
+    @cached_property
+    def system(self) -> ProblemFunctions:
+        """The functions of the problem."""
+        return ProblemFunctions.of(self.problem)
+
+    @property
+    def nodes(self) -> list[Array]:
+        """Nodes of the motion on each segment, without its stay [s]."""
+        t = self.motion.t
+        return [t[(t >= begin) & (t <= arrival)] for begin, arrival, _ in self.spans]
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals of the motion, without its stays."""
+        return sum(nodes.size - 1 for nodes in self.nodes)
+
+    def guess(self, motion: Trajectory) -> WarmStart | SegmentedGuess:
+        """A motion of the problem as a guess."""
+        if self.problem.segments:
+            return solved_guess("clock", motion, self.problem.segments)
+        return warm_start(self.system, motion)
+
+    @property
+    def periods(self) -> tuple[int, ...]:
+        """Periods of the segments in which they are no faster than the motion.
+
+        One that takes as long as it does since it may not arrive earlier takes as many
+        as that asks for.
+        """
+        found = []
+        for span, segment in zip(self.spans, self.segments, strict=True):
+            earliest = 0.0 if segment.arrival is None else segment.arrival[0]
+            waits = span.arrival <= (1.0 + TRACE) * earliest
+            moving = 0.0 if waits else span.arrival - span.begin
+            found.append(ticks_of(moving, self.period))
+        return self.on_time(found)
+
+    def on_time(self, periods: Sequence[int]) -> tuple[int, ...]:
+        """Periods of the segments, no fewer than they need and within their windows.
+
+        Args:
+            periods: How many are wanted.
+        """
+        found: list[int] = []
+        now = since = 0
+        for count, segment in zip(periods, self.segments, strict=True):
+            tick, rests = now + count, len(found) == len(periods) - 1 or segment.stop
+            if segment.arrival is not None:
+                earliest, latest = segment.arrival
+                tick = max(tick, ticks_of(earliest, self.period))
+                if latest < np.inf:
+                    tick = min(tick, -ticks_of(-latest, self.period))
+            # What is passed needs no more than one, but from rest to rest there are
+            # some.
+            fewest = max(FEWEST_PERIODS - since, 1) if rests else 1
+            found.append(max(tick - now, fewest))
+            since = 0 if rests else since + found[-1]
+            now += found[-1] + ticks_of(segment.dwell, self.period)
+        return tuple(found)
+
+    def knots(
+        self,
+        periods: Sequence[int],
+        intervals: int,
+        guess: WarmStart | SegmentedGuess,
+    ) -> Knots:
+        """Knots near the nodes of the motion.
+
+        Args:
+            periods: Number of periods of each segment, without its stay.
+            intervals: Number of intervals that are wanted at least.
+            guess: What is brought to them.
+        """
+        knots, ends = np.zeros(1, dtype=np.int64), []
+        for nodes, count in zip(self.nodes, periods, strict=True):
+            wanted = -(-intervals * (nodes.size - 1) // self.intervals)
+            own = Ticks.near(self.period, count, nodes - nodes[0], wanted).knots
+            knots = np.concatenate([knots, knots[-1] + own[1:]])
+            ends.append(knots.size - 1)
+        ticks = Ticks(self.period, knots)
+        return Knots(ticks, tuple(ends), guess, self.motion.degree)
+
+
+@dataclass(frozen=True, eq=False)
+class Knots:
+    """Knots on a clock, and a motion that is brought to them.
 
     Attributes:
         ticks: The knots, without the stays.
@@ -54,138 +154,34 @@ class SegmentTicks:
 
     ticks: Ticks
     ends: tuple[int, ...]
-    guess: SegmentedGuess
+    guess: WarmStart | SegmentedGuess
     degree: int
 
-    @classmethod
-    def near(
-        cls,
-        period: float,
-        guess: SegmentedGuess,
-        nodes: Array,
-        factor: float,
-        degree: int,
-    ) -> SegmentTicks:
-        """Knots near the nodes of a motion that is slower by a factor.
-
-        Args:
-            period: The period [s].
-            guess: The motion, without the stays.
-            nodes: Its nodes [s], shape (N + 1,), the ends of the segments among them.
-            factor: How much slower, at least.
-            degree: Of its positions between the knots.
-        """
-        knots, ends = np.zeros(1, dtype=np.int64), []
-        for begin, end in zip(np.append(0.0, guess.ends), guess.ends, strict=False):
-            count = max(ticks_of(factor * (end - begin), period), FEWEST_PERIODS)
-            own = nodes[(nodes >= begin - 1e-12) & (nodes <= end + 1e-12)] - begin
-            part = Ticks.near(period, count, own, own.size - 1)
-            knots = np.concatenate([knots, knots[-1] + part.knots[1:]])
-            ends.append(knots.size - 1)
-        return cls(Ticks(period, knots), tuple(ends), guess, degree)
-
-    def position(self, times: Array) -> Array:
-        """Configurations of the motion at times on these knots [s], shape (k, n)."""
-        own = self.ticks.times[[0, *self.ends]]
-        former = np.append(0.0, self.guess.ends)
-        return self.guess.position(np.interp(times, own, former))
-
-    def clocked_program(
-        self, system: ProblemFunctions, ticks: Ticks
-    ) -> tuple[NonlinearProgram, Array]:
+    def program(self, system: ProblemFunctions) -> tuple[NonlinearProgram, Array]:
         """Program on the knots, and an iterate near to the motion."""
-        T, shares = ticks.duration, ticks.shares
+        if isinstance(self.guess, WarmStart):
+            return self.guess.clocked_program(system, self.ticks)
+        T, shares, ends = self.ticks.duration, self.ticks.shares, self.ends
+        guess, own = self.guess, self.ticks.times[[0, *ends]]
+        former = np.append(0.0, guess.ends)
+
+        def position(times: Array) -> Array:
+            return guess.position(np.interp(times, own, former))
+
         if self.degree > 2:
-            spline = SegmentedBSpline(system, shares, self.degree, self.ends)
-            z = interpolated(spline, np.array([T]), self.position)
+            spline = SegmentedBSpline(system, shares, self.degree, ends)
+            z = interpolated(spline, np.array([T]), position)
             program = NonlinearProgram.of(spline).at(z)
         else:
-            steps = InverseTranscription(system, shares, T, segment_ends=self.ends)
-            z = steps.start(self.position, T)
+            steps = InverseTranscription(system, shares, T, segment_ends=ends)
+            z = steps.start(position, T)
             program = NonlinearProgram.of(steps).at(z)
         return replace(program, least_duration=T), z
 
     def timed(self, motion: Trajectory) -> Trajectory:
         """A motion with its stays, its nodes on the ticks to the last bit."""
-        period, ends = self.ticks.period, motion.segment_ends
-        assert ends is not None  # noqa: S101
-        knots: IntArray = np.rint(motion.t / period).astype(np.int64)
-        at = np.searchsorted(motion.t, ends)
-        t = multiples(knots, period)
-        return replace(motion, t=t, segment_ends=t[at])
-
-
-Solve = Callable[[ProblemFunctions, Options, SegmentTicks, Ticks], Found]
-
-
-def bring_segments(
-    problem: Problem,
-    options: Options,
-    motion: Trajectory,
-    solve: Solve,
-    deadline: Deadline,
-) -> Clocked:
-    """Look for a motion on the clock near one without.
-
-    Args:
-        problem: A problem of several segments.
-        options: Options of the plan, with the period.
-        motion: Its motion.
-        solve: Looks for a motion on given knots.
-        deadline: When to stop.
-    """
-    period = options.control_period
-    assert period is not None  # noqa: S101
-    chosen = _rounded(problem.alternative_of(motion), period)
-    system = ProblemFunctions.of(chosen)
-    guess = solved_guess("clock", motion, problem.segments)
-    nodes, degree = _nodes(motion, problem), motion.degree
-    last, factor, fruitless = Clocked(Status.INFEASIBLE), 1.0, 0
-    for _ in range(TRIES):
-        knots = SegmentTicks.near(period, guess, nodes, factor, degree)
-        program, z, result = solve(system, options, knots, knots.ticks)
-        history = (*last.history, *result.history)
-        last = replace(last, status=result.status, history=history)
-        logger.info("%s: %s", knots.ticks, result.status.value)
-        if z is not None:
-            found = knots.timed(program.trajectory(z))
-            judged = verify(problem, found, options.tolerances)
-            last = replace(last, verification=judged)
-            if judged.ok:
-                return replace(last, trajectory=found)
-            last = replace(last, status=Status.UNVERIFIED)
-        if result.status in STOPPED or deadline.due:
-            stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
-            return replace(last, status=stopped)
-        reached = result.iterate
-        needed = float(program.timed(reached.z)[-1]) / knots.ticks.duration
-        if reached.violation <= FAR and needed > 1.0:
-            factor *= needed
-            continue
-        more = LONGER[min(fruitless, len(LONGER) - 1)]
-        factor *= 1.0 + max(more, 1.0 / knots.ticks.count)
-        fruitless += 1
-    return last
-
-
-def _rounded(problem: Problem, period: float) -> Problem:
-    """A problem whose stays are whole numbers of periods."""
-    rounded: Problem = copy.copy(problem)
-    counts = np.array([ticks_of(item.dwell, period) for item in problem.segments])
-    stays = multiples(counts, period).tolist()
-    segments = tuple(
-        replace(segment, dwell=stay)
-        for segment, stay in zip(problem.segments, stays, strict=True)
-    )
-    object.__setattr__(rounded, "segments", segments)
-    return rounded
-
-
-def _nodes(motion: Trajectory, problem: Problem) -> Array:
-    """Nodes of a motion without its stays [s]."""
-    assert motion.segment_ends is not None  # noqa: S101
-    t = np.array(motion.t)
-    ends = zip(motion.segment_ends.tolist(), problem.segments, strict=True)
-    for end, segment in reversed(list(ends)):
-        t[motion.t >= end - 1e-12] -= segment.dwell
-    return np.unique(np.round(t, 12))
+        knots: IntArray = np.rint(motion.t / self.ticks.period).astype(np.int64)
+        t, ends = multiples(knots, self.ticks.period), motion.segment_ends
+        if ends is not None:
+            ends = t[np.searchsorted(motion.t, ends)]
+        return replace(motion, t=t, segment_ends=ends)

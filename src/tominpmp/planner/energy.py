@@ -179,8 +179,7 @@ def _as_it_is(system: ProblemFunctions, former: Trajectory) -> Trajectory:
 def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
     """Program of the fastest motion itself, on a finer grid."""
     if system.parts:
-        stays = [segment.dwell for segment in system.problem.segments]
-        layout = Layout.of_segments(former, stays)
+        layout = Layout.of_segments(former, system.problem.segments)
     else:
         layout = Layout.of_motion(former)
     if layout is None:

@@ -234,7 +234,7 @@ class Settling:
         near = anything_near(problem, attempt)
         motion = attempt.trajectory
         if problem.segments:
-            motion = without_stays(problem, motion)
+            problem, motion = without_stays(problem, motion)
         seen = examine(problem, motion, judged, self.tolerance, near=near)
         promise = seen.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", attempt.duration, promise)

@@ -87,7 +87,7 @@ def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
             )
     given = with_segments(problem, given, Tolerances())
     problem = problem.alternative_of(given)
-    return problem, without_stays(problem, given)
+    return without_stays(problem, given)
 
 
 def _read(section: Section, T: float) -> Sensitivities:

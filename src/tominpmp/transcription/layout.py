@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.segments import Segment, spans_of
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.bspline_basis import Basis
@@ -78,20 +79,21 @@ class Layout:
         return cls(motion.degree, shares, np.array([motion.duration]))
 
     @classmethod
-    def of_segments(cls, motion: Trajectory, dwells: Sequence[float]) -> Layout | None:
+    def of_segments(
+        cls, motion: Trajectory, segments: Sequence[Segment]
+    ) -> Layout | None:
         """Layout of a motion of several segments whose torques follow from it.
 
         Args:
             motion: The motion.
-            dwells: How long it stays at the end of each [s].
+            segments: What was asked of them.
         """
         if motion.inverse_dynamics is None or motion.segment_ends is None:
             return None
-        lengths, first = [], 0
-        for end, dwell in zip(motion.segment_ends.tolist(), dwells, strict=True):
-            last = int(np.argmin(np.abs(motion.t - (end - dwell))))
-            lengths.append(np.diff(motion.t[first : last + 1]))
-            first = int(np.argmin(np.abs(motion.t - end)))
+        lengths = []
+        for begin, arrival, _ in spans_of(motion, segments):
+            moving = (motion.t >= begin) & (motion.t <= arrival)
+            lengths.append(np.diff(motion.t[moving]))
         counts = [part.size for part in lengths]
         shares = np.zeros((sum(counts), len(counts)))
         segment = np.repeat(np.arange(len(counts)), counts)

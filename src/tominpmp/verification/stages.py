@@ -16,6 +16,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.segments import SAME, spans_of
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.polynomials import Pieces
@@ -27,8 +28,6 @@ MOST_LOOKS = 20_000
 MET = 1e-3
 # Closer looks around the nearest instant, and instants of each.
 CLOSER, PLACES = 2, 25
-# Times that differ by less are one [s].
-SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +39,8 @@ class Stage:
         count: How many there are.
         problem: What is asked of it.
         begin: When it begins [s].
+        reached: When its goal is met, and the arm stays there [s].
         end: When it ends [s], with the time the arm stays there.
-        dwell: How long it stays there [s].
         arrival: Earliest and latest time at which it is to end [s]; None for any.
     """
 
@@ -49,8 +48,8 @@ class Stage:
     count: int
     problem: Problem
     begin: float
+    reached: float
     end: float
-    dwell: float
     arrival: tuple[float, float] | None = None
 
     @property
@@ -63,7 +62,7 @@ class Stage:
         """Whether it ends when it is to; nothing if any time will do."""
         if self.arrival is None:
             return []
-        (earliest, latest), reached = self.arrival, self.end - self.dwell
+        (earliest, latest), reached = self.arrival, self.reached
         late = max(reached - latest, earliest - reached)
         side = "late" if reached - latest >= earliest - reached else "early"
         wrong = late > TIME_STEP
@@ -81,17 +80,20 @@ class Stage:
             return replay
         t = replay.t
         mine = np.flatnonzero((t >= self.begin) & (t <= self.end))
-        u = np.array(replay.u[mine])
+        q, v, u = (np.array(part[mine]) for part in (replay.q, replay.v, replay.u))
         piece = int(np.searchsorted(torque.t, self.end)) - 1
-        if mine.size and t[mine[-1]] == self.end and not self.last:
+        if self.begin == self.end:
+            # Nothing is exerted in no time: it is that which holds the arm.
+            u = RobotDynamics(self.problem.robot).inverse(q, v, 0.0 * v)
+        elif mine.size and t[mine[-1]] == self.end and not self.last:
             # The row of a node is what holds just after it, on the next segment.
             u[-1] = torque.ends()[piece, 1]
         nodes = replay.nodes[np.isin(replay.nodes, mine)]
         return replace(
             replay,
             t=t[mine],
-            q=replay.q[mine],
-            v=replay.v[mine],
+            q=q,
+            v=v,
             u=u,
             way=replay.way[mine[:-1]],
             nodes=np.searchsorted(mine, nodes),
@@ -114,15 +116,13 @@ def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
         problem: The problem.
         trajectory: The motion, with the times at which its segments end.
     """
-    phases, segments = problem.phases, problem.segments
+    phases, segments, T = problem.phases, problem.segments, trajectory.duration
     if not segments or trajectory.segment_ends is None:
-        return (Stage(0, 1, problem, 0.0, trajectory.duration, 0.0),)
-    ends = trajectory.segment_ends.tolist()
-    begins = [0.0, *ends[:-1]]
-    each = zip(phases, segments, begins, ends, strict=True)
+        return (Stage(0, 1, problem, 0.0, T, T),)
+    each = zip(phases, segments, spans_of(trajectory, segments), strict=True)
     return tuple(
-        Stage(k, len(phases), phase, begin, end, segment.dwell, segment.arrival)
-        for k, (phase, segment, begin, end) in enumerate(each)
+        Stage(k, len(phases), phase, *span, segment.arrival)
+        for k, (phase, segment, span) in enumerate(each)
     )
 
 
@@ -168,26 +168,27 @@ def _found(
     steps = np.arange(0.0, motion.duration, step)
     times = np.unique(np.concatenate([steps, motion.t]))
     ends: list[float] = []
-    first, last = 0, times.size - 2
+    first, last = 0, times.size - 1
     each = zip(problem.phases[:-1], problem.segments[:-1], strict=True)
     for number, (phase, segment) in enumerate(each):
         begin, behind = first, last + 1
         if about is not None:
             # The row before the one that is said to be the first of the next segment.
-            row = int(np.searchsorted(motion.t, about[number])) - 1
+            row = max(int(np.searchsorted(motion.t, about[number])) - 1, 0)
             earliest = motion.t[row] - segment.dwell
             begin = max(first, int(np.searchsorted(times, earliest - step)))
             behind = max(int(np.searchsorted(times, about[number])) + 1, begin + 1)
         look = _Look(plain, phase, tolerances)
         met = look.first(times[begin:behind])
+        if segment.stop and segment.arrival is not None:
+            met = look.not_before(segment.arrival[0], met)
         end = met
         if segment.dwell > 0.0:
             later = np.searchsorted(times, met + segment.dwell - SAME)
             end = float(times[min(int(later), last)])
+            if about is not None and look.rests(end, about[number]):
+                end = float(about[number])  # it stays for longer
         first = min(int(np.searchsorted(times, end)), last)
-        if ends and end <= ends[-1] + SAME:
-            first = min(first + 1, last)
-            end = float(times[first])
         ends.append(end)
     return np.array([*ends, motion.duration])
 
@@ -215,6 +216,21 @@ class _Look:
             allowed = self.tolerances.speed if miss.moving else self.tolerances.goal
             missed = max(missed, miss.amount / allowed)
         return missed
+
+    def not_before(self, earliest: float, met: float) -> float:
+        """When it is met that was met earlier already, if it still is [s]."""
+        if not met < earliest <= self.motion.duration:
+            return met
+        state = self.motion(earliest)
+        return earliest if self.missed(state.q, state.v) <= MET else met
+
+    def rests(self, begin: float, end: float) -> bool:
+        """Whether the arm rests from a time to a later one, where it still is."""
+        if begin > end:
+            return False
+        state = self.motion(np.array([begin, end]))
+        off = np.maximum(np.abs(state.q[1] - state.q[0]), np.abs(state.v[1]))
+        return bool(np.all(off <= SAME))
 
     def first(self, times: Array) -> float:
         """When it is met first, or missed by least, at times or between two of them."""

@@ -362,9 +362,8 @@ def arrival(
 ) -> list[LimitViolation]:
     """Where a segment ends, and where the arm is before it stays there."""
     rows = [replay.t.size - 1]
-    if stage.dwell > 0.0:
-        stays = replay.t[-1] - stage.dwell
-        rows.append(int(np.argmin(np.abs(replay.t - stays))))
+    if stage.reached < stage.end:
+        rows.append(int(np.argmin(np.abs(replay.t - stage.reached))))
     found = [_arrival(stage, replay, row, tolerances) for row in rows]
     return [
         max(both, key=lambda item: item.amount) for both in zip(*found, strict=True)
