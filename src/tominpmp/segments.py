@@ -344,7 +344,8 @@ def segments_of(
         segments: What was asked of them; empty where nothing is known of them.
     """
     spans = spans_of(motion, segments)
-    goals = [segment.goal for segment in segments] or [None] * len(spans)
+    goals: Sequence[Goal | None] = [segment.goal for segment in segments]
+    goals = goals or [None] * len(spans)
     return tuple(
         SegmentOfMotion(goal, *span, _part(motion, number, span.begin, span.end))
         for number, (goal, span) in enumerate(zip(goals, spans, strict=True))

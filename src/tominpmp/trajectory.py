@@ -328,8 +328,8 @@ class Trajectory(Record):
     def turns(self) -> Turns:
         """Which way the joints go, and when they turn."""
         if self.t.size == 1:
-            still = np.zeros(0, dtype=np.int64)
-            return Turns(self.t, directions(self.v, 0.0 * self.v), still * 0.0, still)
+            way = directions(self.v, 0.0 * self.v)
+            return Turns(self.t, way, np.zeros(0), np.zeros(0, dtype=np.int64))
         return Turns.of(self.t, velocities(self.t, self.q, self.v, self.a))
 
     def with_torques(

@@ -288,12 +288,20 @@ def test_wrong_periods(planar3r, period):
     assert caught.value.option == "control_period"
 
 
-@pytest.mark.parametrize("share", [0.6, 1.0, 50.0])
-def test_a_period_longer_than_half_of_the_motion(planar3r, share):
+@pytest.mark.parametrize("share", [0.3, 0.6])
+def test_a_motion_shorter_than_any_on_the_clock(planar3r, share):
     problem = planar_problem(planar3r)
     period = share * plan_quickly(problem).T
-    with pytest.raises(OptionsError, match="expected half of that at most"):
-        plan_quickly(problem, control_period=period)
+    solution = plan_quickly(problem, control_period=period)
+    check(solution, period)
+    assert solution.status is tm.Status.CONVERGED
+    assert pytest.approx(4 * period) == solution.T
+
+
+@pytest.mark.parametrize("period", [1.01, 4, 1e9])
+def test_a_period_in_milliseconds(planar3r, period):
+    with pytest.raises(OptionsError, match="expected a positive number, at most 1"):
+        tm.plan(planar_problem(planar3r), control_period=period)
 
 
 @pytest.mark.parametrize("period", [1e-9, 1e-300, 5e-324])
@@ -368,7 +376,7 @@ def test_a_motion_that_was_interrupted_is_brought_to_the_clock(ur5, how):
             raise KeyboardInterrupt
         return ended
 
-    problem = ur5_problem(ur5, motion_limits=LIMITS)
+    problem = ur5_problem(ur5)
     assert plan_quickly(problem, callback=stop).success
     solution = plan_quickly(problem, callback=stop, control_period=0.004)
     assert solution.status is tm.Status.INTERRUPTED
@@ -405,7 +413,7 @@ def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
     """The message says that the motion is not on the clock; success is not claimed."""
     monkeypatch.setattr("tominpmp.planner.control_period.TRIES", 1)
     monkeypatch.setattr(
-        "tominpmp.planner.control_period.ticks_of",
+        "tominpmp.planner.control_period_segments.ticks_of",
         lambda T, period: int(0.8 * T / period),
     )
     solution = plan_quickly(planar_problem(planar3r), control_period=0.01)

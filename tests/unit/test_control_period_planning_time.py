@@ -22,6 +22,7 @@ from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt as attempts
 from tominpmp.planner import control_period as clock
+from tominpmp.planner import control_period_segments
 from tominpmp.planner.control_period import ClockCallback
 from tominpmp.stopping import Deadline
 from tominpmp.transcription.bspline_basis import Basis
@@ -176,7 +177,7 @@ def test_a_motion_off_the_clock_is_replayed_in_the_end(planar3r, calls, monkeypa
     """Where none on the clock is found, what is kept is known to hold."""
     monkeypatch.setattr(clock, "TRIES", 1)
     less = lambda T, period: int(0.8 * T / period)  # noqa: E731
-    monkeypatch.setattr(clock, "ticks_of", less)
+    monkeypatch.setattr(control_period_segments, "ticks_of", less)
     solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.verification is not None and solution.verification.ok

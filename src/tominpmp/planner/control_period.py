@@ -63,8 +63,8 @@ LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
 # and the duration still changes by that share.
 HOPE = 0.5
 MOVING = 0.1
-# Gap of its linear programs, as a share of T: what they leave of that above the duration
-# that is wanted must be a trace.
+# Gap of its linear programs, as a share of T: what they leave of that above the
+# duration that is wanted must be a trace.
 EXACT = 0.1 * TRACE
 # Intervals are halved where it takes more periods than so many more, by their share.
 DEAR = 0.01

@@ -81,9 +81,9 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     if now > 0.0 and np.any(v):
         return None
     t = np.unique(nodes)
-    rows = [np.tile(row, (t.size, 1)) for row in (q, v, 0.0 * q)]
+    q, v, a = (np.tile(row, (t.size, 1)) for row in (q, v, 0.0 * q))
     dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in problem.phases)
-    motion = Trajectory(robot.joint_names, t, *rows, a=rows[2])
+    motion = Trajectory(robot.joint_names, t, q, v, u=a, a=a)
     if problem.segments:
         motion = replace(motion, segment_ends=np.array(ends))
         return motion.with_torques(dynamics[0], dynamics)
