@@ -169,8 +169,9 @@ def _joined(
 def _instant(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
     """A motion that takes no time; what a single row does not say of it is zero."""
     v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
-    draft = Trajectory(robot.joint_names, rows.t, rows.q, v, 0.0 * v, a)
-    return Joined(draft.with_torques(dynamics.inverse), "instant")
+    motion = Trajectory(robot.joint_names, rows.t, rows.q, v, 0.0 * v, a)
+    motion = motion.with_torques(dynamics.inverse)
+    return Joined(replace(motion, u=rows.u) if rows.known("u") else motion, "instant")
 
 
 def _ended(motion: Trajectory, ends: Array) -> Trajectory:

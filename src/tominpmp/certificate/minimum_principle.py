@@ -37,8 +37,6 @@ from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,
     name_of,
-    no_time,
-    not_asked,
 )
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
@@ -151,7 +149,10 @@ def examine(
             that changes may promise on top.
     """
     tolerance += rounding
-    if not trajectory.duration:
+    ends = trajectory.segment_ends
+    ends = trajectory.t[-1:] if ends is None else ends
+    if np.any(np.diff(ends, prepend=0.0) == 0.0):
+        # No interval is on a segment that takes no time.
         return Findings(_nothing(trajectory, verification, tolerance), None, None)
     try:
         with np.errstate(all="ignore"):
@@ -170,14 +171,15 @@ def _nothing(
 ) -> Certificate:
     """Certificate of a motion of which nothing can be said."""
     n, N, T = trajectory.n, trajectory.t.size - 1, trajectory.duration
-    short = verification is not None and verification.ok and no_time(T)
+    stands = verification is not None and verification.ok and not T
+    moves = T and (np.any(trajectory.v) or np.any(np.ptp(trajectory.q, axis=0)))
     return Certificate(
         joint_names=trajectory.joint_names,
-        ok=short,
-        message=not_asked(T)
-        if short
-        else "The first-order conditions of the motion could not be evaluated: the "
-        "linear program of its small changes has no solution.",
+        ok=stands,
+        message="The first-order conditions of the motion could not be evaluated: the "
+        "linear program of its small changes has no solution."
+        if moves
+        else "The arm does not move, so that small changes have nothing to shorten.",
         t=trajectory.t,
         costates=np.zeros((N + 1, 2 * n)),
         switching=np.zeros((N, n)),

@@ -19,8 +19,6 @@ from tominpmp.verification.verification import Verification
 HAMILTONIAN = 0.2
 # Torques must obey their switching functions for this share of the time.
 SIGN_SHARE = 0.95
-# A motion this short only has a duration since the programs need one [s].
-SHORTEST_MOTION = 1e-4
 # A coarse grid is mentioned where a finer one promises this share of T more.
 FINER_GAIN = 0.005
 # Shares below this are rounding.
@@ -67,19 +65,6 @@ def _what_depends_on_time(motion: Motion) -> str:
     return "Limits depend on time"
 
 
-def no_time(duration: float) -> bool:
-    """Whether a motion takes no time to speak of, which nobody could shorten."""
-    return duration < SHORTEST_MOTION
-
-
-def not_asked(duration: float) -> str:
-    """Sentence on a motion that takes no time to speak of."""
-    return (
-        f"The motion takes {duration:.3g} s, which is no time to speak of: whether "
-        "small changes shorten it is not asked."
-    )
-
-
 def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> str:
     """Sentences on a motion that keeps all first-order conditions.
 
@@ -89,8 +74,6 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
         rounding: Share of T that its clock may have cost.
     """
     T = float(out.t[-1])
-    if not out.stationarity <= out.tolerance:
-        return not_asked(T)
     constancy = (
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
         f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
@@ -159,8 +142,6 @@ class _Failures:
             flaw = "" if verification.ok else verification.message
         if flaw:
             yield f"The motion is not admissible: {flaw}"
-        if no_time(self.T):
-            return
         if not out.stationarity <= out.tolerance:
             yield (
                 "The motion does not satisfy the first-order conditions: small changes "

@@ -13,12 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem import Problem
-from tominpmp.sampling import multiples
 from tominpmp.segments import Segment, Span, spans_of
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bspline_segments import SegmentedBSpline
@@ -26,7 +25,7 @@ from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import interpolated
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
-from tominpmp.transcription.ticks import Ticks, ticks_of, whole_periods
+from tominpmp.transcription.ticks import Ticks, at_ticks, ticks_of, whole_periods
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +179,7 @@ class Knots:
 
     def timed(self, motion: Trajectory) -> Trajectory:
         """A motion with its stays, its nodes on the ticks to the last bit."""
-        knots: IntArray = np.rint(motion.t / self.ticks.period).astype(np.int64)
-        t, ends = multiples(knots, self.ticks.period), motion.segment_ends
+        t, ends = at_ticks(motion.t, self.ticks.period), motion.segment_ends
         if ends is not None:
             ends = t[np.searchsorted(motion.t, ends)]
         return replace(motion, t=t, segment_ends=ends)

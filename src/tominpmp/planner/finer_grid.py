@@ -18,7 +18,6 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.optimality_report import no_time
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -119,7 +118,7 @@ def on_finer_grid(
     if not found:
         return
     best = min(found, key=lambda attempt: attempt.duration)
-    if best.status in STOPPED or no_time(best.trajectory.duration):
+    if best.status in STOPPED:
         return
     if best.taken_over and speed_share(best.trajectory, problem) > SPEED_SHARE:
         return

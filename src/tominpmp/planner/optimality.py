@@ -20,7 +20,6 @@ import numpy as np
 
 from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
-from tominpmp.certificate.optimality_report import no_time
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.linear_programs import make_solver
@@ -93,10 +92,6 @@ def certified(
         return
     best, tolerance = min(found, key=_duration), tolerance_of(options)
     if best.status in STOPPED:
-        return
-    if no_time(best.duration):
-        # Nothing is asked of it, by the certificate either.
-        yield replace(best, status=Status.CONVERGED, history=())
         return
     if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
         return

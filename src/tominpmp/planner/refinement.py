@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tominpmp.certificate.optimality_report import no_time
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.planner.grid_refinement import refine_grid
@@ -49,20 +48,8 @@ def refine(
         return program, result
     if options.refine in LATER:
         return program, result
-    if not _stands(program, result):
-        how = refine_grid if options.refine == "grid" else refine_switching
-        program, result = how(system, options, program, result, lp, progress)
-    if _stands(program, result):
-        remark = "The start meets the goal: there is nothing to refine."
-        result = replace(result, remark=remark)
-    return program, result
-
-
-def _stands(program: Program, result: SlpResult) -> bool:
-    """Whether a motion takes no time to speak of."""
-    if result.best is None:
-        return False
-    return no_time(program.trajectory(result.best.z).duration)
+    how = refine_grid if options.refine == "grid" else refine_switching
+    return how(system, options, program, result, lp, progress)
 
 
 def unrefined(options: Options, result: SlpResult) -> SlpResult:

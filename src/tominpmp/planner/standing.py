@@ -20,7 +20,7 @@ from tominpmp.segments import Segment
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.trajectory import Trajectory
-from tominpmp.transcription.ticks import whole_periods
+from tominpmp.transcription.ticks import at_ticks, whole_periods
 from tominpmp.verification import verify
 
 # What is said of it.
@@ -80,11 +80,14 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
         ends.append(now)
     if now > 0.0 and np.any(v):
         return None
+    if period is not None:
+        nodes, ends = at_ticks(nodes, period).tolist(), at_ticks(ends, period).tolist()
     t = np.unique(nodes)
     q, v, a = (np.tile(row, (t.size, 1)) for row in (q, v, 0.0 * q))
     dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in problem.phases)
-    motion = Trajectory(robot.joint_names, t, q, v, u=a, a=a)
-    if problem.segments:
-        motion = replace(motion, segment_ends=np.array(ends))
-        return motion.with_torques(dynamics[0], dynamics)
-    return motion.with_torques(dynamics[0])
+    marks = np.array(ends) if problem.segments else None
+    motion = Trajectory(robot.joint_names, t, q, v, u=a, a=a, segment_ends=marks)
+    motion = motion.with_torques(dynamics[0], dynamics if problem.segments else ())
+    # Joints without a motor cannot be held, and for no time they need not be.
+    lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
+    return replace(motion, u=np.where(lower == upper, lower, motion.u))

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.sampling import multiples
@@ -35,6 +36,16 @@ def whole_periods(duration: float, period: float | None) -> float:
     if period is None:
         return duration
     return float(multiples(np.array(ticks_of(duration, period)), period))
+
+
+def at_ticks(times: ArrayLike, period: float) -> Array:
+    """Times that are at ticks but for rounding, to the last bit [s].
+
+    Args:
+        times: The times [s].
+        period: The period of the clock [s].
+    """
+    return multiples(np.rint(np.asarray(times) / period), period)
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,7 +190,8 @@ def verify(
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
-        defect = float(np.max(np.where(np.isfinite(gaps), gaps, np.inf)))
+        gaps = np.where(np.isfinite(gaps), gaps, np.inf)
+        defect = float(np.max(gaps, initial=0.0))
     replayed, nearest = findings.replay, findings.nearest
     # Without the torques, which take most of the time of an evaluation.
     plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
