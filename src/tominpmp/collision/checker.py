@@ -257,7 +257,8 @@ class CollisionChecker:
     def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.
 
-        This does not ask by how much, and is ten times faster than the distances.
+        The answer is that of the distances, ten times faster: the first pair that is
+        too near ends the query.
 
         Args:
             q: Configuration, shape (n,) [rad or m].

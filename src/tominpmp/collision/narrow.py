@@ -153,7 +153,7 @@ class NarrowPhase:
         """Result of a pair that failed, with the tolerances that Coal takes."""
         self._results.distanceRequests[index] = coal.DistanceRequest()
         result = pin.computeDistance(self._geometry, self._results, index)
-        self._results.distanceRequests[index] = _distance_request()
+        self._results.distanceRequests[index] = _request(coal.DistanceRequest())
         return result
 
     def _normal(self, index: int, result: Any) -> Array:
@@ -172,21 +172,26 @@ class NarrowPhase:
         return np.asarray((second - first) / length)
 
 
-def _distance_request() -> coal.DistanceRequest:
-    request = coal.DistanceRequest()
+def _request(request: Any) -> Any:
+    """A request of Coal, with the tolerances that all queries have."""
     request.gjk_tolerance = GJK_TOLERANCE
     request.epa_tolerance = EPA_TOLERANCE
     return request
 
 
 def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
-    """Where results go; Pinocchio's own requests begin where the last query ended."""
-    results, request = geometry.createData(), _distance_request()
+    """Where results go; Pinocchio's own requests begin where the last query ended.
+
+    Whether a pair keeps a margin is decided by its signed distance too, which Coal
+    measures if a contact is asked for. Else it calls cylinders free that overlap by
+    millimetres, where what GJK has left of their distance is not quite zero.
+    """
+    results = geometry.createData()
+    distance = _request(coal.DistanceRequest())
+    contact = _request(coal.CollisionRequest(coal.CollisionRequestFlag.CONTACT, 1))
     for index in range(len(geometry.collisionPairs)):
-        results.distanceRequests[index] = request
-        results.collisionRequests[index] = coal.CollisionRequest(
-            coal.CollisionRequestFlag.NO_REQUEST, 1
-        )
+        results.distanceRequests[index] = distance
+        results.collisionRequests[index] = contact
     return results
 
 
@@ -222,7 +227,11 @@ class Shifter:
 
 
 class Guard:
-    """Whether all pairs keep certain margins, without asking by how much."""
+    """Whether all pairs keep certain margins, as their distances tell.
+
+    Boxes settle most pairs, GJK ends where a pair is surely farther apart than its
+    margin, and the first pair below it ends the query.
+    """
 
     def __init__(
         self,

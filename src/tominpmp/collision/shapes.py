@@ -7,6 +7,7 @@ from typing import Any
 
 import coal
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.exceptions import SceneError
@@ -16,6 +17,14 @@ from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 THINNEST = 1e-4
 # A round edge is enclosed by a polygon of this many corners.
 CORNERS = 16
+# Coal has room for 254 neighbours of a corner of a hull. Where a corner has more, those
+# with more than this many become several, each with about so many of the neighbours.
+CROWDED, SHARE = 128, 64
+# How far a hull may stick out for that, as a share of its diagonal. At a cone of 13 cm
+# distances change by 1e-7 m then, which is less than what EPA leaves of an error.
+BLUNT = 1e-6
+# Most times that corners become several; once is enough for some thousand neighbours.
+ROUNDS = 8
 
 
 def obstacle_shape(obstacle: Obstacle) -> Any:
@@ -62,7 +71,7 @@ def is_convex(shape: Any) -> bool:
 
 
 def convex_hull(mesh: Any) -> Any:
-    """Convex hull of a mesh; it is kept with the mesh."""
+    """Convex hull of a mesh; it is kept with the mesh where that is possible."""
     if mesh.convex is None:  # else it was made for an earlier checker
         vertices = np.array(mesh.vertices(), dtype=np.float64)
         points = _thickened(vertices)
@@ -70,16 +79,71 @@ def convex_hull(mesh: Any) -> Any:
             return hull_of(points)
         # Not buildConvexRepresentation: it takes a mesh with dents for convex as it
         # is, and the distances come out too large.
-        mesh.buildConvexHull(True, "Qt")
+        try:
+            mesh.buildConvexHull(False, "")
+        except RuntimeError:
+            return hull_of(points)
     return mesh.convex
 
 
 def hull_of(points: Array) -> Any:
-    """Convex hull of points, shape (k, 3)."""
+    """Convex hull of points, shape (k, 3).
+
+    It holds them all, and sticks out of their true hull by no more than a millionth of
+    its diagonal (``BLUNT``). Faces stay polygons: were a disc cut into triangles, one
+    of its corners would be a neighbour of all others, for which Coal has no room.
+    """
+    try:
+        return _hull(points)
+    except RuntimeError:  # too many neighbours
+        return _hull(_blunted(points))
+
+
+def _hull(points: Array) -> Any:
     vector = coal.StdVec_Vec3s()
     for point in points:
         vector.append(point)
-    return coal.Convex.convexHull(vector, True, "Qt")
+    return coal.Convex.convexHull(vector, False, "")
+
+
+def _blunted(points: Array) -> Array:
+    """Points whose hull has no corner with too many neighbours, and holds the others.
+
+    Such a corner, the tip of a cone, gets a ring of points around it.
+    """
+    reach = BLUNT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    for _ in range(ROUNDS):
+        hull = ConvexHull(points)
+        tips = np.flatnonzero(_neighbours(hull) > CROWDED)
+        if not tips.size:
+            break
+        reach *= 0.5  # so that all rounds together stay within it
+        rings = [_ring(hull, tip, reach) for tip in tips.tolist()]
+        points = np.concatenate([points[hull.vertices], *rings])
+    return points
+
+
+def _neighbours(hull: ConvexHull) -> IntArray:
+    """Number of edges at each point of a hull, without those within a flat face."""
+    ends = [
+        hull.simplices[np.any(hull.equations != beyond, axis=1)][:, [k - 1, k - 2]]
+        for k, beyond in enumerate(hull.equations[hull.neighbors.T])
+    ]
+    twice = np.bincount(np.concatenate(ends).ravel(), minlength=len(hull.points))
+    return np.asarray(twice // 2)
+
+
+def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
+    """Points around a corner of a hull, across the mean normal of its faces.
+
+    They are where the normals lean to, so that each is a corner of some of the faces.
+    """
+    faces = hull.equations[np.any(hull.simplices == tip, axis=1), :3]
+    normals = np.unique(faces, axis=0)
+    across = np.linalg.svd(normals.mean(axis=0)[None])[2][1:]
+    angle = np.sort(np.arctan2(*(normals @ across.T).T))[::SHARE]
+    ring = np.column_stack([np.sin(angle), np.cos(angle)]) @ across
+    return np.asarray(hull.points[tip] + radius * ring)
 
 
 def _thickened(points: Array) -> Array:

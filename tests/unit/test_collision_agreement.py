@@ -1,0 +1,112 @@
+"""Whether a state is free is what its distances say, wherever it is asked."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot_samples import INERTIAL, joint, link, load, robot
+from scipy.spatial import ConvexHull
+
+import tominpmp as tm
+from tominpmp.collision import CollisionChecker
+
+# Cylinders of a link and an obstacle (radius, length), the angle that the link is
+# turned about y, whether the obstacle lies along y, where it is from the link, and
+# how deep they overlap [m]. Coal's query for collisions alone takes them for free.
+OVERLAPPING = [
+    ((0.22, 0.34), (0.36, 0.29), 1.71, True, (0.18, 0.14, -0.17), 0.225),
+    ((0.37, 0.39), (0.11, 0.35), 1.51, False, (-0.03, -0.36, -0.31), 0.0869),
+    ((0.27, 0.14), (0.26, 0.30), -0.11, True, (-0.32, 0.20, 0.28), 0.01557),
+    ((0.05, 0.14), (0.35, 0.13), -0.27, False, (-0.13, 0.19, -0.14), 0.0058),
+    ((0.14, 0.12), (0.15, 0.27), 1.59, True, (0.21, 0.00, 0.16), 0.00116),
+]
+LYING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+KINDS = ("cylinder", "box", "capsule", "hull")
+
+
+def turning(folder: Path, shapes: str) -> tm.Robot:
+    """A link with shapes, which turns about y, one metre from the base."""
+    parts = link("base", ""), link("l1", INERTIAL + shapes)
+    return load(folder, robot(*parts, joint("j1", "base", "l1", axis="0 1 0")))
+
+
+@pytest.mark.parametrize("case", OVERLAPPING)
+def test_cylinders_that_overlap_are_refused(case: tuple, tmp_path: Path) -> None:
+    (radius, length), other, q, lies, away, depth = case
+    shape = f'<cylinder radius="{radius}" length="{length}"/>'
+    arm = turning(tmp_path, f"<collision><geometry>{shape}</geometry></collision>")
+    can = tm.Cylinder(
+        "can",
+        radius=other[0],
+        length=other[1],
+        position=np.array([1.0, 0.0, 0.0]) + away,
+        rotation=LYING if lies else None,
+    )
+    refused = "^start in collision: link 'l1' and obstacle 'can' overlap by"
+    with pytest.raises(tm.ProblemError, match=refused) as said:
+        tm.Problem(arm, [q], tm.JointGoal([0.5]), scene=tm.Scene([can]))
+    found = float(str(said.value).split("overlap by ")[1].split(" m")[0])
+    assert found == pytest.approx(depth, rel=0.01)
+
+
+def mesh_file(path: Path, rng: np.random.Generator) -> np.ndarray:
+    """A file of a convex mesh; its corners."""
+    points = rng.normal(size=(24, 3)) * [0.2, 0.1, 0.15]
+    hull = ConvexHull(points)
+    lines = ["v {} {} {}".format(*point) for point in points]
+    lines += ["f {} {} {}".format(*(corner + 1)) for corner in hull.simplices]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return points
+
+
+def placed(kind: str, folder: Path, rng: np.random.Generator) -> tm.Obstacle:
+    """An obstacle beside or in the link: turned anyhow, or about right angles."""
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    if rng.random() < 0.5:
+        turn = np.eye(3)[rng.permutation(3)]
+    turn = turn * np.sign(np.linalg.det(turn))
+    where = {
+        "position": np.array([1.0, 0.0, 0.0]) + rng.normal(size=3) * 0.2,
+        "rotation": turn,
+    }
+    a, b, c = rng.uniform(0.05, 0.5, 3)
+    if kind == "cylinder":
+        return tm.Cylinder("o", radius=0.5 * a, length=b, **where)
+    if kind == "box":
+        return tm.Box("o", size=(a, b, c), **where)
+    if kind == "capsule":
+        return tm.Capsule("o", radius=0.5 * a, length=b, **where)
+    return tm.Mesh("o", path=folder / "body.obj", convex="hull", **where)
+
+
+@pytest.mark.parametrize(("mine", "other"), list(product(KINDS, KINDS)))
+def test_a_state_is_free_where_distances_exceed_the_margin(
+    mine: str, other: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    mesh_file(tmp_path / "body.obj", rng)
+    shape = {
+        "cylinder": '<cylinder radius="0.1" length="0.3"/>',
+        "box": '<box size="0.1 0.2 0.3"/>',
+        "capsule": '<cylinder radius="0.1" length="0.3"/>',
+        "hull": '<mesh filename="body.obj"/>',
+    }[mine]
+    shapes = f'<collision name="c"><geometry>{shape}</geometry></collision>'
+    if mine == "capsule":
+        shapes += '<collision_checking><capsule name="c"/></collision_checking>'
+    arm = turning(tmp_path, shapes)
+    seen = set()
+    for _ in range(40):
+        scene = tm.Scene([placed(other, tmp_path, rng)])
+        checker = CollisionChecker(arm, scene)
+        q = rng.uniform(-1.0, 1.0, 1)
+        distance = float(checker.distances(q[None])[0, 0])
+        for trace in (1e-7, -1e-7, 1e-5, -1e-5, 1e-3, -1e-3):
+            if distance - trace >= 0.0:
+                assert checker.is_free(q, distance - trace) is (trace > 0.0)
+        if abs(distance) > 1e-9:
+            assert checker.is_free(q) is (distance > 0.0)
+        seen.add(distance > 0.0)
+    assert seen == {True, False}
