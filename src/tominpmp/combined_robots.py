@@ -202,11 +202,14 @@ def _joined_motion_limits(
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
     """Pairs that no robot watches, and the states that all robots have."""
-    pairs = [
-        (f"{part}/{one}", f"{part}/{other}")
-        for part, robot in robots.items()
-        for one, other in _unwatched(robot)
-    ]
+    pairs, never = (
+        tuple(
+            (f"{part}/{one}", f"{part}/{other}")
+            for part, robot in robots.items()
+            for one, other in pairs_of(robot)
+        )
+        for pairs_of in (_unwatched, _never_touch)
+    )
     states = [{} if r.srdf is None else r.srdf.group_states for r in robots.values()]
     common = {
         state: {
@@ -217,7 +220,12 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
         for state in states[0]
         if all(state in own for own in states)
     }
-    return SemanticDescription(tuple(pairs), common, path)
+    return SemanticDescription(pairs, common, path, never_touch=never)
+
+
+def _never_touch(robot: Robot) -> tuple[tuple[str, str], ...]:
+    """Pairs of links of a robot that its SRDF disables as they never touch."""
+    return () if robot.srdf is None else robot.srdf.never_touch
 
 
 def _unwatched(robot: Robot) -> list[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
+from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -172,14 +174,21 @@ class Solution:
             return None
         return peak_acceleration(self.problem, self.trajectory)
 
-    def with_acceleration_remark(self) -> Solution:
-        """The same, saying so if the motion was planned without such limits."""
+    def with_remarks(self) -> Solution:
+        """The same, with what a user should know of the motion in its message.
+
+        That it was planned without limits of accelerations, and which links touch
+        though the SRDF says that they never do.
+        """
         if not self.success or self.trajectory is None:
             return self
-        remark = acceleration_remark(self.problem, self.trajectory)
-        if not remark or remark in self.message:
-            return self
-        return replace(self, message=f"{self.message} {remark}")
+        judged = self.verification
+        remarks = [acceleration_remark(self.problem, self.trajectory)]
+        if judged is not None:
+            with suppress(Stop):  # there may be no time left to look
+                remarks += map(str, judged.touches)
+        new = [remark for remark in remarks if remark not in self.message]
+        return replace(self, message=" ".join([self.message, *new]))
 
     @property
     def iterations(self) -> int:

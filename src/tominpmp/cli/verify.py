@@ -68,10 +68,13 @@ def check_given(problem_args: ProblemArguments) -> None:
 
 
 def _data(found: ExportCheck) -> dict[str, Any]:
+    replay = found.verification
+    assert replay is not None  # noqa: S101
     return {
         "motion": found.path,
         "T": found.duration,
-        **plain(found.verification),
+        **plain(replay),
+        "touches": replay.touches,
         "ok": found.ok,
         "joined": found.joined,
         "notes": found.notes,
@@ -95,4 +98,5 @@ def _text(found: ExportCheck) -> str:
         rows.append(("clearance", f"{replay.min_clearance:.4f} m at least"))
     rows.append(("replay", f"{replay.integrator}, {replay.seconds:.2f} s"))
     rows += [("violation", str(item)) for item in found.violations]
+    rows += [("warning", str(item)) for item in replay.touches]
     return rows_text(f"The motion in {found.path} {verdict}.", rows)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,11 @@ from tominpmp.collision.bodies import (
     part_link,
     robot_bodies,
 )
+from tominpmp.collision.broad import BroadPhase
+from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
+from tominpmp.collision.placements import Placements
+from tominpmp.collision.query import DistanceQuery
 from tominpmp.robot import Robot
 
 # Links that overlap at this share of random configurations are made to overlap.
@@ -27,6 +32,8 @@ SAMPLES = 100
 # Faces that glide on each other where links are joined are as near as this, or overlap,
 # as rounding will have it; no margin can be kept between them, and none be proved [m].
 FLUSH = 1e-5
+# Configurations at which the meshes of two links are asked for whose hulls overlap.
+TRIES = 50
 # Where a joint has no limits: what is sampled of it [rad or m].
 UNLIMITED = np.pi
 
@@ -83,6 +90,45 @@ def own_pairs(
     return found
 
 
+def touching(
+    robot: Robot, wanted: Collection[frozenset[str]], q: Array
+) -> dict[frozenset[str], int]:
+    """Links that touch at configurations, watched against each other or not.
+
+    They are taken as one hull each, and where these overlap as their meshes, at a few
+    of the configurations: links that touch at one or two more may be missed.
+
+    Args:
+        robot: The robot.
+        wanted: Names of the links of each pair.
+        q: Configurations, shape (m, n) [rad or m].
+
+    Returns:
+        Index of the first configuration at which their meshes were found to overlap,
+        by names.
+    """
+    rows, bodies = robot.expand(q), links_of(robot, "hull")
+    first, second = _named(bodies, wanted)
+    query = DistanceQuery(
+        Placements(robot.model),
+        BroadPhase(bodies, first, second),
+        NarrowPhase(robot.model, bodies, first, second),
+        MovingObstacles((), robot.model.njoints),
+    )
+    overlap = query.distances(rows, 0.0) < 0.0
+    meshes, found = robot_bodies(robot, "mesh"), {}
+    for names, columns in _columns(bodies, first, second).items():
+        instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
+        if not instants.size:
+            continue
+        exact = NarrowPhase(robot.model, meshes, *_named(meshes, {names}))
+        for instant in instants[:: 1 + instants.size // TRIES].tolist():
+            if any(exact.overlaps(rows[instant])):
+                found[names] = instant
+                break
+    return found
+
+
 def _known(robot: Robot) -> dict[tuple[Any, ...], Any]:
     """What was found for a robot before.
 
@@ -108,9 +154,7 @@ def _candidates(robot: Robot, bodies: Sequence[Body]) -> tuple[IntArray, IntArra
             if not disabled and _neighbours(robot, one.joint, other.joint, carriers):
                 continue
             candidates.append((i, k) if one.joint else (k, i))
-    first = np.array([i for i, _ in candidates], dtype=np.int64)
-    second = np.array([k for _, k in candidates], dtype=np.int64)
-    return first, second
+    return _indices(candidates)
 
 
 def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
@@ -149,15 +193,43 @@ def _shares(
     robot: Robot, bodies: Sequence[Body], wanted: set[frozenset[str]] | None
 ) -> dict[frozenset[str], float]:
     """Share of random configurations at which links overlap, by their names."""
-    first, second = _candidates(robot, bodies)
-    if wanted is not None:
-        chosen = [
-            index
-            for index, (i, k) in enumerate(zip(first, second, strict=True))
-            if frozenset((bodies[i].name, bodies[k].name)) in wanted
-        ]
-        first, second = first[chosen], second[chosen]
+    if wanted is None:
+        first, second = _candidates(robot, bodies)
+    else:
+        first, second = _named(bodies, wanted)
     return _overlapping(robot, bodies, first, second) if first.size else {}
+
+
+def _named(
+    bodies: Sequence[Body], wanted: Collection[frozenset[str]]
+) -> tuple[IntArray, IntArray]:
+    """Pairs of bodies with certain names that move against each other.
+
+    The first bodies of the pairs move.
+    """
+    found = [
+        (i, k) if one.joint else (k, i)
+        for (i, one), (k, other) in combinations(enumerate(bodies), 2)
+        if one.joint != other.joint and frozenset((one.name, other.name)) in wanted
+    ]
+    return _indices(found)
+
+
+def _indices(pairs: Sequence[tuple[int, int]]) -> tuple[IntArray, IntArray]:
+    both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
+
+
+def _columns(
+    bodies: Sequence[Body], first: IntArray, second: IntArray
+) -> dict[frozenset[str], list[int]]:
+    """Which pairs of bodies are of the same links, by their names."""
+    columns: dict[frozenset[str], list[int]] = {}
+    for index, (i, k) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        columns.setdefault(frozenset((bodies[i].name, bodies[k].name)), []).append(
+            index
+        )
+    return columns
 
 
 def _without(
@@ -183,14 +255,9 @@ def _overlapping(
     """Share of random configurations at which links overlap, by their names."""
     narrow = NarrowPhase(robot.model, bodies, first, second)
     overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
-    columns: dict[frozenset[str], list[int]] = {}
-    for index, (i, k) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        columns.setdefault(frozenset((bodies[i].name, bodies[k].name)), []).append(
-            index
-        )
     return {
         name: float(np.mean(np.any(overlaps[:, chosen], axis=1)))
-        for name, chosen in columns.items()
+        for name, chosen in _columns(bodies, first, second).items()
     }
 
 

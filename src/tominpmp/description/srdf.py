@@ -36,6 +36,8 @@ WITHOUT_EFFECT = (
     "link_sphere_approximation",
     "specificities",
 )
+# The reason for which MoveIt disables pairs that it has not seen to touch.
+NEVER = "Never"
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class SemanticDescription:
         path: The file.
         groups: Groups of joints that are planned together.
         rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
+        never_touch: Those of the disabled pairs whose reason is "Never": whoever wrote
+            the file found them apart at all configurations that were tried.
     """
 
     disabled_pairs: tuple[tuple[str, str], ...]
@@ -57,6 +61,7 @@ class SemanticDescription:
     path: Path
     groups: JointGroups = field(default_factory=JointGroups)
     rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
+    never_touch: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
         """What it holds, on one line."""
@@ -101,25 +106,30 @@ def read_srdf(
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
         warn_caller(f"{path}: not read: {names}")
+    disabled = _disabled_pairs(root, context, links)
     return SemanticDescription(
-        tuple(_disabled_pairs(root, context, links)),
+        tuple(disabled),
         _group_states(root, context, joints),
         path,
         read_groups(root, path, links, joints, xml),
         _rotor_inertias(root, context),
+        tuple(pair for pair, reason in disabled.items() if reason == NEVER),
     )
 
 
 def _disabled_pairs(
     root: Element, context: XmlContext, links: Collection[str]
-) -> dict[tuple[str, str], None]:
-    """Pairs of links whose collision is not to be checked, in alphabetical order."""
+) -> dict[tuple[str, str], str]:
+    """Why the collision of pairs of links is not to be checked.
+
+    Each pair is in alphabetical order; the reason is empty where the file has none.
+    """
     known, strangers = set(links), set()
-    pairs: dict[tuple[str, str], None] = {}
+    pairs: dict[tuple[str, str], str] = {}
     for element in root.iter("disable_default_collisions"):
         one = context.text(element, "link", element.tag)
         if one in known:
-            pairs |= {_ordered(one, other): None for other in links if other != one}
+            pairs |= {_ordered(one, other): "" for other in links if other != one}
         else:
             strangers.add(one)
     for element in root.iter("enable_collisions"):
@@ -128,7 +138,7 @@ def _disabled_pairs(
     for element in root.iter("disable_collisions"):
         one, other = (context.text(element, f"link{i}", element.tag) for i in (1, 2))
         if one in known and other in known:
-            pairs[_ordered(one, other)] = None
+            pairs[_ordered(one, other)] = element.get("reason", "").strip()
         else:
             strangers |= {one, other} - known
     if strangers and not pairs:

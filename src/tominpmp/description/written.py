@@ -11,7 +11,7 @@ import math
 from collections.abc import Collection, Mapping
 from xml.etree.ElementTree import Element, SubElement, fromstring, indent, tostring
 
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.srdf import NEVER, SemanticDescription
 from tominpmp.description.urdf import JointDescription, UrdfDescription
 from tominpmp.description.urdf_syntax import write_numbers
 
@@ -108,7 +108,9 @@ def srdf_file(
     root = Element("robot", name=groups.robot or name)
     for one, other in semantics.disabled_pairs:
         if not {one, other} & set(without):
-            SubElement(root, "disable_collisions", link1=one, link2=other)
+            item = SubElement(root, "disable_collisions", link1=one, link2=other)
+            if (one, other) in semantics.never_touch:
+                item.set("reason", NEVER)
     for group, found in groups.groups.items():
         element = SubElement(root, "group", name=group)
         for joint in (*found.joints, *found.unknown):

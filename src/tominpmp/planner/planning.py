@@ -86,7 +86,9 @@ def plan(
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
-            return economical(solution, asked).with_acceleration_remark()
+            solution = economical(solution, asked)
+            with progress.saving():
+                return solution.with_remarks()
     if not progress.in_vain or progress.deadline.requested:
         return solution
     # The search ended with a motion whose replay was put off, and has failed since.
@@ -130,7 +132,8 @@ def _plan(
         solution = smooth(solution, options.slack)
     if progress.deadline.requested:
         solution = _interrupted(solution)
-    return solution.with_acceleration_remark()
+    with progress.saving():
+        return solution.with_remarks()
 
 
 def _attempts(

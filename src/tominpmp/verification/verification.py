@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -17,6 +18,7 @@ from tominpmp.arrays import Array, frozen_array
 from tominpmp.checks import choice, instance
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
+from tominpmp.collision.selection import touching
 from tominpmp.exceptions import BRIEF, shortened
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
@@ -49,6 +51,29 @@ from tominpmp.verification.stages import Stage, stages_of, with_segments
 
 # Longer motions are not replayed, which would take too many steps [s].
 LONGEST = 1e4
+# Rows of a replay, at most, at which links are looked at that nobody watches.
+GLANCES = 1000
+
+
+class Touch(NamedTuple):
+    """Links that touch although the SRDF says that they never do.
+
+    Attributes:
+        link: Name of a link.
+        other: Name of the other one.
+        time: When their meshes were first found to overlap [s].
+    """
+
+    link: str
+    other: str
+    time: float
+
+    def __str__(self) -> str:
+        """Both of them and the time, in a sentence."""
+        return (
+            f"Links {self.link!r} and {self.other!r} touch at {self.time:.3f} s: they "
+            "are not watched, as the SRDF disables their pair with the reason 'Never'."
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +100,7 @@ class Verification:
         tolerances: What was tolerated.
         seconds: Time it took [s].
         replay: The replayed motion.
+        problem: What it is to solve.
         growth: How much larger errors get along the motion, to first order.
         feedback: Largest torque of a feedback that the motion was replayed with since
             it is unstable, shape (n,) [N m or N], see
@@ -94,6 +120,7 @@ class Verification:
     tolerances: Tolerances
     seconds: float
     replay: Replay = field(repr=False)
+    problem: Problem = field(repr=False)
     growth: float = 1.0
     feedback: Array | None = None
 
@@ -109,15 +136,41 @@ class Verification:
     @property
     def message(self) -> str:
         """What is wrong with the motion, or that nothing is, in a sentence."""
-        if self.ok and self.feedback is not None:
-            return (
+        if not self.ok:
+            return "; ".join(map(str, self.violations)) + "."
+        if self.feedback is not None:
+            said = (
                 f"The motion is unstable: errors grow {self.growth:.0e}-fold. Its "
                 f"replay with a feedback of at most {np.max(self.feedback):.1e} N m "
                 f"(or N) reaches the goal within {self.goal_error:.1e}."
             )
-        if self.ok:
-            return f"The replay reaches the goal within {self.goal_error:.1e}."
-        return "; ".join(map(str, self.violations)) + "."
+        else:
+            said = f"The replay reaches the goal within {self.goal_error:.1e}."
+        return " ".join([said, *map(str, self.touches)])
+
+    @cached_property
+    def touches(self) -> tuple[Touch, ...]:
+        """Links that touch although the SRDF says that they never do.
+
+        An SRDF is obeyed: pairs that it disables are not watched, and those that touch
+        break no limit. But the reason "Never" tells of samples that somebody took once.
+        Where it does not hold in a motion that is all right, this says so, by the
+        meshes of the links at up to a thousand rows of the replay. It is found when it
+        is first asked for. Pairs with other reasons, such as "Adjacent" or "Default",
+        or without one, are left out, and so are those that the problem lets touch.
+        """
+        problem, replay = self.problem, self.replay
+        srdf = problem.robot.srdf
+        if not self.ok or srdf is None or problem.self_collision is False:
+            return ()
+        may_touch = set(map(frozenset, problem.may_touch))
+        pairs = {frozenset(pair): pair for pair in srdf.never_touch}
+        step = 1 + replay.t.size // GLANCES
+        q, t = replay.q[::step], replay.t[::step]
+        found = touching(problem.robot, pairs.keys() - may_touch, q)
+        return tuple(
+            Touch(*pairs[names], float(t[row])) for names, row in found.items()
+        )
 
 
 def verify(
@@ -159,7 +212,7 @@ def verify(
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     if trajectory.duration > LONGEST:
-        return _too_long(trajectory, tolerances, begin)
+        return _too_long(problem, trajectory, tolerances, begin)
     trajectory = with_segments(problem, trajectory, tolerances)
     stages = stages_of(problem, trajectory)
     torque = torque_pieces(robot, trajectory)
@@ -209,13 +262,14 @@ def verify(
         tolerances=tolerances,
         seconds=time.perf_counter() - begin,
         replay=replayed,
+        problem=problem,
         growth=growth,
         feedback=feedback,
     )
 
 
 def _too_long(
-    trajectory: Trajectory, tolerances: Tolerances, begin: float
+    problem: Problem, trajectory: Trajectory, tolerances: Tolerances, begin: float
 ) -> Verification:
     """Verdict on a motion that takes longer than can be replayed."""
     T = trajectory.duration
@@ -237,6 +291,7 @@ def _too_long(
         tolerances=tolerances,
         seconds=time.perf_counter() - begin,
         replay=planned(trajectory, np.inf),
+        problem=problem,
         growth=np.inf,
     )
 
