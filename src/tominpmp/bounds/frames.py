@@ -16,21 +16,22 @@ from tominpmp.stopping import check
 from tominpmp.verification.link_displacement import Ball, LinkDisplacement
 
 # Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
-# and steps of the search for the time.
+# and steps of the searches for the time in which it can be there, or turn enough.
 MAX_BOXES = 128
 BISECTIONS = 5
+TURNING_BISECTIONS = 40
 # A motion is accepted that ends this far off, so that a goal which the arm does not
 # reach by less is none that it never reaches [m or rad].
 ACCEPTED = 1e-3
-# Longest time looked at [s].
-LONGEST = 100.0
+# Shortest and longest time looked at [s].
+SHORTEST, LONGEST = 1e-2, 100.0
 
 # Farthest that each joint gets in a time, shape (n,).
 Reach = Callable[[float], Array]
 
 
 def frame_bounds(
-    problem: Problem, goal: Goal, frame: str, reach: Reach
+    problem: Problem, goal: Goal, frame: str, reach: Reach, longest: float
 ) -> list[LowerBound]:
     """Bounds for a goal on a frame.
 
@@ -39,16 +40,17 @@ def frame_bounds(
         goal: The goal.
         frame: Name of the frame.
         reach: Farthest that each joint gets in a time.
+        longest: Longest time looked at [s].
     """
-    found = []
+    found, longest = [], min(longest, LONGEST)
     place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
     angle = goal.angle_to_go(np.asarray(place.rotation))
     if angle > ACCEPTED:
         # Less may be rounding, and nothing turns the hand of an arm that only slides.
-        T = _turning_time(problem, frame, angle, reach)
+        T = _turning_time(problem, frame, angle, reach, longest)
         found.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
     if goal.distances(np.zeros((1, 3))) is not None:
-        T = _Vicinity(problem, goal, frame, reach).time()
+        T = _Vicinity(problem, goal, frame, reach).time(longest)
         reason = f"no sooner do the joints carry frame {frame} there"
         found.append(LowerBound(T, reason))
     return found
@@ -86,7 +88,9 @@ def _distance_to_go(
     return far
 
 
-def _turning_time(problem: Problem, frame: str, angle: float, reach: Reach) -> float:
+def _turning_time(
+    problem: Problem, frame: str, angle: float, reach: Reach, longest: float
+) -> float:
     """Time in which the joints cannot turn a frame by an angle."""
     robot, model = problem.robot, problem.robot.model
     S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
@@ -97,18 +101,29 @@ def _turning_time(problem: Problem, frame: str, angle: float, reach: Reach) -> f
             turns[item.idx_v] = 1.0
     share = turns @ np.abs(S)
 
-    def turned(T: float) -> float:
+    def too_little(T: float) -> bool:
         ways = reach(T)
-        return float(np.sum(share[share > 0.0] * ways[share > 0.0]))
+        return float(np.sum(share[share > 0.0] * ways[share > 0.0])) < angle
 
-    low, high = 0.0, 1e-2
-    while turned(high) < angle:
-        low, high = high, 2.0 * high
-        if high > LONGEST:
-            return low
-    for _ in range(40):
+    return _last_time(too_little, longest, TURNING_BISECTIONS)
+
+
+def _last_time(excluded: Callable[[float], bool], longest: float, steps: int) -> float:
+    """The last time found that is excluded, as all before it are.
+
+    Args:
+        excluded: Whether a time is.
+        longest: Longest time looked at [s].
+        steps: Steps of the bisection.
+    """
+    low, high = 0.0, min(SHORTEST, longest)
+    while excluded(high):
+        if high >= longest:
+            return high
+        low, high = high, min(2.0 * high, longest)
+    for _ in range(steps):
         T = 0.5 * (low + high)
-        low, high = (T, high) if turned(T) < angle else (low, T)
+        low, high = (T, high) if excluded(T) else (low, T)
     return low
 
 
@@ -125,17 +140,11 @@ class _Vicinity:
         ball = Ball(frame, int(item.parentJoint), origin, 0.0)
         self.reach = LinkDisplacement(robot, [ball])
 
-    def time(self) -> float:
+    def time(self, longest: float) -> float:
         """Largest time found by which no motion has brought the frame to its goal."""
         if not np.any(np.isfinite(self.farthest(1.0))):
             return 0.0
-        low, high = 0.0, 1e-2
-        while high < LONGEST and self.excluded(high):
-            low, high = high, 2.0 * high
-        for _ in range(BISECTIONS):
-            T = 0.5 * (low + high)
-            low, high = (T, high) if self.excluded(T) else (low, T)
-        return low
+        return _last_time(self.excluded, longest, BISECTIONS)
 
     def excluded(self, T: float) -> bool:
         """Whether the frame is surely not at its goal before a time."""

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from tominpmp.checks import number
 
-# A motion is told to be near a bound if it takes no more than this times as long. Most
-# bounds are not the minimum itself: of a motion that is farther away from one they tell
-# nothing.
-TELLING = 1.1
+# A bound is worth telling people of if it is at least this share of the duration.
+USEFUL = 0.5
+USELESS = "no useful bound"
 
 
 @dataclass(frozen=True)
@@ -26,13 +25,29 @@ class LowerBound:
     reason: str
     joint: str | None = None
 
-    def comparison(self, T: float) -> str:
-        """Clause on how near to it a motion comes; empty where that tells nothing.
+    def useful(self, T: float) -> bool:
+        """Whether it says something of a motion: it is at least half its duration.
 
         Args:
             T: Duration of the motion [s].
         """
         T = number(T, "T", "a duration [s]", infinite=True)
-        if not 0.0 < T <= TELLING * self.T:
+        return 0.0 < USEFUL * T <= self.T
+
+    def comparison(self, T: float) -> str:
+        """Clause on how near to it a motion comes; empty where it is not useful.
+
+        Args:
+            T: Duration of the motion [s].
+        """
+        if not self.useful(T):
             return ""
-        return f"{100.0 * max(T / self.T - 1.0, 0.0):.1f} % above what none can beat"
+        return f"{100.0 * max(T / self.T - 1.0, 0.0):.1f} % above the lower bound"
+
+    def in_words(self, T: float) -> str:
+        """The time and its reason, or that it is not useful.
+
+        Args:
+            T: Duration of the motion that it is held against [s].
+        """
+        return f"{self.T:.4f} s ({self.reason})" if self.useful(T) else USELESS

@@ -54,7 +54,7 @@ def attempts_of_alternatives(
         start = None if former is None else _start(system, former)
         yield from (attempt for attempt in make(system, start) if attempt is not None)
         return
-    bounds = [lower_bound(part, quick=True).T for part in parts]
+    bounds = [lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
     entered = None
     if former is not None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.bounds import LowerBound
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
@@ -64,7 +63,7 @@ def conclude(
         ended = Status.UNVERIFIED
     elif ended is Status.CONVERGED and not best.feasible:
         ended = Status.INFEASIBLE
-    bound = _bound(problem, progress, best.duration if best.found else math.inf)
+    bound = _bound(problem, progress)
     return Solution(
         problem=problem,
         options=options,
@@ -109,21 +108,11 @@ def without_motion(
     )
 
 
-def _bound(
-    problem: Problem, progress: Progress, known: float = math.inf
-) -> LowerBound | None:
-    """A lower bound on the duration, the best one if there is time for it.
-
-    Arms with two joints alone have a better one than the quick one of the search, as
-    far as it can be below the duration of the motion that was found.
-    """
-    found = None
+def _bound(problem: Problem, progress: Progress) -> LowerBound | None:
+    """A lower bound on the duration, if there is time for it."""
     with contextlib.suppress(Stop):
-        found = progress.lower_bound(problem)
-        if problem.robot.n == 2:
-            better = lower_bound(problem, known=known)
-            found = max(found, better, key=lambda bound: bound.T)
-    return found
+        return progress.lower_bound(problem)
+    return None
 
 
 def _advice(options: Options, status: Status, best: Attempt) -> str:

@@ -167,8 +167,6 @@ class Progress:
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Time that no motion can beat, found once for each goal and start.
 
-        The quick one: a better one tells a search little more than it costs.
-
         Raises:
             Stop: If it is time to stop.
         """
@@ -176,7 +174,7 @@ class Progress:
             same = np.array_equal(known.q_start, problem.q_start)
             if same and known.goal is problem.goal:
                 return bound
-        self._bounds.append((problem, lower_bound(problem, quick=True)))
+        self._bounds.append((problem, lower_bound(problem)))
         return self._bounds[-1][1]
 
     # -- what was found ----------------------------------------------------------------

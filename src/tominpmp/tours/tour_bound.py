@@ -149,7 +149,7 @@ class _Sharp:
             leg = self.problem.with_ends(begin, JointGoal(end))
         except ProblemError:
             return 0.0
-        return lower_bound(leg, quick=True).T
+        return lower_bound(leg).T
 
 
 def _assigned(least: Array, rules: Rules, ends: bool) -> float:

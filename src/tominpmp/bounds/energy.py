@@ -1,0 +1,95 @@
+r"""How soon torques can carry a whole arm to its goal, by the work that they do.
+
+With :math:`w = \sqrt{v^T M v}`, the root of twice the kinetic energy, the work of the
+torques gives :math:`\dot w \le |u - g|_{M^{-1}}`, in which no Coriolis force appears,
+as it does no work. Where each joint has a rotor of inertia :math:`A_i`, the inertia
+matrix M is no less than A: w is no less than the speed :math:`|v|_A`, and its rate no
+more than :math:`|u - g|_{A^{-1}}`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.bounds.least_time import OneWay, Ramp, SpeedLaw
+from tominpmp.bounds.result import LowerBound
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.motion_limits import MotionLimits
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+
+
+def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
+    """Bound on motions to a configuration, if rotors have inertia at every joint.
+
+    Args:
+        problem: The problem.
+        q: The configuration, shape (n,) [rad or m].
+        ends: Velocities at the start and there, shape (2, n).
+    """
+    robot = problem.robot
+    rotors = robot.armature
+    if robot.expansion_matrix is not None or not np.all(rotors > 0.0):
+        return []
+    # Dry friction takes energy out of the motion; it helps to brake.
+    forces = np.max(np.abs(effort_bounds(robot, problem.motion_limits)), axis=0)
+    forces = forces + gravity_bounds(robot) + robot.friction
+    rate = float(np.sqrt(np.sum(forces**2 / rotors)))
+    if not np.isfinite(rate):
+        return []
+    drag = float(np.max(robot.damping / rotors))
+    places = np.stack([problem.q_start, q])
+    twice = np.sum(ends * RobotDynamics(robot).inertial(places, ends), axis=1)
+    first, last = np.sqrt(np.maximum(twice, 0.0)).tolist()
+    top = float(np.sqrt(np.sum(rotors * robot.limits.velocity**2)))
+    motion = OneWay(Ramp(rate), SpeedLaw.line(rate, drag), top, (first, last))
+    way = float(np.sqrt(np.sum(rotors * (q - problem.q_start) ** 2)))
+    T = motion.least_time(way)
+    return [LowerBound(T, "no torques carry the arm there sooner")]
+
+
+def effort_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Array]:
+    """Least and largest torques that a motion may use at any speed, shape (n,) each.
+
+    Args:
+        robot: The robot.
+        limits: Limits beyond its own: the share of the torques, and torque over speed.
+    """
+    lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    if limits is None:
+        return lower, upper
+    half = limits.effort_scale * half
+    lower, upper = middle - half, middle + half
+    for joint, curve in (limits.effort_curves or {}).items():
+        i = robot.joint_names.index(joint)
+        most = float(np.max(curve.effort))
+        upper[i] = min(upper[i], most)
+        lower[i] = max(lower[i], -most)
+    return lower, upper
+
+
+def gravity_bounds(robot: Robot) -> Array:
+    """Largest torque of gravity on each joint at any configuration, shape (n,)."""
+    model = robot.model
+    strength = float(np.linalg.norm(robot.gravity))
+    out = np.zeros(model.nv)
+    slides = [str(j.shortname()).startswith("JointModelP") for j in model.joints]
+    travel = np.maximum(
+        np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
+    )
+    for joint in range(1, model.njoints):
+        for body in model.subtrees[joint]:
+            lever = float(np.linalg.norm(model.inertias[body].lever))
+            at = int(body)
+            while at != joint:
+                lever += float(np.linalg.norm(model.jointPlacements[at].translation))
+                if slides[at]:
+                    lever += float(travel[model.joints[at].idx_q])
+                at = int(model.parents[at])
+            weight = float(model.inertias[body].mass) * strength
+            if weight > 0.0:
+                arm = 1.0 if slides[joint] else lever
+                out[model.joints[joint].idx_v] += weight * arm
+    return out

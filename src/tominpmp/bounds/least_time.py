@@ -1,0 +1,352 @@
+r"""Least time of a joint, or of any coordinate, whose acceleration is bounded.
+
+Let a motion begin with a speed of at most :math:`v_0`, end with at most :math:`v_1`,
+and never be faster than p. It takes at least :math:`t_1(v)` until it is faster than v,
+the time of speeding up from :math:`v_0`, and at least :math:`t_2(v)` from then to its
+end, the time of slowing down. So it is faster than v for no longer than T less both,
+and whatever it does, detours and pauses included, it covers no more than
+
+.. math:: \int_0^p (T - t_1(v) - t_2(v)) \, dv.
+
+A motion that speeds up as fast as it can, cruises at p, and slows down as fast as it
+can covers just that. The least time is that of the highest peak p which the way leaves
+room for, or of a cruise at the speed limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from tominpmp.arrays import Array
+
+# Relative rounding that is granted in favour of a shorter time.
+ROUNDING = 1e-9
+# Whoever misses the goal by this much [rad or m], or this share of the way that it
+# takes to brake, is taken to reach it, as the verification has its tolerances.
+OFF, SHARE = 1e-3, 5e-3
+# Halvings of the interval of peaks, and speeds beyond which a peak is as good as none.
+HALVINGS, FASTEST = 60, 1e12
+# Accelerations that change by a smaller share are integrated by Simpson's rule, as the
+# logarithm loses digits.
+STRAIGHT = 1e-3
+
+
+class Change(Protocol):
+    """The fastest change of the speed between two values.
+
+    The same object tells of speeding up from the lower one, and of slowing down to it.
+    """
+
+    def __call__(self, low: float, high: float) -> tuple[float, float]:
+        """Least time of the change, and its integral over the higher speed.
+
+        Args:
+            low: The lower speed.
+            high: The higher speed, >= 0.
+
+        Returns:
+            The time t(high), infinite if there is no such change, and the integral of
+            t(v) from the lower speed to the higher one.
+        """
+
+    @property
+    def abrupt(self) -> Change:
+        """The same where accelerations may jump."""
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Changes with a constant limit of the acceleration, and of the jerk.
+
+    Attributes:
+        acceleration: Largest acceleration, possibly infinite.
+        jerk: Largest jerk; where it is finite, there is no acceleration at either end.
+    """
+
+    acceleration: float
+    jerk: float = math.inf
+
+    def __call__(self, low: float, high: float) -> tuple[float, float]:
+        """See :class:`Change`."""
+        change, most = high - low, self.acceleration
+        if change <= 0.0:
+            return 0.0, 0.0
+        if most <= 0.0:
+            return math.inf, math.inf
+        if math.isinf(self.jerk):
+            time = change / most
+        elif change * self.jerk >= most**2:
+            time = change / most + most / self.jerk
+        else:
+            time = 2.0 * math.sqrt(change / self.jerk)
+        return time, 0.5 * change * time
+
+    @property
+    def abrupt(self) -> Ramp:
+        """See :class:`Change`."""
+        return Ramp(self.acceleration)
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedLaw:
+    """Changes with a limit of the acceleration that is piecewise linear in the speed.
+
+    Attributes:
+        knots: Speeds between which it is linear, increasing, shape (k,).
+        level: Acceleration that each line has at speed zero, shape (k + 1,).
+        slope: Slope of each line, shape (k + 1,).
+    """
+
+    knots: Array
+    level: Array
+    slope: Array
+
+    @classmethod
+    def line(cls, level: float, slope: float = 0.0) -> SpeedLaw:
+        """One line for all speeds."""
+        return cls(np.zeros(0), np.array([level]), np.array([slope]))
+
+    @property
+    def reflected(self) -> SpeedLaw:
+        """The same for speeds that are counted the other way."""
+        return SpeedLaw(-self.knots[::-1], self.level[::-1], -self.slope[::-1])
+
+    def plus(self, other: SpeedLaw) -> SpeedLaw:
+        """The sum of two laws."""
+        knots = np.union1d(self.knots, other.knots)
+        (a, b), (c, d) = self._lines(knots), other._lines(knots)
+        return SpeedLaw(knots, a + c, b + d)
+
+    def lower_of(self, other: SpeedLaw) -> SpeedLaw:
+        """The lower one of two laws at each speed."""
+        knots = np.union1d(self.knots, other.knots)
+        (a, b), (c, d) = self._lines(knots), other._lines(knots)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            meet = (c - a) / (b - d)
+        edges = np.concatenate([[-np.inf], knots, [np.inf]])
+        between = (meet > edges[:-1]) & (meet < edges[1:])
+        knots = np.union1d(knots, meet[between])
+        (a, b), (c, d) = self._lines(knots), other._lines(knots)
+        at = _within(knots)
+        lower = a + b * at <= c + d * at
+        return SpeedLaw(knots, np.where(lower, a, c), np.where(lower, b, d))
+
+    def _lines(self, knots: Array) -> tuple[Array, Array]:
+        """Its lines between more knots than its own."""
+        piece = np.searchsorted(self.knots, _within(knots))
+        return self.level[piece], self.slope[piece]
+
+    def highest(self, top: float) -> float:
+        """The largest acceleration at speeds from zero to a speed."""
+        if math.isinf(top):
+            if self.slope[-1] > 0.0:
+                return math.inf
+            top = max(float(np.max(self.knots, initial=0.0)), 0.0) + 1.0
+        return max(max(ends) for *_, ends in self._pieces(0.0, top))
+
+    def _pieces(
+        self, low: float, high: float
+    ) -> list[tuple[float, float, tuple[float, float]]]:
+        """Lines between two speeds: their ends, and the accelerations there."""
+        inner = self.knots[(self.knots > low) & (self.knots < high)].tolist()
+        first = int(np.searchsorted(self.knots, low, "right"))
+        found = []
+        for k, (v, w) in enumerate(zip([low, *inner], [*inner, high], strict=True)):
+            a, b = float(self.level[first + k]), float(self.slope[first + k])
+            found.append((v, w, (a + b * v, a + b * w)))
+        return found
+
+    def __call__(self, low: float, high: float) -> tuple[float, float]:
+        """See :class:`Change`."""
+        time = integral = 0.0
+        for v, w, ends in self._pieces(low, high):
+            if v == w:
+                continue
+            if min(ends) <= 0.0:
+                return math.inf, math.inf
+            t, more = _along_a_line(w - v, *ends)
+            integral += time * (w - v) + more
+            time += t
+        return time, integral
+
+    @property
+    def abrupt(self) -> SpeedLaw:
+        """See :class:`Change`."""
+        return self
+
+
+def _within(knots: Array) -> Array:
+    """A speed on each piece between knots, and beyond both ends."""
+    if not knots.size:
+        return np.zeros(1)
+    return np.concatenate(
+        [[knots[0] - 1.0], 0.5 * (knots[1:] + knots[:-1]), [knots[-1] + 1.0]]
+    )
+
+
+def _along_a_line(change: float, first: float, last: float) -> tuple[float, float]:
+    """Time of a change during which the acceleration is linear, and its integral."""
+    if abs(last - first) < STRAIGHT * first:
+        middle = 0.5 * (first + last)
+        time = change / 6.0 * (1.0 / first + 4.0 / middle + 1.0 / last)
+        return time, change**2 / 6.0 * (1.0 / first + 2.0 / middle)
+    slope = (last - first) / change
+    time = math.log(last / first) / slope
+    return time, (last * time - change) / slope
+
+
+@dataclass(frozen=True, eq=False)
+class Both:
+    """Changes that keep two limits, of which one is known from speed zero on.
+
+    Attributes:
+        law: The limit for all speeds.
+        ramp: The other one.
+    """
+
+    law: Change
+    ramp: Change
+
+    def __call__(self, low: float, high: float) -> tuple[float, float]:
+        """See :class:`Change`: neither is less than with one of the limits alone."""
+        one, other = self.law(low, high), self.ramp(max(low, 0.0), high)
+        return max(one[0], other[0]), max(one[1], other[1])
+
+    @property
+    def abrupt(self) -> Change:
+        """See :class:`Change`."""
+        return self.law
+
+
+@dataclass(frozen=True, eq=False)
+class OneWay:
+    """Motions that go one way.
+
+    Attributes:
+        up: How fast they speed up.
+        down: How fast they slow down.
+        top: Speed limit, possibly infinite.
+        ends: Speeds that they have at most at the start and at the end, below zero if
+            they go the other way there, possibly infinite.
+    """
+
+    up: Change
+    down: Change
+    top: float
+    ends: tuple[float, float]
+
+    def least_time(self, way: float) -> float:
+        """Time in which they do not cover a way [s]; infinite if they never do."""
+        peak, missed = self._peak(lambda time, peak, lost: peak * time - lost >= way)
+        if peak > 0.0:
+            return (way + missed) / peak * (1.0 - ROUNDING)
+        return math.inf if way + missed > 0.0 else 0.0
+
+    def farthest(self, T: float) -> float:
+        """Way that they do not get beyond in a time [s]."""
+        peak, missed = self._peak(lambda time, peak, lost: time >= T)
+        return peak * T - missed
+
+    def _peak(
+        self, enough: Callable[[float, float, float], bool]
+    ) -> tuple[float, float]:
+        """The highest peak there is room for, and by what a cruise at it is longer.
+
+        Args:
+            enough: Whether a peak is too high, by the time of both changes of the
+                speed, the peak, and the way that a cruise of that time covers beyond
+                them. It is of all higher ones, too.
+
+        Returns:
+            The peak, no lower than it is, infinite if there is no highest one; and
+            that way, no longer than it is.
+        """
+
+        def room(peak: float) -> bool:
+            time, lost = self._around(peak)
+            return math.isfinite(time) and not enough(time, peak, lost)
+
+        if not room(0.0):
+            return 0.0, self._around(0.0)[1]
+        low, high = 0.0, self.top if math.isfinite(self.top) else 1.0
+        while room(high):
+            if high == self.top or high > FASTEST:
+                peak = self.top if high == self.top else math.inf
+                return peak, self._around(high)[1]
+            low, high = high, min(2.0 * high, self.top)
+        for _ in range(HALVINGS):
+            peak = 0.5 * (low + high)
+            low, high = (peak, high) if room(peak) else (low, peak)
+        return high, self._around(low)[1]
+
+    def _around(self, peak: float) -> tuple[float, float]:
+        """Time of speeding up to a peak and of slowing down, and its integral."""
+        first = self.up(min(self.ends[0], peak), peak)
+        last = self.down(min(self.ends[1], peak), peak)
+        return first[0] + last[0], first[1] + last[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What bounds the acceleration of a coordinate, both ways.
+
+    Attributes:
+        ahead: How fast it speeds up and slows down going forwards.
+        back: The same going backwards.
+        top: Speed limit, possibly infinite.
+    """
+
+    ahead: tuple[Change, Change]
+    back: tuple[Change, Change]
+    top: float
+
+    def farthest(self, T: float, ends: tuple[float, float]) -> float:
+        """Way that it does not get beyond in a time, whichever way it goes.
+
+        Args:
+            T: The time [s].
+            ends: Most that its speeds at start and end can be, possibly infinite.
+        """
+        ways = (OneWay(*way, self.top, ends) for way in (self.ahead, self.back))
+        return max(way.farthest(T) for way in ways)
+
+    def least_time(self, way: float, ends: tuple[float, float]) -> float:
+        """Time in which it does not get as far, or farther.
+
+        Args:
+            way: How far it has to go at the least, with its sign.
+            ends: Most that its speeds can be at start and end in the direction of the
+                way, possibly infinite.
+
+        Returns:
+            The time [s]; infinite if it never does.
+        """
+        changes = self.ahead if way >= 0.0 else self.back
+        return OneWay(*changes, self.top, ends).least_time(abs(way))
+
+    def least_time_between(self, way: float, ends: tuple[float, float]) -> float:
+        """Time in which it does not get just so far, at a velocity that is given.
+
+        Args:
+            way: How far it has to go, with its sign.
+            ends: Its velocities at start and end.
+
+        Returns:
+            The time [s]; infinite if it never does.
+        """
+        ahead, back = self.ahead, self.back
+        if way < 0.0:
+            way, ends, ahead, back = -way, (-ends[0], -ends[1]), back, ahead
+        v0, v1 = ends
+        change = ahead[0] if v1 >= v0 else ahead[1]
+        time, integral = change.abrupt(min(ends), max(ends))
+        braking = max(ends) * time - integral
+        if braking - way <= OFF + SHARE * abs(braking) or not math.isfinite(time):
+            return OneWay(*ahead, self.top, ends).least_time(way)
+        # It cannot stop there: it goes past the goal and comes back.
+        return OneWay(*back, self.top, (-v0, -v1)).least_time(-way)
