@@ -94,7 +94,9 @@ class Solution:
         """Speeds and torques as shares of their limits, and the outcome; notebooks."""
         title = "Solution" if self.success else "No motion"
         facts: list[tuple[str, object]] = [("T [s]", self.T)]
-        facts += [("planned in [s]", self.planning_time), ("gap", self.gap or "")]
+        facts += [("planned in [s]", self.planning_time)]
+        if self.success and self.lower_bound is not None:
+            facts += [("lower bound", self.lower_bound.in_words(self.T))]
         motion, limits = self.trajectory, self.problem.robot.limits
         return outcome_card(title, self.message, facts, motion, limits)
 
@@ -140,7 +142,11 @@ class Solution:
 
     @property
     def gap(self) -> float | None:
-        """T over the lower bound, less one; None without success or bound."""
+        """T over the lower bound, less one; None without success or bound.
+
+        Where it is above 1, the bound is less than half of T: it says little of the
+        motion, and is not put into words.
+        """
         bound = self.lower_bound
         if not self.success or bound is None or not bound.T > 0.0:
             return None

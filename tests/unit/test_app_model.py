@@ -16,6 +16,7 @@ from tominpmp.app.items import Item, new_item
 from tominpmp.app.outcome import Held, Outcome, Shown
 from tominpmp.app.reach import Reach
 from tominpmp.app.request import Limits, Request
+from tominpmp.bounds import LowerBound
 from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
@@ -167,8 +168,7 @@ def shown(**changes: object) -> Shown:
     values = {
         "T": 2.0,
         "verified": True,
-        "gap": 0.25,
-        "bound": "speed",
+        "bound": LowerBound(1.6, "speed"),
         "seconds": 0.1,
         "joint_names": ("arm_joint1", "arm_<b>"),
         "t": t,
@@ -189,10 +189,11 @@ def test_the_headline_says_what_is_known() -> None:
     text = pictures.headline(outcome(shown()), busy=False)
     assert "2.000 s" in text
     assert "verified" in text
-    assert "1.600 s" in text  # 2 / 1.25
-    assert "25.0 %" in text
+    assert "25.0 % above the lower bound, 1.600 s" in text
     assert "planning" in pictures.headline(outcome(shown()), busy=True)
-    assert "no lower bound" in pictures.headline(outcome(shown(gap=None)), busy=False)
+    for bound in (None, LowerBound(0.99, "speed")):
+        text = pictures.headline(outcome(shown(bound=bound)), busy=False)
+        assert "no useful bound" in text and "0.99" not in text
     refused = pictures.headline(outcome(None, "start <in> collision"), busy=False)
     assert "No motion" in refused
     assert "&lt;in&gt;" in refused

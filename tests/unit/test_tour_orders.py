@@ -7,7 +7,7 @@ from itertools import pairwise, permutations, product
 import numpy as np
 import pytest
 
-from tominpmp.bounds.joint_limits import jerk_limited_time
+from tominpmp.bounds.least_time import OneWay, Ramp
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 from tominpmp.tours.exact_order import exact_order
@@ -56,19 +56,13 @@ def rules_of(count: int, before: set[tuple[int, int]], then: dict) -> Rules:
 def test_times_of_joints_are_those_of_the_bounds(resting: int) -> None:
     rng = np.random.default_rng(resting)
     way = rng.uniform(0.0, 3.0, (40, 2))
-    ends = {2: (0.0, 0.0), 1: (0.0, None), 0: (None, None)}[resting]
+    # Where it does not rest, it may have any speed.
+    ends = {2: (0.0, 0.0), 1: (0.0, np.inf), 0: (np.inf, np.inf)}[resting]
     found = LIMITS.of_joints(way, resting)
     for row, times in zip(way, found, strict=True):
         for k in range(2):
-            v, a = LIMITS.velocity[k], LIMITS.acceleration[k]
-            if resting == 2:
-                most = (float(a), float(a))
-                known = jerk_limited_time(row[k], np.zeros(2), v, most, np.inf)
-            else:
-                # From rest at full acceleration, then at full speed.
-                ramp = 0.0 if ends[0] is None else v / a
-                short = ramp > 0.0 and row[k] < 0.5 * v * ramp
-                known = np.sqrt(2 * row[k] / a) if short else row[k] / v + 0.5 * ramp
+            v, ramp = float(LIMITS.velocity[k]), Ramp(float(LIMITS.acceleration[k]))
+            known = OneWay(ramp, ramp, v, ends).least_time(float(row[k]))
             assert times[k] == pytest.approx(known, rel=1e-6)
 
 
@@ -79,8 +73,8 @@ def test_times_with_jerk_are_those_of_the_bounds(
 ) -> None:
     limits = JointTimes(np.array([2.0]), np.array([acceleration]), np.array([jerk]))
     for way in (1e-4, 0.1, 0.7, 5.0):
-        most = (acceleration, acceleration)
-        known = jerk_limited_time(way, np.zeros(2), 2.0, most, jerk)
+        ramp = Ramp(acceleration, jerk)
+        known = OneWay(ramp, ramp, 2.0, (0.0, 0.0)).least_time(way)
         found = float(limits.of_joints(np.array([way]))[0])
         assert found == pytest.approx(known, rel=1e-5)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from tominpmp.app.request import Request
 from tominpmp.arrays import Array, Record
+from tominpmp.bounds import LowerBound
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.solution import Solution
@@ -42,8 +43,7 @@ class Shown(Record):
     Attributes:
         T: Its duration [s].
         verified: Whether an independent replay of the torques meets goal and limits.
-        gap: T over a time that no motion can beat, less one; None without such a time.
-        bound: What that time comes from, in a clause.
+        bound: Time that no motion can beat; None if it is not known.
         seconds: How long planning took [s].
         joint_names: Names of the n joints.
         t: Instants, evenly spaced [s], shape (m,).
@@ -57,8 +57,7 @@ class Shown(Record):
 
     T: float
     verified: bool
-    gap: float | None
-    bound: str
+    bound: LowerBound | None
     seconds: float
     joint_names: tuple[str, ...]
     t: Array
@@ -113,7 +112,7 @@ def show(solution: Solution, frame: str, *, certified: bool = False) -> Shown | 
     motion, judged = solution.trajectory, solution.verification
     if motion is None or not solution.success:
         return None
-    problem, bound = solution.problem, solution.lower_bound
+    problem = solution.problem
     t = np.linspace(0.0, motion.duration, INSTANTS)
     at = motion(t)
     speed, torque = used(problem, at.v, at.u)
@@ -125,8 +124,7 @@ def show(solution: Solution, frame: str, *, certified: bool = False) -> Shown | 
     return Shown(
         T=motion.duration,
         verified=judged is not None and judged.ok,
-        gap=solution.gap,
-        bound="" if bound is None else bound.reason,
+        bound=solution.lower_bound,
         seconds=solution.planning_time,
         joint_names=motion.joint_names,
         t=t,

@@ -9,14 +9,13 @@ import numpy as np
 
 from tominpmp.app.outcome import Held, Outcome, Shown
 from tominpmp.arrays import Array
+from tominpmp.bounds.result import USELESS
 from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR
 
 HOT = "#e11d48"
 INK, FAINT, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
 GOOD, BAD = "#15803d", "#be123c"
 FONT = "font-family:Inter,system-ui,sans-serif"
-# Of a gap beyond this its size tells nothing.
-TELLING = 1.0
 # Size of a curve [px], and of the points in it.
 WIDTH, HEIGHT, POINTS = 320, 26, 121
 
@@ -48,14 +47,10 @@ def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
         f'<span style="font-size:34px;font-weight:650;color:{INK}" id="tominpmp-T">'
         f"{shown.T:.3f} s</span>{tag}</div>"
     ]
-    if shown.gap is None:
-        rows.append(_line("no lower bound is known", FAINT))
-    else:
-        bound = shown.T / (1.0 + shown.gap)
-        told = f"no motion takes less than {bound:.3f} s"
-        if shown.gap < TELLING:
-            told += f": gap {100.0 * shown.gap:.1f} %"
-        rows.append(_line(told, FAINT))
+    near = "" if shown.bound is None else shown.bound.comparison(shown.T)
+    if shown.bound is not None and near:
+        near += f", {shown.bound.T:.3f} s"
+    rows.append(_line(near or USELESS, FAINT))
     rows.append(_line(f"planned in {shown.seconds:.2f} s", FAINT))
     return _box("".join(rows))
 

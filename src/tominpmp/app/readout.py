@@ -1,4 +1,4 @@
-"""The left side of the page: T, gap, bars, curves, what holds the motion back."""
+"""The left side of the page: T, bound, bars, curves, what holds the motion back."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from tominpmp.bounds import LowerBound
 from tominpmp.cli.json_text import plain
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
@@ -177,9 +178,9 @@ def report_text(data: Mapping[str, Any]) -> str:
         if data["min_clearance"] is not None:
             replay += f", clearance {data['min_clearance']:.4f} m"
         rows.append(("replay", replay))
-    if data.get("lower_bound"):
-        bound = f"{data['lower_bound']:.4f} s ({data['lower_bound_reason']})"
-        rows.append(("lower bound", bound))
+    if "lower_bound" in data and data["success"]:
+        bound = LowerBound(data["lower_bound"], data["lower_bound_reason"])
+        rows.append(("lower bound", bound.in_words(data["T"])))
     if "certificate" in data:
         rows.append(("certificate", data["certificate"]))
     for item in data.get("sensitivities", ())[:SHOWN]:

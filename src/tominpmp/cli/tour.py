@@ -7,6 +7,7 @@ from typing import Any
 
 import typer
 
+from tominpmp.bounds.result import USELESS, LowerBound
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.options import TourOptions
 from tominpmp.cli.output_files import (
@@ -82,8 +83,9 @@ def _write(tour: Tour, args: TourOptions) -> list[Path]:
 def _text(tour: Tour, written: list[Path]) -> str:
     lines = [tour.message]
     if tour.success:
-        gap = "" if tour.gap is None else f", {100.0 * tour.gap:.1f} % above the bound"
-        lines += [tour.table(), f"cycle  {tour.cycle_time:.4f} s{gap}"]
+        bound = LowerBound(tour.lower_bound, tour.bound_reason)
+        near = bound.comparison(tour.cycle_time) or USELESS
+        lines += [tour.table(), f"cycle  {tour.cycle_time:.4f} s, {near}"]
     return "\n".join([*lines, *(f"file   {path}" for path in written)])
 
 

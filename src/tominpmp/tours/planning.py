@@ -136,7 +136,7 @@ def _plan(
     q_end = problem.goal.configuration if ends else None
     bound = tour_bound(problem, stations, rules, q_end)
     tour = replace(tour, lower_bound=bound.T, bound_reason=bound.reason)
-    if tour.gap is None:
+    if not bound.useful(tour.cycle_time):
         return tour
     return replace(
         tour,

@@ -11,13 +11,12 @@ successors; for few stations the best order itself is found. Stays are added.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tominpmp.arrays import Array
-from tominpmp.bounds import lower_bound
+from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.problem import Problem
@@ -39,25 +38,12 @@ MOST_PAIRS = 400
 ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class TourBound:
-    """Time that no tour beats.
-
-    Attributes:
-        T: The time [s].
-        reason: What it comes from, in a clause.
-    """
-
-    T: float
-    reason: str
-
-
 def tour_bound(
     problem: Problem,
     stations: Sequence[Station],
     rules: Rules,
     q_end: Array | None,
-) -> TourBound:
+) -> LowerBound:
     """Bound the duration of every tour.
 
     Args:
@@ -69,14 +55,16 @@ def tour_bound(
     least = _least_times(problem, stations, q_end)
     stays = least_stays(problem.robot, [(s.goal, s.dwell) for s in stations])
     found = [
-        TourBound(_assigned(least, rules, q_end is not None), "an assignment"),
-        TourBound(_one_tree(np.minimum(least, least.T), q_end is not None), "a 1-tree"),
+        LowerBound(_assigned(least, rules, q_end is not None), "an assignment"),
+        LowerBound(
+            _one_tree(np.minimum(least, least.T), q_end is not None), "a 1-tree"
+        ),
     ]
     if len(stations) <= FEW:
         best = _best_order(least, rules, q_end is not None)
-        found.append(TourBound(best, "the best order"))
+        found.append(LowerBound(best, "the best order"))
     best_of = max(found, key=lambda bound: bound.T)
-    return TourBound(
+    return LowerBound(
         best_of.T * (1.0 - ROUNDING) + stays,
         f"{best_of.reason} of the times that no leg can beat, and all stays",
     )

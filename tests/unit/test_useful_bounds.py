@@ -1,0 +1,90 @@
+"""Bounds are put into words where they are at least half of the duration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, rod
+from typer.testing import CliRunner
+
+import tominpmp as tm
+from tominpmp.cli.app import app
+from tominpmp.cli.report import report_data, report_text
+
+ABOVE = "% above the lower bound"
+
+
+@pytest.fixture(scope="module")
+def fast() -> tm.Solution:
+    """Torques rule, and speeds that are hardly limited tell next to nothing."""
+    arm = make_arm(rod(1.0, 1.0), rod(1.0, 1.0), effort=np.array([10.0, 5.0]))
+    problem = tm.Problem(arm, [-0.4, 0.6], tm.JointGoal([0.9, -0.3]))
+    return tm.plan(problem, effort="quick")
+
+
+@pytest.fixture(scope="module")
+def slow() -> tm.Solution:
+    """Speeds rule."""
+    arm = make_arm(rod(1.0, 1.0), rod(1.0, 1.0), effort=100.0, velocity=1.0)
+    problem = tm.Problem(arm, [-0.4, 0.6], tm.JointGoal([0.9, -0.3]))
+    return tm.plan(problem, effort="quick")
+
+
+def test_a_bound_of_less_than_half_of_T_is_a_value_and_no_words(
+    fast: tm.Solution,
+) -> None:
+    assert fast.success
+    assert 0.0 < fast.lower_bound.T < 0.01 * fast.T
+    assert fast.gap == pytest.approx(fast.T / fast.lower_bound.T - 1.0)
+    data = report_data(fast, {})
+    assert data["lower_bound"] == fast.lower_bound.T
+    number = f"{fast.lower_bound.T:.4f}"
+    for text in (fast.message, report_text(data), fast._repr_html_()):
+        assert ABOVE not in text and number not in text
+    assert "no useful bound" in report_text(data)
+    assert "no useful bound" in fast._repr_html_()
+
+
+def test_a_bound_of_more_than_half_of_T_is_told_everywhere(slow: tm.Solution) -> None:
+    assert slow.success
+    assert 0.5 * slow.T < slow.lower_bound.T < slow.T
+    assert f"{100.0 * slow.gap:.1f} {ABOVE}" in slow.message
+    told = f"{slow.lower_bound.T:.4f} s ({slow.lower_bound.reason})"
+    assert told in report_text(report_data(slow, {}))
+    assert told in slow._repr_html_()
+    # Of a motion that takes more than twice as long it says nothing.
+    late = replace(slow, lower_bound=tm.LowerBound(0.49 * slow.T, "so it is"))
+    assert "no useful bound" in report_text(report_data(late, {}))
+    assert "no useful bound" in late._repr_html_()
+
+
+def test_a_plan_without_a_motion_tells_no_bound(slow: tm.Solution) -> None:
+    failed = replace(slow, feasible=False, message="")
+    assert "lower bound" not in report_text(report_data(failed, {}))
+    assert "lower bound" not in failed._repr_html_()
+
+
+def test_a_tour_tells_its_bound_where_that_is_useful(tmp_path: Path) -> None:
+    tour = """
+[[stations]]
+name = "one"
+goal = {type = "joint", q = [0.9, 0.8, -0.4]}
+
+[[stations]]
+name = "two"
+goal = {type = "joint", q = [0.6, 1.0, -0.3]}
+"""
+    head = '[robot]\nname = "planar3r"\n%s\n[start]\nq = [0.5, 1.2, -0.7]\n%s\n'
+    limits = ("effort = 1e4", "[motion_limits]\nacceleration = 5.0")
+    found = []
+    for kind, words in (("useful", limits), ("useless", ("velocity = 1e3", ""))):
+        path = tmp_path / f"{kind}.toml"
+        path.write_text(head % words + tour)
+        done = CliRunner().invoke(app, ["tour", str(path)])
+        assert done.exit_code == 0, done.output
+        found.append(done.output)
+    assert ABOVE in found[0] and "No tour beats" in found[0]
+    assert "no useful bound" in found[1] and "No tour beats" not in found[1]
