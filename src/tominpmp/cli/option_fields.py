@@ -52,8 +52,8 @@ class FieldsOf:
     Attributes:
         kind: The class.
         panel: What the options are listed under.
-        further: By the names of fields, another name of the option, and a sentence
-            about it that only commands need.
+        further: By the names of fields, another name of the option or an empty text,
+            and a sentence about it that only commands need.
         ending: How the names of the fields end; others are left out.
         renamed: How options are called that would be called as those of another class.
     """
@@ -80,7 +80,7 @@ class FieldsOf:
             flags = [f"--{flag}/--no-{flag}" if kind is bool else f"--{flag}"]
             if item.name in self.further:
                 other, note = self.further[item.name]
-                flags.insert(0, other)
+                flags[:0] = [other] if other else []
                 text += f" {note}"
             choices = _choices(hint)
             optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)

@@ -26,7 +26,10 @@ PlannerOptions = Annotated[
     FieldsOf(
         Options,
         "Planning",
-        {"max_planning_time": ("--max-time", "Loading the robot counts too.")},
+        {
+            "max_planning_time": ("--max-time", "Loading the robot counts too."),
+            "effort": ("", "Torque limits are --effort."),
+        },
         renamed={"effort": "planning_effort"},  # --effort gives torque limits
     ),
 ]
@@ -58,8 +61,7 @@ class RobotOptions:
         lock (JOINT=VALUE): Hold a joint at a position (rad or m), repeatable.
         gravity (X Y Z): Gravity (m/s^2) instead of the robot's own.
         effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for
-            all joints; or one for each; or JOINT=VALUE,... How far to search is
-            --planning-effort.
+            all joints; or one for each; or JOINT=VALUE,...
         velocity (VALUES): Velocity limits (rad/s or m/s), likewise.
         position_lower (VALUES): Lower position limits (rad or m), likewise.
         position_upper (VALUES): Upper position limits (rad or m), likewise.
