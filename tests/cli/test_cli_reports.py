@@ -1,0 +1,118 @@
+"""Files that users' tools write, as they were reported, from the command line.
+
+Each folder of ``tests/reports`` holds the files of one report; the table says which
+command was run there, and how it is to end.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_samples import Run
+
+REPORTS = Path(__file__).parents[1] / "reports"
+MOVE = "--start 0 0.1 --goal 0.5 0.6"
+
+
+@dataclass(frozen=True)
+class Report:
+    """A command and how it ends.
+
+    Attributes:
+        words: The command after ``tominpmp plan``.
+        T: Duration of the motion that is written [s]; None where the command ends with
+            exit code 2.
+        says: Part of the output.
+        later: Why this is still to come.
+    """
+
+    words: str
+    T: float | None
+    says: str = ""
+    later: str = ""
+
+
+TABLE = {
+    "continuous_across_pi": Report(
+        "robot.urdf --start 3.0 0.1 --goal -3.0 0.4",
+        0.151,
+        later="continuous joints go to their goal as a number, not as an angle",
+    ),
+    "file_uri_of_another_machine": Report(
+        f"my_arm_description/urdf/robot.urdf --package-dir . {MOVE}",
+        0.2525,
+        later="file:// addresses of another machine are not looked for in packages",
+    ),
+    "joint_limits_degrees_tag": Report(
+        f"robot.urdf {MOVE} --joint-limits joint_limits.yaml",
+        0.2525,
+        later="!degrees is not read",
+    ),
+    "kinematic_no_effort_no_inertia": Report(
+        f"robot.urdf {MOVE} --joint-limits joint_limits.yaml --kinematic",
+        0.70711,
+        later="there is no kinematic mode",
+    ),
+    "link_and_joint_of_one_name_lock": Report(
+        "robot.urdf --lock j1=0.2 --start 0.1 --goal 0.6", 0.25
+    ),
+    "mesh_fine_cylinder_link": Report(
+        f"robot.urdf {MOVE} --obstacle box:b:size=0.1,0.1,0.1:at=1,1,1", 0.2525
+    ),
+    "moveit_scene_text": Report(
+        f"robot.urdf {MOVE} --scene desk.scene",
+        0.2525,
+        later="MoveIt's .scene text is not read",
+    ),
+    "negative_inertia_planned": Report(f"robot.urdf {MOVE}", None, "l2"),
+    "scene_in_millimetres": Report(
+        f"robot.urdf {MOVE} --obstacle box:table:size=1000,1000,50:at=600,0,-100",
+        0.2525,
+        "millimetres",
+        later="only meshes of links are asked whether they are in millimetres",
+    ),
+    "xacro_without_ros": Report(
+        f"my_arm_description/urdf/arm.urdf.xacro --package-dir . {MOVE}",
+        0.2525,
+        later="xacro files are to be expanded first",
+    ),
+    "zero_box_on_root": Report(
+        f"robot.urdf {MOVE}", 0.2525, later="shapes of zero size are refused"
+    ),
+    "zero_box_visual": Report(
+        f"robot.urdf {MOVE}", 0.2525, later="shapes of zero size are refused"
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[pytest.mark.xfail(strict=True, reason=report.later)]
+            if report.later
+            else [],
+        )
+        for name, report in TABLE.items()
+    ],
+)
+def test_reported_files(run: Run, tmp_path: Path, name: str) -> None:
+    shutil.copytree(REPORTS / name, tmp_path, dirs_exist_ok=True)
+    report = TABLE[name]
+    result = run("plan", *report.words.split(), "-o", "out.csv")
+    assert report.says in result.output
+    if report.T is None:
+        assert result.exit_code == 2
+        return
+    assert result.exit_code == 0
+    rows = np.loadtxt("out.csv", delimiter=",", skiprows=1)
+    assert rows[-1, 0] == pytest.approx(report.T, rel=0.02)
+
+
+def test_every_report_is_run() -> None:
+    assert {path.name for path in REPORTS.iterdir()} == set(TABLE)
