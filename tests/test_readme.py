@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import tominpmp as tm
+from examples import payload
 from tominpmp.description.files import robot_names
 
 README = Path(__file__).parents[1] / "README.md"
@@ -45,3 +46,13 @@ def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["cell"].problem is not None
     again = replace(problem, motion_limits=names["limits"], scene=tm.Scene())
     assert again.motion_limits is names["limits"]
+
+
+def test_the_film_is_of_what_its_example_finds() -> None:
+    """It once said 0.67 s of what had become 0.62 s."""
+    arm = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+    problem = payload.problem(arm.with_payload(payload.box()))
+    found = tm.plan(problem, tm.Options(intervals=20, seed=0))
+    said = re.search(r"in its hand: ([\d.]+) s", README.read_text("utf-8"))
+    assert said is not None
+    assert said[1] == f"{found.T:.2f}"

@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.joints import Joint, JointReach, joint_bounds, joints_of
@@ -36,6 +37,7 @@ from tominpmp.problem import Problem
 __all__ = ["LowerBound", "lower_bound"]
 
 
+@on_one_thread
 def lower_bound(problem: Problem, *, known: float = math.inf) -> LowerBound:
     """Find a time that no motion which solves a problem can beat.
 

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
@@ -62,6 +63,7 @@ ON_LIMIT = 0.01
 HOLDING = 0.01
 
 
+@on_one_thread
 def certify(
     problem: Problem,
     trajectory: Trajectory | Samples,

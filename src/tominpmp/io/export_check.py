@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError
@@ -174,6 +175,7 @@ def check_file(
     return _check(problem, path, judge, interpolation)
 
 
+@on_one_thread
 def check_export(
     solution: Solution, path: str | Path, *, dt: float | None = None
 ) -> ExportCheck:

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.combined_robots import base_placement
 from tominpmp.exceptions import ProblemError, TominpmpError, brief, told_of
@@ -92,6 +93,7 @@ class ImprovedPlacement(Record):
         )
 
 
+@on_one_thread
 def improve_placement(
     robot: Robot,
     tasks: Sequence[Problem],

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
 from tominpmp.options import Options
@@ -42,6 +43,7 @@ from tominpmp.trajectory import Trajectory
 logger = logging.getLogger(__name__)
 
 
+@on_one_thread
 def plan(
     problem: Problem,
     options: Options | None = None,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 from tominpmp.arrays import Array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
@@ -29,6 +30,7 @@ WORTH_IT = 0.01
 SHORTEST_WAY = 1e-9
 
 
+@on_one_thread
 def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     """Make the torques of a motion as quiet as they can be in slightly more time.
 

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.stays import without_stays
@@ -36,6 +37,7 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.verification.stages import with_segments
 
 
+@on_one_thread
 def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities:
     """Say what holds a motion back: how T changes with each limit of its problem.
 

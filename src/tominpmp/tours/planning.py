@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of
@@ -34,6 +35,7 @@ logger = logging.getLogger(__name__)
 MOST_CONFIGURATIONS = 200
 
 
+@on_one_thread
 def plan_tour(
     robot: Robot,
     q_start: JointsLike,

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision import CollisionChecker
 from tominpmp.exceptions import ProblemError
@@ -71,6 +72,7 @@ class ClearanceProof:
         return f"Neither proved nor disproved in {self.stretches} stretches; {place}."
 
 
+@on_one_thread
 def prove_clearance(
     checker: CollisionChecker,
     trajectory: Trajectory,

@@ -15,6 +15,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from tominpmp.arrays import Array, frozen_array
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import choice, instance
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
@@ -173,6 +174,7 @@ class Verification:
         )
 
 
+@on_one_thread
 def verify(
     problem: Problem,
     trajectory: Trajectory | Samples,
