@@ -329,7 +329,7 @@ def _arrival(motion: Trajectory, segment: Segment, begin: float, end: float) -> 
     moves = np.any(np.maximum(off, np.abs(motion.v[rows])) > SAME, axis=1)
     rests = np.logical_and.accumulate(~moves[::-1])[::-1]
     earliest = 0.0 if segment.arrival is None else segment.arrival[0]
-    latest = end - segment.dwell
+    latest = max(end - segment.dwell, begin)
     able = rests & (t >= earliest - SAME) & (t <= latest + SAME)
     return float(t[able][0]) if np.any(able) else latest
 

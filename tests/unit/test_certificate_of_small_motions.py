@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.certificate.optimality_report import no_time, not_asked
 
 START = np.array([0.5, 1.7, -1.7])
 WAY = np.array([1.0, -0.6, 0.3])
@@ -17,7 +16,7 @@ def goal_at(share: float) -> tm.Problem:
     return tm.Problem(tm.load_robot("planar3r"), START, goal)
 
 
-@pytest.mark.parametrize("share", [1e-7, 1e-6])
+@pytest.mark.parametrize("share", [2e-6, 1e-5])
 def test_a_small_motion_that_converged_is_certified(share: float) -> None:
     solution = tm.plan(goal_at(share))
     assert solution.status is tm.Status.CONVERGED, solution.message
@@ -29,7 +28,7 @@ def test_a_small_motion_that_converged_is_certified(share: float) -> None:
 
 
 def test_a_small_motion_that_is_slow_is_refuted() -> None:
-    solution = tm.plan(goal_at(1e-7), objective="feasible")
+    solution = tm.plan(goal_at(2e-6), objective="feasible")
     assert solution.success
     certificate = solution.certificate
     assert certificate is not None
@@ -37,18 +36,21 @@ def test_a_small_motion_that_is_slow_is_refuted() -> None:
     assert certificate.stationarity > 0.01
 
 
-@pytest.mark.parametrize("share", [0.0, 1e-11, 1e-9])
-def test_status_and_certificate_agree_where_numbers_end(share: float) -> None:
-    robot = tm.load_robot("planar3r")
-    goal = tm.JointGoal(START + share * WAY)
-    inside = tm.JointRegionGoal(START, tolerance=0.1)
-    solution = tm.plan(tm.Problem(robot, START, goal if share else inside))
+@pytest.mark.parametrize("way", [2e-6, 2e-5])
+def test_a_motion_of_microseconds_is_certified_as_any(way: float) -> None:
+    strong = tm.load_robot("planar3r", effort=[1e5, 1e5, 1e5])
+    solution = tm.plan(tm.Problem(strong, START, tm.JointGoal(START + way)))
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert 0.0 < solution.T < 1e-4
     certificate = solution.certificate
     assert certificate is not None
-    assert certificate.ok == (solution.status is tm.Status.CONVERGED)
+    assert certificate.ok, certificate.message
+    assert certificate.stationarity < 0.01
 
 
-def test_a_motion_that_takes_no_time_is_not_asked_for_less() -> None:
-    assert no_time(0.9e-4)
-    assert not no_time(1.1e-4)
-    assert "no time to speak of" in not_asked(0.9e-4)
+def test_what_takes_no_time_cannot_be_shortened() -> None:
+    solution = tm.plan(goal_at(0.0))
+    certificate = solution.certificate
+    assert certificate is not None
+    assert certificate.ok, certificate.message
+    assert "nothing to shorten" in certificate.message

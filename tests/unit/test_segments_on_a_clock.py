@@ -40,3 +40,160 @@ def test_segments_on_a_clock(tmp_path, control):
     path = solution.export(tmp_path / "motion.csv", dt=PERIOD)
     assert tm.verify(problem, tm.load_motion(path)).ok
     assert tm.check_file(problem, path).ok
+
+
+QUICK = {"intervals": 24, "effort": "quick", "control_period": PERIOD}
+
+
+def rail(*segments: tm.Segment, **more) -> tm.Problem:
+    arm = make_arm(slide(1.0), effort=np.array([1.0]))
+    return tm.Problem(arm, [0.0], segments=segments, **more)
+
+
+def to(q: float, **more) -> tm.Segment:
+    return tm.Segment(tm.JointGoal([q]), **more)
+
+
+def ticks(solution: tm.Solution) -> list[tuple[int, int, int]]:
+    """When segments begin, arrive and end, in periods; all of them whole ones."""
+    found = [(part.begin, part.arrival, part.end) for part in solution.segments]
+    counts = np.rint(np.array(found) / PERIOD)
+    np.testing.assert_allclose(found, counts * PERIOD, rtol=0.0, atol=1e-12)
+    return [tuple(row) for row in counts.astype(int).tolist()]
+
+
+def check_stays(solution: tm.Solution) -> None:
+    """The arm is at its goals, at rest, from when they are said to be met on."""
+    for part, asked in zip(solution.segments, solution.problem.segments, strict=True):
+        if not asked.dwell:
+            assert part.arrival == part.end
+            continue
+        assert asked.dwell - 1e-9 <= part.stay < asked.dwell + PERIOD - 1e-9
+        during = solution.trajectory(np.linspace(part.arrival, part.end, 20)[:-1])
+        np.testing.assert_allclose(during.q, asked.goal.q[0], atol=1e-6)
+        np.testing.assert_allclose(during.v, 0.0, atol=1e-6)
+        before = solution.trajectory(part.arrival - 0.5 * PERIOD)
+        assert np.any(np.abs(before.v) > 1e-6)
+
+
+LIMITS = {"torques": None, "jerk": tm.MotionLimits(acceleration=4.0, jerk=80.0)}
+
+
+@pytest.mark.parametrize("limits", LIMITS)
+@pytest.mark.parametrize("dwell", [0.0001, 0.011, 3 * PERIOD])
+def test_the_arrival_is_when_the_stay_of_whole_periods_begins(dwell, limits):
+    problem = rail(to(0.4, dwell=dwell), to(0.8), motion_limits=LIMITS[limits])
+    solution = tm.plan(problem, **QUICK)
+    assert solution.success, solution.message
+    (_, arrival, end), (begin, *_) = ticks(solution)
+    assert end - arrival == {0.0001: 1, 0.011: 2, 3 * PERIOD: 3}[dwell]
+    assert begin == end
+    check_stays(solution)
+
+
+@pytest.mark.parametrize("limits", LIMITS)
+def test_windows_are_those_of_arrivals_on_the_clock(limits):
+    """Two ticks of ten milliseconds are within the window, and the stay is after it."""
+    late = to(0.4, dwell=0.0111, arrival=(2.0, 2.012))
+    for segments in ((late,), (late, to(0.8))):
+        problem = rail(*segments, motion_limits=LIMITS[limits])
+        solution = tm.plan(problem, **QUICK)
+        assert solution.success, solution.message
+        assert ticks(solution)[0][1] in (200, 201)
+        check_stays(solution)
+
+
+def test_windows_of_several_segments_leave_one_tick_each():
+    """Without a clock the first goal is met between two ticks, one of them too late."""
+    problem = rail(
+        to(0.4, dwell=0.001, arrival=(1.5, 1.505)),
+        to(0.8, dwell=0.011, arrival=(3.0, 3.002)),
+    )
+    solution = tm.plan(problem, **QUICK)
+    assert solution.success, solution.message
+    assert ticks(solution) == [(0, 150, 151), (151, 300, 302)]
+    check_stays(solution)
+
+
+def test_a_window_between_two_ticks_is_not_met():
+    solution = tm.plan(rail(to(0.4, arrival=(2.0021, 2.0079))), **QUICK)
+    assert not solution.success
+    assert "No motion on a clock of 0.01 s was found" in solution.message
+
+
+def test_stays_of_all_kinds_one_after_the_other(tmp_path):
+    problem = rail(
+        to(0.4, dwell=0.0001), to(0.5, stop=True), to(0.8, dwell=0.03), to(0.9, dwell=2)
+    )
+    solution = tm.plan(problem, **QUICK)
+    assert solution.success, solution.message
+    found = ticks(solution)
+    assert [end - arrival for _, arrival, end in found] == [1, 0, 3, 200]
+    check_stays(solution)
+    free = tm.plan(problem, intervals=24, effort="quick")
+    # Less than a period for each way, and for each stay.
+    assert solution.T < free.T + 8 * PERIOD
+    assert solution.certificate.message
+
+
+@pytest.fixture(scope="module")
+def timely() -> tm.Solution:
+    window = (2.0, 2.012)
+    problem = rail(to(0.4, dwell=0.0111, arrival=window), to(0.8, dwell=0.015))
+    return tm.plan(problem, **QUICK)
+
+
+@pytest.mark.parametrize(
+    ("ending", "dt"),
+    [("csv", None), ("csv", 0.001), ("npz", None), ("yaml", None), ("mcap", None)],
+)
+def test_files_say_when_goals_are_met_and_stays_end(timely, ending, dt, tmp_path):
+    path = timely.export(tmp_path / f"motion.{ending}", dt=dt)
+    samples = tm.load_motion(path)
+    check = tm.check_file(timely.problem, path)
+    assert check.ok, check.message
+    if ending in ("csv", "npz"):
+        ends = timely.trajectory.segment_ends
+        np.testing.assert_allclose(samples.segment_ends, ends, atol=1e-12)
+    # One that is asked to be later, or to stay for longer, is told so.
+    late = rail(to(0.4, dwell=0.0111, arrival=(2.05, 2.06)), to(0.8, dwell=0.015))
+    assert "too early" in tm.verify(late, samples).message
+    window = timely.problem.segments[0].arrival
+    longer = rail(to(0.4, dwell=0.05, arrival=window), to(0.8, dwell=0.015))
+    assert not tm.verify(longer, samples).ok
+
+
+def test_a_file_meets_a_window_that_it_reaches_within_rounding(tmp_path):
+    """Limits of jerk end it a hair from the goal before it may be there."""
+    limits = tm.MotionLimits(acceleration=4.0, jerk=80.0)
+    problem = rail(
+        to(0.4, dwell=0.001, arrival=(1.5, 1.505)), to(0.8), motion_limits=limits
+    )
+    solution = tm.plan(problem, **QUICK)
+    assert solution.success, solution.message
+    path = solution.export(tmp_path / "motion.yaml")
+    check = tm.check_file(problem, path)
+    assert check.ok, check.message
+
+
+def test_goals_that_are_passed_take_a_period_at_least():
+    """Goals twenty millimetres apart at a metre a second, two periods each."""
+    goals = [to(0.5 + 0.02 * k) for k in range(5)]
+    problem = rail(*goals, to(1.2))
+    free = tm.plan(problem, intervals=24, effort="quick")
+    solution = tm.plan(problem, **QUICK)
+    assert solution.success, solution.message
+    assert all(end - begin < 4 for begin, _, end in ticks(solution)[1:-1])
+    assert solution.T < free.T + 6 * PERIOD
+
+
+def test_the_command_line_says_how_long_it_stays(tmp_path):
+    from tominpmp.cli.report import report_data, report_text
+
+    solution = tm.plan(rail(to(0.4, dwell=0.011), to(0.8)), **QUICK)
+    data = report_data(solution, {})
+    first = data["segments"][0]
+    assert first["dwell"] == 0.011
+    assert first["stay"] == pytest.approx(0.02)
+    text = report_text(data)
+    assert f"arrives at {first['arrival']:.4f} s, stays 0.02 s" in text

@@ -6,6 +6,7 @@ import copy
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -242,9 +243,32 @@ def test_bad_fields(field: str, value: object, message: str) -> None:
     assert caught.value.field == field
 
 
-def test_a_motion_has_at_least_two_nodes() -> None:
+def test_a_motion_has_a_node() -> None:
+    none = np.zeros((0, 1))
     with pytest.raises(ProblemError, match="increase from 0"):
-        Trajectory(("j",), [0.0], [[0.0]], [[0.0]], [[0.0]])
+        Trajectory(("j",), [], none, none, none)
+
+
+@pytest.mark.parametrize("a", [None, np.zeros((0, 1)), [[0.25]]])
+def test_a_motion_of_one_node_takes_no_time(a: Any) -> None:
+    motion = Trajectory(("j",), [0.0], [[1.0]], [[0.5]], [[2.0]], a)
+    assert motion.duration == 0.0
+    state = motion(0.0)
+    assert (state.q[0], state.v[0], state.u[0]) == (1.0, 0.5, 2.0)
+    acceleration = 0.0 if a is None or not len(a) else 0.25
+    assert state.a[0] == acceleration
+    derivatives = [motion(0.0, nu=k)[0] for k in range(4)]
+    assert derivatives == [1.0, 0.5, acceleration, 0.0]
+    held = motion([0.0, 3.0], hold=True)
+    assert held.q.tolist() == [[1.0], [1.0]]
+    assert held.v.tolist() == [[0.5], [0.0]]
+    with pytest.raises(ProblemError, match="outside of the motion"):
+        motion(1e-6)
+    samples = motion.sample(0.01)
+    assert samples.t.tolist() == [0.0]
+    assert samples.q.tolist() == [[1.0]]
+    with_end = replace(motion, segment_ends=[0.0, 0.0])
+    assert with_end.segment_at(np.zeros(1)).tolist() == [1]
 
 
 # Values that stay

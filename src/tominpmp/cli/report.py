@@ -120,7 +120,8 @@ def segments_data(solution: Solution) -> list[dict[str, Any]]:
     """What there is to report of the segments of a motion, one after the other.
 
     Times are from the start of the motion [s]; "arrival" is when the goal is met, and
-    "end" when the arm has stayed there as long as it was to.
+    "end" when the arm has stayed there: for the time "stay", which on the clock of a
+    controller takes whole periods, and is the time "dwell" that was asked for at least.
     """
     asked = solution.problem.segments
     return [
@@ -131,6 +132,7 @@ def segments_data(solution: Solution) -> list[dict[str, Any]]:
             "duration": found.duration,
             "stop": segment.stop or number == len(asked) - 1,
             "dwell": segment.dwell,
+            "stay": found.stay,
         }
         for number, (found, segment) in enumerate(
             zip(solution.segments, asked, strict=True)
@@ -144,8 +146,8 @@ def _segment_rows(segments: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]
     for number, item in enumerate(segments, start=1):
         how = "arrives" if item["stop"] else "passes"
         text = f"{item['duration']:.4f} s, {how} at {item['arrival']:.4f} s"
-        if item["dwell"]:
-            text += f", stays {item['dwell']:g} s"
+        if item["stay"]:
+            text += f", stays {item['stay']:g} s"
         elif item["stop"] and number < len(segments):
             text += ", stops"
         rows.append((f"segment {number}", text))

@@ -34,12 +34,14 @@ class Course:
 
     Attributes:
         problem: What it solves, with stays of whole periods.
+        asked: The segments as they were asked for; empty where there is one.
         motion: The motion.
         spans: When its segments begin, meet their goals, and end.
         period: The period [s].
     """
 
     problem: Problem
+    asked: Sequence[Segment]
     motion: Trajectory
     spans: list[Span]
     period: float
@@ -47,10 +49,10 @@ class Course:
     @classmethod
     def of(cls, problem: Problem, motion: Trajectory, period: float) -> Course:
         """A motion of a problem, and the period that it is brought to [s]."""
-        spans = spans_of(motion, problem.segments)
-        stays = [whole_periods(segment.dwell, period) for segment in problem.segments]
+        asked = problem.segments
+        stays = [whole_periods(segment.dwell, period) for segment in asked]
         chosen = problem.alternative_of(motion).with_stays(stays)
-        return cls(chosen, motion, spans, period)
+        return cls(chosen, asked, motion, spans_of(motion, asked), period)
 
     @property
     def segments(self) -> Sequence[Segment]:
@@ -75,8 +77,8 @@ class Course:
 
     def guess(self, motion: Trajectory) -> WarmStart | SegmentedGuess:
         """A motion of the problem as a guess."""
-        if self.problem.segments:
-            return solved_guess("clock", motion, self.problem.segments)
+        if self.asked:
+            return solved_guess("clock", motion, self.asked)
         return warm_start(self.system, motion)
 
     @property

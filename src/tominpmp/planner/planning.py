@@ -34,6 +34,7 @@ from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
 from tominpmp.problem import Problem
+from tominpmp.sampled_motion import checked_motion
 from tominpmp.samples import Samples
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
@@ -146,7 +147,8 @@ def _attempts(
 ) -> Iterator[Attempt]:
     """One attempt after the other."""
     former = None if start is None else motion_of(start)
-    if former is not None and former.t.size == 1:
+    if isinstance(former, Trajectory | Samples) and former.t.size == 1:
+        checked_motion(former, problem.robot, problem.q_start, problem.v_start)
         former = None  # a motion that takes no time leads nowhere
     make = partial(make_attempts, options=options, progress=progress)
     attempts: list[Attempt] = []

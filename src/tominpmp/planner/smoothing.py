@@ -69,6 +69,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         message = f"{solution.message} Its torques were left as they are: {reason}"
         return replace(solution, message=message)
 
+    if not former.duration:
+        return left("the motion takes no time.")
     return bettered(
         solution, partial(_quietest, solution, former, share), left, "making them quiet"
     )
