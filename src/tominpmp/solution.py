@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tominpmp.accelerations import (
-    PeakAcceleration,
-    acceleration_remark,
-    peak_acceleration,
-)
+from tominpmp.accelerations import PeakAcceleration, peak_acceleration
 from tominpmp.arrays import MaybeNone
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.motion_measures import energy_of, roughness, work_of
@@ -23,7 +18,6 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
-from tominpmp.stopping import Stop
 from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -179,22 +173,6 @@ class Solution:
         if self.trajectory is None:
             return None
         return peak_acceleration(self.problem, self.trajectory)
-
-    def with_remarks(self) -> Solution:
-        """The same, with what a user should know of the motion in its message.
-
-        That it was planned without limits of accelerations, and which links touch
-        though the SRDF says that they never do.
-        """
-        if not self.success or self.trajectory is None:
-            return self
-        judged = self.verification
-        remarks = [acceleration_remark(self.problem, self.trajectory)]
-        if judged is not None:
-            with suppress(Stop):  # there may be no time left to look
-                remarks += map(str, judged.touches)
-        new = [remark for remark in remarks if remark not in self.message]
-        return replace(self, message=" ".join([self.message, *new]))
 
     @property
     def iterations(self) -> int:

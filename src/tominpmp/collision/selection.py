@@ -90,7 +90,7 @@ def own_pairs(
     return found
 
 
-def touching(
+def links_touching(
     robot: Robot, wanted: Collection[frozenset[str]], q: Array
 ) -> dict[frozenset[str], int]:
     """Links that touch at configurations, watched against each other or not.

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tominpmp.accelerations import acceleration_remark
 from tominpmp.bounds import LowerBound
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -106,6 +107,22 @@ def without_motion(
         None,
         planning_time=progress.seconds,
     )
+
+
+def with_remarks(solution: Solution, progress: Progress) -> Solution:
+    """A solution with what a user should know of its motion in its message.
+
+    That it was planned without limits of accelerations, and which links touch though
+    an SRDF says that they never do.
+    """
+    if not solution.success or solution.trajectory is None:
+        return solution
+    remarks = [acceleration_remark(solution.problem, solution.trajectory)]
+    if solution.verification is not None:
+        with progress.saving(), contextlib.suppress(Stop):
+            remarks += map(str, solution.verification.touches)
+    new = [remark for remark in remarks if remark not in solution.message]
+    return replace(solution, message=" ".join([solution.message, *new]))
 
 
 def _bound(problem: Problem, progress: Progress) -> LowerBound | None:

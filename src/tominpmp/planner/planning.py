@@ -16,7 +16,7 @@ from tominpmp.planner.alternatives import attempts_of_alternatives
 from tominpmp.planner.attempt import TIE, Attempt
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
-from tominpmp.planner.conclusion import conclude, without_motion
+from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
 from tominpmp.planner.continuation import continued
 from tominpmp.planner.control_period import (
     on_clock,
@@ -89,9 +89,7 @@ def plan(
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
-            solution = economical(solution, asked)
-            with progress.saving():
-                return solution.with_remarks()
+            return with_remarks(economical(solution, asked), progress)
     if not progress.in_vain or progress.deadline.requested:
         return solution
     # The search ended with a motion whose replay was put off, and has failed since.
@@ -135,8 +133,7 @@ def _plan(
         solution = smooth(solution, options.slack)
     if progress.deadline.requested:
         solution = _interrupted(solution)
-    with progress.saving():
-        return solution.with_remarks()
+    return with_remarks(solution, progress)
 
 
 def _attempts(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tominpmp.verification.clearance import ClearanceProof, prove_clearance
 from tominpmp.verification.diagnosis import explain
 from tominpmp.verification.limit_violations import LimitViolation
+from tominpmp.verification.nearest import Touch
 from tominpmp.verification.replay import Replay, replay
 from tominpmp.verification.verification import Verification, verify
 
@@ -12,6 +13,7 @@ __all__ = [
     "ClearanceProof",
     "LimitViolation",
     "Replay",
+    "Touch",
     "Verification",
     "explain",
     "prove_clearance",

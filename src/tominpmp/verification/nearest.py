@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
-from tominpmp.collision.selection import links_of
+from tominpmp.collision.selection import links_of, links_touching
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop, check
 from tominpmp.trajectory import Trajectory
@@ -24,8 +24,31 @@ NEAR_END = 0.05
 RESIDUE = 1e-6
 # A motion that takes no time, or is lost at once, is looked at for so long [s].
 INSTANT = 1e-9
+# Rows of a replay, at most, at which links are looked at that nobody watches.
+GLANCES = 1000
 # Rows of a planned motion, with its nodes: between them it is known.
 PLANNED_ROWS = 200
+
+
+class Touch(NamedTuple):
+    """Links that touch although the SRDF says that they never do.
+
+    Attributes:
+        link: Name of a link.
+        other: Name of the other one.
+        time: When their meshes were first found to overlap [s].
+    """
+
+    link: str
+    other: str
+    time: float
+
+    def __str__(self) -> str:
+        """Both of them and the time, in a sentence."""
+        return (
+            f"Links {self.link!r} and {self.other!r} touch at {self.time:.3f} s: they "
+            "are not watched, as the SRDF disables their pair with the reason 'Never'."
+        )
 
 
 class Nearest(NamedTuple):
@@ -170,3 +193,25 @@ def touching(
     # Where what moves will be when the motion ends is not known to the problem.
     allowed[1, checker.moving_pairs] = 0.0
     return allowed
+
+
+def never_touching(problem: Problem, replay: Replay) -> tuple[Touch, ...]:
+    """Links that touch although the SRDF says that they never do.
+
+    An SRDF is obeyed: pairs that it disables are not watched. But the reason "Never"
+    tells of samples that somebody took once; this says where it does not hold, by the
+    meshes of the links at some rows of a replay. Pairs with other reasons, such as
+    "Adjacent" or "Default", or without one, are left out, and so are those that the
+    problem lets touch.
+    """
+    srdf = problem.robot.srdf
+    if srdf is None or problem.self_collision is False:
+        return ()
+    pairs = {frozenset(pair): pair for pair in srdf.never_touch}
+    looked_at = pairs.keys() - set(map(frozenset, problem.may_touch))
+    if not looked_at:
+        return ()
+    step = 1 + replay.t.size // GLANCES
+    q, t = replay.q[::step], replay.t[::step]
+    found = links_touching(problem.robot, looked_at, q)
+    return tuple(Touch(*pairs[names], float(t[row])) for names, row in found.items())

@@ -269,3 +269,42 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
         a = a[node[:-1]]
     u = np.vstack([every[:-1], motion.u[-1:]])
     return replace(motion, t=t, q=state.q, v=state.v, u=u, a=a)
+
+
+def arrival(
+    stage: Stage, replay: Replay, tolerances: Tolerances
+) -> list[LimitViolation]:
+    """Where a segment ends, and where the arm is before it stays there."""
+    rows = [replay.t.size - 1]
+    if stage.reached < stage.end:
+        rows.append(int(np.argmin(np.abs(replay.t - stage.reached))))
+    found = [_arrival(stage, replay, row, tolerances) for row in rows]
+    return [
+        max(both, key=lambda item: item.amount) for both in zip(*found, strict=True)
+    ]
+
+
+def _arrival(
+    stage: Stage, replay: Replay, row: int, tolerances: Tolerances
+) -> list[LimitViolation]:
+    """Place and velocity at a row; no velocity where any will do."""
+    problem, q, v = stage.problem, replay.q[row], replay.v[row]
+    kinematics = RobotKinematics(problem.robot)
+    misses = problem.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
+
+    def worst(kind: str, moving: bool, tolerance: float) -> LimitViolation | None:
+        found = [miss for miss in misses if miss.moving is moving]
+        if not found:
+            return None
+        miss = max(found, key=lambda miss: miss.amount)
+        amount = miss.amount if replay.complete else np.inf
+        time, violated = replay.duration, not amount <= tolerance
+        return LimitViolation(
+            kind, miss.name, time, amount, miss.unit, amount, violated
+        )
+
+    both = (
+        worst("goal", False, tolerances.goal),
+        worst("speed", True, tolerances.speed),
+    )
+    return [item for item in both if item is not None]

@@ -19,9 +19,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import choice, instance
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
-from tominpmp.collision.selection import touching
 from tominpmp.exceptions import BRIEF, shortened
-from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import checked_motion
@@ -38,7 +36,7 @@ from tominpmp.verification.feedback import (
     settled,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
-from tominpmp.verification.nearest import Nearest, closest
+from tominpmp.verification.nearest import Nearest, Touch, closest, never_touching
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -48,33 +46,10 @@ from tominpmp.verification.replay import (
     planned,
     torque_pieces,
 )
-from tominpmp.verification.stages import Stage, stages_of, with_segments
+from tominpmp.verification.stages import Stage, arrival, stages_of, with_segments
 
 # Longer motions are not replayed, which would take too many steps [s].
 LONGEST = 1e4
-# Rows of a replay, at most, at which links are looked at that nobody watches.
-GLANCES = 1000
-
-
-class Touch(NamedTuple):
-    """Links that touch although the SRDF says that they never do.
-
-    Attributes:
-        link: Name of a link.
-        other: Name of the other one.
-        time: When their meshes were first found to overlap [s].
-    """
-
-    link: str
-    other: str
-    time: float
-
-    def __str__(self) -> str:
-        """Both of them and the time, in a sentence."""
-        return (
-            f"Links {self.link!r} and {self.other!r} touch at {self.time:.3f} s: they "
-            "are not watched, as the SRDF disables their pair with the reason 'Never'."
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,25 +128,10 @@ class Verification:
     def touches(self) -> tuple[Touch, ...]:
         """Links that touch although the SRDF says that they never do.
 
-        An SRDF is obeyed: pairs that it disables are not watched, and those that touch
-        break no limit. But the reason "Never" tells of samples that somebody took once.
-        Where it does not hold in a motion that is all right, this says so, by the
-        meshes of the links at up to a thousand rows of the replay. It is found when it
-        is first asked for. Pairs with other reasons, such as "Adjacent" or "Default",
-        or without one, are left out, and so are those that the problem lets touch.
+        They are looked for in a motion that is all right, when they are first asked
+        for, and break no limit; see :func:`~.nearest.never_touching`.
         """
-        problem, replay = self.problem, self.replay
-        srdf = problem.robot.srdf
-        if not self.ok or srdf is None or problem.self_collision is False:
-            return ()
-        may_touch = set(map(frozenset, problem.may_touch))
-        pairs = {frozenset(pair): pair for pair in srdf.never_touch}
-        step = 1 + replay.t.size // GLANCES
-        q, t = replay.q[::step], replay.t[::step]
-        found = touching(problem.robot, pairs.keys() - may_touch, q)
-        return tuple(
-            Touch(*pairs[names], float(t[row])) for names, row in found.items()
-        )
+        return never_touching(self.problem, self.replay) if self.ok else ()
 
 
 @on_one_thread
@@ -413,42 +373,3 @@ def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
         geometry=geometry,
         may_touch=problem.checker.may_touch,
     )
-
-
-def arrival(
-    stage: Stage, replay: Replay, tolerances: Tolerances
-) -> list[LimitViolation]:
-    """Where a segment ends, and where the arm is before it stays there."""
-    rows = [replay.t.size - 1]
-    if stage.reached < stage.end:
-        rows.append(int(np.argmin(np.abs(replay.t - stage.reached))))
-    found = [_arrival(stage, replay, row, tolerances) for row in rows]
-    return [
-        max(both, key=lambda item: item.amount) for both in zip(*found, strict=True)
-    ]
-
-
-def _arrival(
-    stage: Stage, replay: Replay, row: int, tolerances: Tolerances
-) -> list[LimitViolation]:
-    """Place and velocity at a row; no velocity where any will do."""
-    problem, q, v = stage.problem, replay.q[row], replay.v[row]
-    kinematics = RobotKinematics(problem.robot)
-    misses = problem.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
-
-    def worst(kind: str, moving: bool, tolerance: float) -> LimitViolation | None:
-        found = [miss for miss in misses if miss.moving is moving]
-        if not found:
-            return None
-        miss = max(found, key=lambda miss: miss.amount)
-        amount = miss.amount if replay.complete else np.inf
-        time, violated = replay.duration, not amount <= tolerance
-        return LimitViolation(
-            kind, miss.name, time, amount, miss.unit, amount, violated
-        )
-
-    both = (
-        worst("goal", False, tolerances.goal),
-        worst("speed", True, tolerances.speed),
-    )
-    return [item for item in both if item is not None]
