@@ -34,7 +34,7 @@ def output_of(name: str, *arguments: str | Path) -> str:
 @needs_robots
 @needs_meshcat
 def test_ur5_post(tmp_path: Path) -> None:
-    assert "Clear by" in output_of("ur5_post", "--out", tmp_path)
+    assert "Proved: " in output_of("ur5_post", "--out", tmp_path)
     problem = tm.load_scenario(EXAMPLES / "scenarios" / "ur5_post.toml").problem
     motion = tm.load_motion(tmp_path / "ur5_post.csv")
     assert tm.verify(problem, motion).ok

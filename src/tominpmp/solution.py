@@ -237,22 +237,19 @@ class Solution:
     def prove_clearance(self) -> ClearanceProof:
         """Prove that the motion keeps its clearance at all times, not at samples only.
 
+        Each segment is among its own obstacles, with its own load.
+
         Returns:
             The proof, or where it fails, with the tightest place.
 
         Raises:
             ProblemError: If there is no motion.
         """
-        from tominpmp.verification.clearance import prove_clearance
+        from tominpmp.verification.clearance import clearance_of
 
         found = self.verification
-        return prove_clearance(
-            self.problem.checker,
-            self._motion(),
-            self.problem.margins,
-            slack=0.0,
-            deviation=None if found is None else found.deviation,
-        )
+        deviation = None if found is None else found.deviation
+        return clearance_of(self.problem, self._motion(), deviation)
 
     def raise_if_failed(self) -> Solution:
         """Return itself, or raise if planning failed.

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import tominpmp as tm
 from tominpmp.collision import CollisionChecker
 from tominpmp.robot import Robot
 from tominpmp.scene import Box, Scene, Sphere
@@ -141,3 +142,88 @@ def test_curves_of_degree_three_are_proved_too(planar3r: Robot) -> None:
     one, other = (prove_clearance(checker, item, 0.5) for item in (motion, cubic))
     assert one.proved and other.proved
     assert one.bound == pytest.approx(other.bound, abs=1e-9)
+
+
+# -- what is said ----------------------------------------------------------------------
+
+
+def test_the_proved_margin_is_named_with_the_nearest_approach(planar3r: Robot) -> None:
+    """It said "Clear by 0.00317 m" where 0.02 m were asked, and proved."""
+    motion = turning(planar3r, 0.2, 2.2)
+    scene = tip_sphere(1.0, 0.1, 7.0)
+    checker = CollisionChecker(planar3r, scene, self_collision=False)
+    found = prove_clearance(checker, motion, 0.5, slack=0.0)
+    assert found.message.startswith(
+        "Proved: every pair stays at least 0.5000 m apart (margin asked 0.5 m) at all "
+        "times; the nearest approach seen is link 'link3' and obstacle 'ball', "
+    )
+    assert found.message.endswith(f"{found.distance:.4f} m at {found.time:.3f} s.")
+    (kept,) = found.kept
+    assert kept.margin == kept.least == 0.5 <= kept.bound == found.bound
+    # What it may lack is not told as proved, nor is a digit rounded up.
+    for margin, slack, words in (
+        (0.5, 0.01, "at least 0.4900 m apart (margin asked 0.5 m)"),
+        (0.49999, 0.0, "at least 0.4999 m apart (margin asked 0.5 m)"),
+        (0.0, 1e-4, "every pair stays apart (no margin asked)"),
+    ):
+        assert words in prove_clearance(checker, motion, margin, slack=slack).message
+
+
+def test_pairs_of_several_margins_are_told_apart(ur5: Robot) -> None:
+    t = np.linspace(0.0, 1.0, 3)
+    q = np.array([0.0, -1.2, 1.4, 0.3, 0.2, 0.1]) + t[:, None] * [0.5, 0, 0, 0, 0, 0]
+    v = np.tile([0.5, 0.0, 0.0, 0.0, 0.0, 0.0], (3, 1))
+    motion = Trajectory(ur5.joint_names, t, q, v, 0.0 * q, np.zeros((2, 6)))
+    ball = Sphere("ball", radius=0.1, position=(0.0, 0.0, 2.0))
+    checker = CollisionChecker(ur5, Scene([ball]), self_collision=True)
+    margins = checker.margins(0.3)
+    found = prove_clearance(checker, motion, margins, slack=0.0)
+    assert found.message.startswith(
+        "Proved: links and obstacles stay at least 0.3000 m apart (margin asked 0.3 "
+        "m), links of the robot stay apart (no margin asked) at all times; the least "
+        "room is seen between "
+    )
+    assert {(item.own, item.margin) for item in found.kept} == {
+        (False, 0.3),
+        (True, 0.0),
+    }
+    assert all(item.bound >= item.margin for item in found.kept)
+    assert found.bound == min(item.bound for item in found.kept)
+    each = np.linspace(1e-3, 5e-3, margins.size)
+    found = prove_clearance(checker, motion, each, slack=0.0)
+    told = "every pair keeps the margin asked of it at all times, 0.001 to 0.005 m"
+    assert told in found.message
+
+
+def test_pairs_that_are_too_near_are_named_with_their_margin(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.2)
+    checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
+    least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
+    found = prove_clearance(checker, motion, least + 0.05)
+    assert found.contact and not found.kept
+    assert "Not clear: too near are link 'link3' and obstacle 'ball', " in found.message
+    assert f"(margin asked {least + 0.05:.4g} m)" in found.message
+
+
+def test_each_segment_is_among_its_own_obstacles(planar3r: Robot) -> None:
+    """It was held against the obstacles of the problem alone, on all segments."""
+    rest = np.array([0.5, 0.0, 0.0])
+    goals = [tm.JointGoal([angle, 0.0, 0.0]) for angle in (1.0, 0.5)]
+    ahead = tip_sphere(0.75, 0.1, 6.0)
+    ways = [tm.Segment(goals[0], stop=True), tm.Segment(goals[1])]
+    free = tm.plan(tm.Problem(planar3r, rest, segments=ways), effort="quick")
+    assert free.success and free.prove_clearance().proved
+    # The ball is in the way of the second segment alone.
+    later = [ways[0], replace(ways[1], scene=ahead)]
+    blocked = tm.Problem(planar3r, rest, segments=later)
+    found = replace(free, problem=blocked).prove_clearance()
+    assert found.contact and found.pair[1] == "ball"
+    assert found.time > free.segments[0].end
+    # It is there from the start, and gone when the arm passes.
+    other = tm.Problem(
+        planar3r, rest, scene=tip_sphere(0.9, 0.1, 6.6), segments=[ways[0], later[1]]
+    )
+    assert not replace(free, problem=other).prove_clearance().proved
+    gone = [replace(way, scene=Scene()) for way in ways]
+    clear = tm.Problem(planar3r, rest, scene=ahead, segments=gone)
+    assert replace(free, problem=clear).prove_clearance().proved

@@ -10,7 +10,9 @@ its largest speed times the time meanwhile.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,15 +20,37 @@ from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision import CollisionChecker
+from tominpmp.collision.contact import Contact
 from tominpmp.exceptions import ProblemError
+from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
 from tominpmp.verification.polynomials import Pieces
+from tominpmp.verification.stages import stages_of
 
 # Stretches looked at before the proof is given up.
 MAX_STRETCHES = 20_000
+# Of more margins than this the least and the largest are named.
+MOST_MARGINS = 3
 # Parts into which a stretch is cut that is not proved.
 PARTS = 3
+
+
+class Kept(NamedTuple):
+    """A distance that pairs keep at all times.
+
+    Attributes:
+        own: Whether they are links of the robot, or of robots that were combined; else
+            a link and an obstacle each.
+        margin: Distance that is asked of them [m].
+        least: The same less what it may lack: what is proved [m].
+        bound: What is proved of them as it happens, no less than that [m].
+    """
+
+    own: bool
+    margin: float
+    least: float
+    bound: float
 
 
 @dataclass(frozen=True)
@@ -34,20 +58,19 @@ class ClearanceProof:
     """What is proved about the clearance of a motion, at all times.
 
     Attributes:
-        proved: Whether every pair keeps the required distance at every time.
-        bound: Distance that every pair is proved to keep [m]; minus infinity where a
-            contact was found or the proof was given up, infinite without pairs.
-        distance: Smallest distance that was measured [m], at the tightest place.
-        pair: Names of the pair there; None without pairs.
+        proved: Whether every pair keeps its margin at every time.
+        kept: What pairs are proved to keep, those of one margin together; empty without
+            a proof.
+        nearest: The pair and its distance at the tightest place that was measured, that
+            with the least room to its margin; None without pairs.
         time: When that is [s].
         contact: Whether a distance less than the required one was measured.
         stretches: How many stretches of time were looked at.
     """
 
     proved: bool
-    bound: float
-    distance: float
-    pair: tuple[str, str] | None
+    kept: tuple[Kept, ...]
+    nearest: Contact | None
     time: float
     contact: bool
     stretches: int
@@ -57,19 +80,100 @@ class ClearanceProof:
         return self.proved
 
     @property
+    def bound(self) -> float:
+        """Distance that every pair is proved to keep [m].
+
+        It is that of all pairs, whatever their margins. Minus infinity where a contact
+        was found or the proof was given up, infinite without pairs.
+        """
+        if not self.proved:
+            return -math.inf
+        return min((item.bound for item in self.kept), default=math.inf)
+
+    @property
+    def distance(self) -> float:
+        """Distance at the tightest place that was measured [m]."""
+        return math.inf if self.nearest is None else self.nearest.distance
+
+    @property
+    def pair(self) -> tuple[str, str] | None:
+        """Names of the pair there; None without pairs."""
+        return None if self.nearest is None else self.nearest[:2]
+
+    @property
+    def room(self) -> float:
+        """Distance there beyond the margin [m]."""
+        return math.inf if self.nearest is None else -self.nearest.lack
+
+    @property
     def message(self) -> str:
         """The outcome in a sentence."""
-        if self.pair is None:
+        if self.nearest is None:
             return "There is nothing to collide with."
-        place = (
-            f"the tightest place is {' and '.join(self.pair)}, {self.distance:.4g} m "
-            f"apart at {self.time:.3f} s"
-        )
-        if self.proved:
-            return f"Clear by {self.bound:.4g} m at all times; {place}."
+        near, asked = self.nearest, _asked(self.nearest.margin)
+        apart = f"{near.distance:{'.4f' if self.proved else '.4g'}} m"
+        place = f"{near.pair}, {apart} at {self.time:.3f} s"
         if self.contact:
-            return f"Not clear: {place}."
-        return f"Neither proved nor disproved in {self.stretches} stretches; {place}."
+            return f"Not clear: too near are {place} ({asked})."
+        if self.proved:
+            seen = "the nearest approach seen is"
+            if len({item.margin for item in self.kept}) > 1:
+                seen = "the least room is seen between"
+            return f"Proved: {self._statement}; {seen} {place}."
+        return (
+            f"Neither proved nor disproved in {self.stretches} stretches; the least "
+            f"room is seen between {place} ({asked})."
+        )
+
+    @property
+    def _statement(self) -> str:
+        """What is proved, for which pairs."""
+        margins = sorted({item.margin for item in self.kept}, reverse=True)
+        if len(margins) > MOST_MARGINS:
+            return (
+                "every pair keeps the margin asked of it at all times, "
+                f"{margins[-1]:.4g} to {margins[0]:.4g} m"
+            )
+        parts = []
+        for margin in margins:
+            alike = [item for item in self.kept if item.margin == margin]
+            who = "every pair"
+            if len(margins) > 1:
+                who = "links and obstacles"
+                if any(item.own for item in alike):
+                    who = "links of the robot"
+                if len({item.own for item in alike}) > 1:
+                    who = "pairs"
+            stay = "stays" if who == "every pair" else "stay"
+            least = min(item.least for item in alike)
+            bound = min(item.bound for item in alike)
+            # Never more than is proved: the last digit is rounded down.
+            shown = math.floor(1e4 * least * (1.0 + 1e-12)) / 1e4
+            what = f"at least {shown:.4f} m apart"
+            if shown <= 0.0:
+                what = "apart" if bound > 0.0 else f"clear but for {-least:.4g} m"
+            parts.append(f"{who} {stay} {what} ({_asked(margin)})")
+        return f"{', '.join(parts)} at all times"
+
+
+def _kept(
+    own: BoolArray, margins: Array, slack: float, bounds: Array
+) -> tuple[Kept, ...]:
+    """What pairs keep, those of one kind and margin together."""
+    kinds = sorted(set(zip(own.tolist(), margins.tolist(), strict=True)))
+    return tuple(
+        Kept(
+            kind,
+            margin,
+            margin - slack,
+            float(np.min(bounds[(own == kind) & (margins == margin)])),
+        )
+        for kind, margin in kinds
+    )
+
+
+def _asked(margin: float) -> str:
+    return f"margin asked {margin:.4g} m" if margin != 0.0 else "no margin asked"
 
 
 @on_one_thread
@@ -112,9 +216,37 @@ def prove_clearance(
         deviation = _lengths(deviation, "deviation", n)
     max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
-        return ClearanceProof(True, np.inf, np.inf, None, 0.0, False, 0)
-    least = np.broadcast_to(margin, (len(checker.pairs),)) - slack
-    return _Prover(checker, trajectory, deviation).run(least, max_stretches)
+        return ClearanceProof(True, (), None, 0.0, False, 0)
+    margins = np.broadcast_to(margin, (len(checker.pairs),))
+    span = 0.0, trajectory.duration
+    prover = _Prover(checker, trajectory, span, deviation)
+    return prover.run(margins, slack, int(max_stretches))
+
+
+def clearance_of(
+    problem: Problem, trajectory: Trajectory, deviation: Array | None
+) -> ClearanceProof:
+    """Prove that a motion keeps the margins of a problem, on each of its segments.
+
+    Args:
+        problem: The problem.
+        trajectory: The motion.
+        deviation: See :func:`prove_clearance`.
+    """
+    proofs = []
+    for stage in stages_of(problem, trajectory):
+        checker = stage.problem.checker
+        if checker.pairs and stage.end > stage.begin:
+            prover = _Prover(checker, trajectory, (stage.begin, stage.end), deviation)
+            proofs.append(prover.run(stage.problem.margins, 0.0, MAX_STRETCHES))
+    if not proofs:
+        return ClearanceProof(True, (), None, 0.0, False, 0)
+    worst = min(proofs, key=lambda item: (item.proved, item.room))
+    return replace(
+        worst,
+        kept=tuple(kept for item in proofs for kept in item.kept) if worst else (),
+        stretches=sum(item.stretches for item in proofs),
+    )
 
 
 def _lengths(value: object, name: str, count: int | None) -> Array:
@@ -151,11 +283,17 @@ class _Stretches:
 
 class _Prover:
     def __init__(
-        self, checker: CollisionChecker, trajectory: Trajectory, deviation: Array | None
+        self,
+        checker: CollisionChecker,
+        trajectory: Trajectory,
+        span: tuple[float, float],
+        deviation: Array | None,
     ) -> None:
         self.checker, robot = checker, checker.robot
         path = replace(trajectory, inverse_dynamics=None)  # its torques take time
-        self.pieces = Pieces.of(lambda times: path(times).q, path.t)
+        inside = path.t[(path.t > span[0]) & (path.t < span[1])]
+        times = np.concatenate([span[:1], inside, span[1:]])
+        self.pieces = Pieces.of(lambda times: path(times).q, times)
         self.stray = np.zeros(robot.n) if deviation is None else np.abs(deviation)
         self.stray = self.stray + self._rounding(trajectory)
         self.reach = LinkDisplacement(robot, link_balls(checker))
@@ -169,11 +307,11 @@ class _Prover:
             + np.zeros(trajectory.n)
         )
 
-    def run(self, least: Array, max_stretches: int) -> ClearanceProof:
-        count = self.pieces.count
+    def run(self, margins: Array, slack: float, max_stretches: int) -> ClearanceProof:
+        count, least = self.pieces.count, margins - slack
         todo = _Stretches(np.arange(count), np.zeros(count), np.ones(count))
-        bound = room = np.inf
-        contact = False
+        bounds = np.full(margins.size, np.inf)
+        room, contact, proved = np.inf, False, True
         time, seen = 0.0, 0
         while todo.size:
             seen += todo.size
@@ -185,10 +323,11 @@ class _Prover:
                 time = float(self._time(todo, todo.middle)[k])
             sure = apart - moved
             unproved = ~np.all(sure >= least, axis=1)
-            bound = min(bound, float(np.min(sure[~unproved], initial=np.inf)))
+            known = np.min(sure[~unproved], axis=0, initial=np.inf)
+            bounds = np.minimum(bounds, known)
             contact = room < 0.0
             if contact or (unproved.any() and seen > max_stretches):
-                bound = -np.inf
+                proved = False
                 break
             todo = todo.cut(unproved)
         # What was measured there may have been a bound that was good enough.
@@ -196,16 +335,15 @@ class _Prover:
         instant = np.array([at])
         exact = self.checker.distances(self.pieces(instant), times=instant)[0]
         pair = int(np.argmin(exact - least))
-        distance = float(exact[pair])
-        return ClearanceProof(
-            proved=bound > -np.inf,
-            bound=bound,
-            distance=distance,
-            pair=self.checker.pairs[pair],
-            time=time,
-            contact=contact,
-            stretches=seen,
+        own = np.arange(margins.size) >= self.checker.obstacle_pairs
+        nearest = Contact(
+            *self.checker.pairs[pair],
+            float(exact[pair]),
+            own=bool(own[pair]),
+            margin=float(margins[pair]),
         )
+        kept = _kept(own, margins, slack, bounds) if proved else ()
+        return ClearanceProof(proved, kept, nearest, time, contact, seen)
 
     def _look(self, todo: _Stretches, least: Array) -> tuple[Array, Array]:
         """Distances in the middles, and how far pairs can move towards each other.
