@@ -34,7 +34,7 @@ from tominpmp.segments import (
     checked_segments,
     resolved_segments,
 )
-from tominpmp.state_checks import StateChecks, joint_vector
+from tominpmp.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.trajectory import Trajectory
 
 # More choices of goals than this are not tried one by one.
@@ -44,6 +44,10 @@ MOST_ALTERNATIVES = 256
 @dataclass(frozen=True, eq=False)
 class Problem(Record):
     """Bring a robot from a state to a goal in minimum time.
+
+    Starts and goals that are beyond a limit of position or velocity by no more than
+    rounding are put on it, with a warning: by 1e-4 rad or m, rad/s or m/s, or by a
+    hundredth of the room between the limits where that is less.
 
     Attributes:
         robot: The robot.
@@ -139,10 +143,13 @@ class Problem(Record):
         snapped = self._snap_start()
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
-            _, of_goal = self._phases
+            phases, of_goal = self._phases
+            segments = self._aiming_at([phase.goal for phase in phases])
+            object.__setattr__(self, "segments", segments)
+            goal = segments[-1].goal
         else:
             goal, of_goal = self._checks.goal(self.goal)
-            object.__setattr__(self, "goal", goal)
+        object.__setattr__(self, "goal", goal)
         for message in (*snapped, *of_goal):
             warn_caller(message)
 
@@ -295,8 +302,8 @@ class Problem(Record):
         v = np.zeros_like(q)
         if self.v_start is not None:
             v = joint_vector(self.robot, self.v_start, "v_start")
-        q, of_q = self._checks.snap("position", q, "q_start")
-        v, of_v = self._checks.snap("velocity", v, "v_start")
+        q, of_q = onto_limits(self.robot, "position", q, "q_start")
+        v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
         object.__setattr__(self, "q_start", frozen_array(q))
         object.__setattr__(self, "v_start", frozen_array(v))
         return of_q + of_v
@@ -336,12 +343,17 @@ class Problem(Record):
         parts = [p._with_goal(g) for p, g in zip(self.phases, goals, strict=True)]
         other = copy.copy(other)
         other.__dict__["_phases"] = tuple(parts), []
-        segments = tuple(
-            replace(segment, goal=goal.stopped)
+        object.__setattr__(other, "segments", self._aiming_at(goals))
+        return other
+
+    def _aiming_at(self, goals: Sequence[Goal]) -> tuple[Segment, ...]:
+        """The segments with other goals, as they are passed or where the arm stops."""
+        return tuple(
+            segment
+            if goal.stopped is segment.goal
+            else replace(segment, goal=goal.stopped)
             for segment, goal in zip(self.segments, goals, strict=True)
         )
-        object.__setattr__(other, "segments", segments)
-        return other
 
     def with_stays(self, stays: Sequence[float]) -> Problem:
         """The same problem with other stays at the ends of its segments.
@@ -364,8 +376,13 @@ class Problem(Record):
         """
         return self._with_goal(self.goal.nearest(RobotKinematics(self.robot), q, v))
 
-    def with_ends(self, q_start: Array, goal: Goal) -> Problem:
+    def with_ends(self, q_start: Array, goal: Goal, where: str = "") -> Problem:
         """The same problem from another start at rest to another goal, both checked.
+
+        Args:
+            q_start: Where it starts, shape (n,) [rad or m].
+            goal: What must hold at its end.
+            where: What warnings begin with.
 
         Raises:
             ProblemError: If one of them is wrong.
@@ -377,9 +394,12 @@ class Problem(Record):
         other = copy.copy(self)
         for name, value in (("q_start", q_start), ("v_start", None), ("goal", goal)):
             object.__setattr__(other, name, value)
-        other._snap_start()
+        snapped = other._snap_start()
         other._checks.start(other.q_start, other.v_start)
-        object.__setattr__(other, "goal", other._checks.goal(goal)[0])
+        checked_goal, of_goal = other._checks.goal(goal)
+        object.__setattr__(other, "goal", checked_goal)
+        for message in (*snapped, *of_goal):
+            warn_caller(where + message)
         return other
 
     def _with_goal(self, goal: Goal) -> Problem:

@@ -22,8 +22,11 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
 # A start or goal that is this little outside a limit is taken to be on it (positions in
-# rad or m, velocities in rad/s or m/s): encoders and files round.
-SNAP = 1e-6
+# rad or m, velocities in rad/s or m/s), as encoders and files round; where there is
+# little room between the limits, this share of it.
+SNAP, SNAP_SHARE = 1e-4, 1e-2
+# Overlaps, and what constraints lack, of rounding [m, or the unit of the constraint].
+ROUNDING = 1e-6
 # What is said of an angle beyond limits that nobody gives in radians.
 LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
 UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
@@ -64,18 +67,21 @@ class StateChecks:
             return self._any_goal(goal.alternatives, rests)
         if goal.configuration is not None:
             v = goal.final_velocity(self.robot.n)
-            q, of_q = self.snap("position", goal.configuration, "goal.q")
-            v, of_v = self.snap("velocity", v, "goal.v")
+            q, of_q = onto_limits(self.robot, "position", goal.configuration, "goal.q")
+            v, of_v = onto_limits(self.robot, "velocity", v, "goal.v")
             self.clear(q, "goal")
             self.moves_mass(q, "goal")
             if rests:
                 self._hold(q, v)
             self.kept(q, v, "goal", "goal")
             return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
+        messages = []
         for item in goal.members:
+            q, name = item.positions(self.robot), "goal.q with its tolerance"
+            messages += onto_limits(self.robot, "position", q, name)[1]
             self._reach(item)
             self._room(item)
-        return goal, []
+        return goal, messages
 
     def _any_goal(self, goals: tuple[Goal, ...], rests: bool) -> tuple[Goal, list[str]]:
         """Leave out the goals that cannot be reached, as long as there are others."""
@@ -92,36 +98,6 @@ class StateChecks:
             raise ProblemError("; ".join(wrong), "goal")
         messages += [f"{text}; it is left out" for text in wrong]
         return AnyGoal(tuple(kept)), messages
-
-    def _unit(self, quantity: str, joint: int) -> str:
-        return UNITS[quantity][int(prismatic_joints(self.robot)[joint])]
-
-    def snap(self, quantity: str, values: Array, name: str) -> tuple[Array, list[str]]:
-        """Check values against limits, and put those on them that miss by a hair.
-
-        Returns:
-            The values, and what to warn of.
-        """
-        snapped = []
-        limits = self.robot.limits
-        lower, upper = limits.position_lower, limits.position_upper
-        if quantity == "velocity":
-            lower, upper = -limits.velocity, limits.velocity
-        clipped = np.clip(values, lower, upper)
-        for i in np.flatnonzero(clipped != values).tolist():
-            excess = abs(clipped[i] - values[i])
-            joint, unit = self.robot.joint_names[i], self._unit(quantity, i)
-            what = f"{name}: joint {joint!r} "
-            bounds = f"{quantity} limits [{lower[i]:.6g}, {upper[i]:.6g}] {unit}"
-            if excess > SNAP:
-                told = f"{what}is {values[i]:.6g} {unit}, outside its {bounds}"
-                turned = unit == "rad" and abs(values[i]) > LARGE_ANGLE
-                raise ProblemError(told + (IN_RADIANS if turned else ""), name)
-            snapped.append(
-                f"{what}is {excess:.1e} {unit} outside its {bounds} and was set to "
-                "the limit"
-            )
-        return np.asarray(clipped), snapped
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
         """Check that a configuration keeps clear, at the "start" or the "goal".
@@ -145,7 +121,7 @@ class StateChecks:
         if contact is None:
             return
         margin = contact.margin
-        if contact.distance >= margin - SNAP:
+        if contact.distance >= margin - ROUNDING:
             return
         depth = (
             f"overlap by {-contact.distance:.4g} m"
@@ -200,7 +176,7 @@ class StateChecks:
                 continue
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # when it is reached is not known yet
-            if lack := item.lack(q, np.zeros_like(q) if v is None else v, SNAP):
+            if lack := item.lack(q, np.zeros_like(q) if v is None else v, ROUNDING):
                 why = contradiction(item, self.constraints, self.robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", name)
 
@@ -237,7 +213,7 @@ class StateChecks:
             low, high = limits.effort_lower[i], limits.effort_upper[i]
             slack = 1e-9 * max(1.0, abs(low), abs(high))
             if not low - slack <= tau[i] <= high + slack:
-                unit = self._unit("effort", i)
+                unit = _unit(self.robot, "effort", i)
                 dry = self.robot.friction[i] > 0.0
                 raise ProblemError(
                     f"goal: joint {joint!r} cannot hold the arm against gravity there: "
@@ -274,6 +250,48 @@ class StateChecks:
                 f"outside reach by {distance - reach:.4g} m",
                 "goal",
             )
+
+
+def onto_limits(
+    robot: Robot, quantity: str, values: Array, name: str
+) -> tuple[Array, list[str]]:
+    """Check values of joints against limits; what is just beyond is put on them.
+
+    Args:
+        robot: The robot.
+        quantity: "position" or "velocity".
+        values: Shape (n,); NaN of joints that have none.
+        name: What they are called in messages.
+
+    Returns:
+        The values, and what to warn of.
+
+    Raises:
+        ProblemError: If a value is beyond its limits by more than rounding.
+    """
+    limits, snapped = robot.limits, list[str]()
+    lower, upper = limits.position_lower, limits.position_upper
+    if quantity == "velocity":
+        lower, upper = -limits.velocity, limits.velocity
+    slack = np.minimum(SNAP, SNAP_SHARE * (upper - lower))
+    clipped = np.clip(values, lower, upper)
+    excess = np.abs(clipped - values)
+    for i in np.flatnonzero(excess > 0.0).tolist():
+        unit = _unit(robot, quantity, i)
+        told = (
+            f"{name}: joint {robot.joint_names[i]!r} is {values[i]:.10g} {unit}, "
+            f"outside its {quantity} limits [{lower[i]:.10g}, {upper[i]:.10g}] {unit}"
+        )
+        if excess[i] > slack[i]:
+            turned = unit == "rad" and abs(values[i]) > LARGE_ANGLE
+            field = name.split(" ")[0]
+            raise ProblemError(told + (IN_RADIANS if turned else ""), field)
+        snapped.append(f"{told}, by {excess[i]:.1e}, and was set to the limit")
+    return np.asarray(clipped), snapped
+
+
+def _unit(robot: Robot, quantity: str, joint: int) -> str:
+    return UNITS[quantity][int(prismatic_joints(robot)[joint])]
 
 
 def joint_vector(robot: Robot, value: object, name: str) -> Array:

@@ -133,8 +133,8 @@ def test_start_is_needed(planar3r: Robot) -> None:
         ),
         (
             "q_start",
-            {"q_start": (0.5, 0, -3.00001)},
-            r"'joint3' is -3.00001 rad, outside its position limits \[-3, 3\] rad",
+            {"q_start": (0.5, 0, -3.00011)},
+            r"'joint3' is -3.00011 rad, outside its position limits \[-3, 3\] rad",
         ),
         (
             "v_start",

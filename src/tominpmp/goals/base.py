@@ -154,6 +154,17 @@ class Goal(ABC):
         """The goal with another configuration and velocity, where it gives them."""
         return self
 
+    def positions(self, robot: Robot) -> Array:
+        """Where joints are to be, as near to within their limits as the goal lets them.
+
+        Args:
+            robot: The robot.
+
+        Returns:
+            Shape (n,) [rad or m]; NaN of joints that may be anywhere.
+        """
+        return np.full(robot.n, np.nan)
+
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """Ranges that joints end within, shape (n,) each; infinite where none is said.
 

@@ -178,26 +178,13 @@ class JointRegionGoal(Record, Goal):
         return given
 
     def validate(self, robot: Robot) -> None:
-        """Check names, lengths and that the ranges are within reach of the joints."""
+        """Check names and lengths."""
         known = instance(robot, Robot, "robot").joint_names
         names = known if self.joints is None else tuple(self.joints)
         for name in names:
             if name not in known:
                 raise JointNotFound(name, known)
         _check_length("goal.q", self.q, names)
-        indices = [known.index(name) for name in names]
-        low = robot.limits.position_lower[indices]
-        high = robot.limits.position_upper[indices]
-        away = np.maximum(low - self.q, self.q - high)
-        # Rounded as files do, a position may be this far outside.
-        missing = away - np.broadcast_to(self.tolerance, away.shape)
-        for i in np.flatnonzero(missing > 1e-6).tolist():
-            raise ProblemError(
-                f"goal.q: joint {names[i]!r} is to be at {self.q[i]:.6g}, outside its "
-                f"position limits [{low[i]:.6g}, {high[i]:.6g}] by more than the "
-                "tolerance",
-                "goal.q",
-            )
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference to the positions asked for [rad or m]."""
@@ -221,6 +208,13 @@ class JointRegionGoal(Record, Goal):
         )
         room = np.broadcast_to(self.tolerance, rows.shape)
         return rows, target, np.maximum(room - np.abs(target - self.q), 0.0)
+
+    def positions(self, robot: Robot) -> Array:
+        """The positions asked for, or the ends of their ranges towards the limits."""
+        rows, target, _ = self._asked(robot)
+        found = super().positions(robot)
+        found[rows] = np.clip(target, self.q - self.tolerance, self.q + self.tolerance)
+        return found
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """The ranges of the joints that are named."""

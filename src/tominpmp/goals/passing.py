@@ -74,6 +74,10 @@ class PassedGoal(Record, Goal):
         """The same with another configuration."""
         return replace(self, goal=self.goal.with_state(q, v))
 
+    def positions(self, robot: Robot) -> Array:
+        """Positions of the goal."""
+        return self.goal.positions(robot)
+
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """Ranges of the goal."""
         return self.goal.joint_ranges(robot)

@@ -12,7 +12,13 @@ from typing import Any, Literal
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of
+from tominpmp.exceptions import (
+    OptionsError,
+    ProblemError,
+    brief,
+    told_of,
+    warn_caller,
+)
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.targets import place_of
 from tominpmp.inputs import JointsLike
@@ -22,6 +28,7 @@ from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 from tominpmp.segments import known_names
+from tominpmp.state_checks import onto_limits
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
 from tominpmp.tours.search import TourSearch
@@ -166,7 +173,10 @@ def _problem(
     try:
         goal = JointGoal(end).resolved(robot)
         goal.validate(robot)
-        problem = Problem(robot, q_start, goal, **fields)
+        q, snapped = onto_limits(robot, "position", goal.q, name)
+        for message in snapped:
+            warn_caller(message)
+        problem = Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
     except ProblemError as error:
         text = str(error)
         if not text.startswith("goal"):
@@ -195,9 +205,11 @@ def _checked_goals(
     _check_touching(problem, found)
     places: dict[object, int] = {}
     for k, station in enumerate(found):
-        with told_of(called(k + 1, station.name), f"stations[{k}]"):
-            problem.with_ends(problem.q_start, station.goal)
-        place = place_of(station.goal)
+        own = called(k + 1, station.name)
+        with told_of(own, f"stations[{k}]"):
+            leg = problem.with_ends(problem.q_start, station.goal, f"{own}: ")
+        found[k] = replace(station, goal=leg.goal)
+        place = place_of(leg.goal)
         other = places.setdefault(place, k)
         if other != k and not _ordered(rules, other, k):
             raise ProblemError(
