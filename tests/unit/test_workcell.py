@@ -258,6 +258,6 @@ def test_motion_of_other_robots(cell: Workcell, planar3r: Robot) -> None:
     with pytest.raises(ProblemError, match=r"a motion of joint1, .*expected one of b/"):
         cell.split(alone.trajectory)
     with pytest.raises(
-        ProblemError, match="trajectory is <Solution .*, expected a Trajectory"
+        ProblemError, match=r"trajectory is <Solution .*, expected a Trajectory"
     ):
         cell.split(alone)  # type: ignore[arg-type]
