@@ -88,3 +88,10 @@ goal = {type = "joint", q = [0.6, 1.0, -0.3]}
         found.append(done.output)
     assert ABOVE in found[0] and "No tour beats" in found[0]
     assert "no useful bound" in found[1] and "No tour beats" not in found[1]
+
+
+def test_the_argument_quick_is_still_taken():
+    robot = tm.load_robot("planar3r")
+    problem = tm.Problem(robot, [0.5, 1.7, -1.7], tm.JointGoal([1.5, 1.0, -0.7]))
+    with pytest.warns(tm.TominpmpWarning, match="quick has no effect"):
+        assert tm.lower_bound(problem, quick=True) == tm.lower_bound(problem)

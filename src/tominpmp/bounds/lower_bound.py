@@ -31,6 +31,7 @@ from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.joints import Joint, JointReach, joint_bounds, joints_of
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
+from tominpmp.exceptions import warn_caller
 from tominpmp.goals import Goal
 from tominpmp.problem import Problem
 
@@ -38,13 +39,17 @@ __all__ = ["LowerBound", "lower_bound"]
 
 
 @on_one_thread
-def lower_bound(problem: Problem, *, known: float = math.inf) -> LowerBound:
+def lower_bound(
+    problem: Problem, *, known: float = math.inf, quick: bool | None = None
+) -> LowerBound:
     """Find a time that no motion which solves a problem can beat.
 
     Args:
         problem: The problem.
         known: Duration of a motion that solves it, if there is one [s]: longer times
             are not looked at.
+        quick: Left out the bounds of arms with two joints, which are gone: a warning
+            says so, until the next release.
 
     Returns:
         The largest bound that was found.
@@ -53,6 +58,8 @@ def lower_bound(problem: Problem, *, known: float = math.inf) -> LowerBound:
         ProblemError: If the known duration is no time.
     """
     instance(problem, Problem, "problem")
+    if quick is not None:
+        warn_caller("lower_bound: quick has no effect, as all bounds that are left are")
     longest = number(known, "known", "seconds > 0", above=0.0, infinite=True)
     if problem.segments:
         return _of_segments(problem)
