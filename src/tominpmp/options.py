@@ -155,7 +155,8 @@ class Options(Record):
         tolerance: Relative progress below which the iteration stops: when the last
             three iterations together brought less than this share of T.
         feasibility: Largest violation that counts as none: relative for torques and
-            velocities, in m and rad for goals and clearances.
+            velocities, in m and rad for goals and clearances. A start that misses its
+            goal by no more takes no time.
         goal_tolerance: Distance from the goal [rad or m] that the independent replay of
             a motion may end at, see :class:`Tolerances`.
         speed_tolerance: The same for the velocity at the end [rad/s or m/s].
@@ -178,7 +179,8 @@ class Options(Record):
         control_period: Period of the controller that takes the motion as samples [s]:
             all knots and the duration become multiples of it, so that the polynomials
             by which the controller joins the samples are the motion itself, see
-            :mod:`~tominpmp.transcription.ticks`. None leaves them where they are.
+            :mod:`~tominpmp.transcription.ticks`. At most a second; None leaves them
+            where they are.
         processes: Number of processes that several starts are spread over, up to 256;
             no more are started than there are cores (or two), and the motion is the
             same for any number of them.

@@ -290,3 +290,22 @@ def test_time_limits_leave_a_sentence(arm: Robot, goals: list[tm.PositionGoal]) 
         found.raise_if_failed()
     with pytest.raises(ProblemError, match="no tour"):
         found.export("tour.csv")
+
+
+def test_motions_and_stays_of_a_tour_are_on_the_clock(arm: Robot) -> None:
+    """Direct motions, of which the fastest tour would be made, are on none."""
+    stations = [
+        tm.Station("works", tm.JointGoal([1.0, 0.4]), dwell=0.011),
+        tm.Station("passes", tm.JointGoal([0.7, 1.2]), stop=False),
+        tm.Station("again", tm.JointGoal([1.2, 1.4]), dwell=0.03),
+    ]
+    tour = tm.plan_tour(
+        arm, HOME, stations, motion_limits=LIMITS, control_period=0.01, intervals=16
+    )
+    assert tour.success, tour.message
+    for times in (tour.trajectory.t, [visit.arrival for visit in tour.visits]):
+        ticks = np.asarray(times) / 0.01
+        np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-9)
+    stays = {visit.station: visit.departure - visit.arrival for visit in tour.visits}
+    expected = {"works": 0.02, "passes": 0.0, "again": 0.03}
+    assert stays == {name: pytest.approx(stay) for name, stay in expected.items()}

@@ -15,6 +15,7 @@ from tominpmp.tours.known_legs import KnownLegs
 from tominpmp.tours.legs import DIRECT, LegPlanner
 from tominpmp.tours.station import Station
 from tominpmp.tours.tour import Tour, Visit
+from tominpmp.transcription.ticks import whole_periods
 
 # Legs without a stop between them that are planned as one motion.
 MOST_TOGETHER = 8
@@ -27,11 +28,13 @@ class Halt:
     Attributes:
         robot: The robot.
         begin: When it comes to rest [s].
+        period: Period of the clock that stays are on [s]; None where there is none.
         stays: Which arm stays how long [s], None for all of them.
     """
 
     robot: Robot
     begin: float
+    period: float | None
     stays: list[tuple[str | None, float]] = field(default_factory=list)
 
     @property
@@ -51,8 +54,9 @@ class Halt:
         arm = arm_at(self.robot, station.goal, q)
         before = [item for item in self.stays if arm is None or item[0] in (arm, None)]
         arrival = self.begin + together(before)
-        self.stays.append((arm, station.dwell))
-        return [Visit(station.name, q, arrival, arrival + station.dwell)]
+        stay = whole_periods(station.dwell, self.period)
+        self.stays.append((arm, stay))
+        return [Visit(station.name, q, arrival, arrival + stay)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,8 @@ class Assembly:
             for node, c in zip(nodes, chosen, strict=True)
         ]
         motions: list[Solution] = []
-        halts, visits, place = [Halt(self.problem.robot, 0.0)], list[Visit](), 0
+        robot, period = self.problem.robot, self.legs.planner.options.control_period
+        halts, visits, place = [Halt(robot, 0.0, period)], list[Visit](), 0
         for last in self._stops(nodes):
             run = slice(place, last + 1)
             found = self._run(nodes[run], chosen[run], place, configurations[run])
@@ -96,7 +101,7 @@ class Assembly:
                 ends = [part.arrival for part in motion.segments]
                 motions.append(motion)
                 for k, end in zip(reached, ends, strict=True):
-                    halts.append(Halt(self.problem.robot, begin + end))
+                    halts.append(Halt(robot, begin + end, period))
                     q = motion.trajectory(end).q
                     visits += halts[-1].visit(self._at(nodes[k]), q)
                     if k != reached[-1]:

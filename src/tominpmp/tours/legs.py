@@ -163,7 +163,9 @@ class LegPlanner:
         problem = self._problem(begin, end, q_start, q_end)
         if problem is None:
             return False
-        motion = direct_motion(problem)
+        # The knots of a direct motion are on no clock.
+        clocked = self.options.control_period is not None
+        motion = None if clocked else direct_motion(problem)
         if motion is None:
             return True
         instants = np.linspace(0.0, motion.duration, CHECKS)
@@ -231,7 +233,7 @@ class LegPlanner:
         for exactly in (True, False) if free else (True,):
             try:
                 problem = self._passing_problem(way, q, exactly)
-                found = plan(problem, replace(self.options, control_period=None))
+                found = plan(problem, self.options)
             except ProblemError as error:
                 self.errors.append(str(error))
                 continue
