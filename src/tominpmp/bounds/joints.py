@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,14 +59,15 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         unit = "m" if slides[i] else "rad"
         ramp = Ramp(float(acceleration[i]), float(jerk[i]))
         top = float(robot.limits.velocity[i])
-        limits = _in_words((top, *(ramp.acceleration, ramp.jerk)), unit)
+        limits = _in_words((top, ramp.acceleration, ramp.jerk), unit)
         found.append(Joint(name, Drive((ramp, ramp), (ramp, ramp), top), limits, unit))
     by_torque = torque_drive(problem, smooth_ends)
-    if by_torque is not None:
-        # All that bounds an arm of one joint.
-        limits = "and no torque moves it there sooner"
-        found = [Joint(names[0], by_torque, limits, found[0].unit)]
-    return found
+    if by_torque is None:
+        return found
+    # Of an arm with one joint it has all limits in it.
+    return [
+        replace(found[0], drive=by_torque, limits="and no torque moves it there sooner")
+    ]
 
 
 def _in_words(limits: Sequence[float], unit: str) -> str:
