@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from tominpmp.accelerations import PeakAcceleration, peak_acceleration
 from tominpmp.arrays import MaybeNone
+from tominpmp.checks import flag
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.motion_measures import energy_of, roughness, work_of
 from tominpmp.notebook import outcome_card
@@ -374,6 +375,7 @@ class Solution:
         from tominpmp.io.export import export
         from tominpmp.io.export_check import check_export
 
+        flag(verify, "verify")
         dt = self.options.control_period if dt is None else dt
         motion = self._motion()
         path = export(motion, path, dt=dt, with_effort=with_effort, message=message)

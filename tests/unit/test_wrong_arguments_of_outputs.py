@@ -29,6 +29,7 @@ def solution() -> tm.Solution:
         {"title": 5},
         {"viewer": 3},
         {"twins": [1]},
+        {"frame": np.zeros(2)},
     ],
     ids=str,
 )
@@ -36,6 +37,13 @@ def test_pages(solution: tm.Solution, wrong: dict[str, Any], tmp_path: Path) -> 
     (name,) = wrong
     with pytest.raises(tm.TominpmpError, match=name):
         solution.play(**{"path": tmp_path / "motion.html", **wrong})
+
+
+def test_files_and_figures(solution: tm.Solution, tmp_path: Path) -> None:
+    with pytest.raises(tm.ProblemError, match="verify is 'yes', expected True or"):
+        solution.export(tmp_path / "a.csv", verify="yes")  # type: ignore[arg-type]
+    with pytest.raises(tm.ProblemError, match=r"ax is \[\[1\], \[2, 3\]\], expected"):
+        solution.plot(ax=[[1], [2, 3]])  # type: ignore[arg-type]
 
 
 def test_tables_of_sensitivities(solution: tm.Solution) -> None:

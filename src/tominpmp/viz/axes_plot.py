@@ -48,7 +48,7 @@ def plot_on_axes(
     with styled():
         from matplotlib.axes import Axes
 
-        given: list[Any] = [ax] if isinstance(ax, Axes) else list(np.ravel(ax))  # type: ignore[arg-type]
+        given: list[Any] = list(np.ravel(np.asarray(ax, object)))
         if len(given) not in (1, 3) or not all(isinstance(a, Axes) for a in given):
             raise wrong(ax, "ax", "one or three axes of matplotlib")
     times, state = curves(trajectory)

@@ -6,12 +6,13 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.checks import whole
+from tominpmp.checks import instance, whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.problem import Problem
 from tominpmp.scene import Obstacle, Sphere
@@ -83,6 +84,7 @@ def plot_motion(
     """
     if not trajectories:
         raise ProblemError("there is no trajectory to plot", "trajectories")
+    instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     instants = whole(instants, "instants", least=2, expected="2 or more")
     for trajectory in trajectories.values():
         check_motion(problem, trajectory)

@@ -77,6 +77,7 @@ def play(
     twins = {} if twins is None else twins
     instance(twins, Mapping, "twins", "motions by their names")
     instance(title, (str, NoneType), "title", "a text or None")
+    instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     for motion in (trajectory, *twins.values()):
         check_motion(problem, motion)
     rate = positive(rate, "rate", error=OptionsError)
