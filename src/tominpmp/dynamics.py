@@ -13,16 +13,15 @@ matrix S of the robot: the torque of the free joints is S^T times the torque of 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import cache
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.turns import RESTING, directions
+from tominpmp.turns import directions
 
 # Of so many rows it is looked now and then whether it is time to stop.
 MANY = 5_000
@@ -230,60 +229,39 @@ class RobotDynamics:
             tau = tau + self.friction * directions(v, a)
         return InverseJacobians(tau, parts[0], parts[1], parts[2])
 
-    def forward(self, x: Array, u: Array, way: Array | None = None) -> Array:
+    def forward(self, x: Array, u: Array) -> Array:
         """State derivative.
 
         Args:
             x: States (q, v), shape (m, 2n).
-            u: Torques, shape (m, n) [N m or N].
-            way: Which way joints with dry friction go: 1, -1, or 0 for those that it
-                holds, shape (m, n); None for what :meth:`ways` finds.
+            u: Torques that dry friction leaves, shape (m, n) [N m or N].
 
         Returns:
             dx/dt = (v, dv/dt), shape (m, 2n).
         """
-        n = self.n
-        q, v = x[:, :n], x[:, n:]
-        left = self._left(q, v, u, way)
-        return np.concatenate([v, self._acceleration(q, v, left)], axis=1)
+        q, v = x[:, : self.n], x[:, self.n :]
+        return np.concatenate([v, self._acceleration(q, v, u)], axis=1)
 
-    def ways(self, q: Array, v: Array, u: Array) -> Array:
-        """Which way joints with dry friction go.
-
-        Joints at rest stay there if their friction can hold them all; those that it
-        cannot hold set out.
+    def forward_along(self, q: Array, v: Array, u: Array, way: Array) -> Array:
+        """Accelerations of joints whose ways are known, however slow they may be.
 
         Args:
-            q: Positions, shape (m, n).
+            q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
-            u: Torques, shape (m, n).
+            u: Torques, shape (m, n) [N m or N].
+            way: Which way joints with dry friction go: 1, -1, or 0 for those that it
+                holds, shape (m, n).
 
         Returns:
-            1, -1, or 0 for joints that their friction holds, and for those without any,
-            shape (m, n).
+            Accelerations, shape (m, n).
         """
         F = self.robot.friction
-        resting = (np.abs(v) <= RESTING) & (F > 0.0)
-        way = np.where(resting | (F == 0.0), 0.0, np.sign(v))
-        some = np.flatnonzero(resting.any(axis=1))
-        mass = self.mass(q[some])
-        free = self._acceleration(q[some], v[some], (u - F * way)[some])
-        for i, M, a in zip(some.tolist(), mass, free, strict=True):
-            way[i] += setting_out(M, M @ a, F, resting[i])
-        return way
-
-    def _left(self, q: Array, v: Array, u: Array, way: Array | None) -> Array:
-        """What dry friction leaves of torques."""
-        if self.friction is None:
-            return u
-        way = self.ways(q, v, u) if way is None else way
-        net, held = u - self.friction * way, (way == 0.0) & (self.friction > 0.0)
+        a, held = self._acceleration(q, v, u - F * way), (way == 0.0) & (F > 0.0)
         for some in np.unique(held[held.any(axis=1)], axis=0):
             rows = np.flatnonzero((held == some).all(axis=1))
             mass = self.mass(q[rows])
-            free = self._acceleration(q[rows], v[rows], net[rows])[..., None]
-            net[rows] -= (mass @ (free - held_still(mass, free, some)))[..., 0]
-        return net
+            a[rows] = held_still(mass, a[rows][..., None], some)[..., 0]
+        return a
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data
@@ -304,19 +282,17 @@ class RobotDynamics:
         By the implicit function theorem on the inverse dynamics,
         :math:`\dot v_q = -M^{-1} \tau_q`, :math:`\dot v_v = -M^{-1} \tau_v` and
         :math:`\dot v_u = M^{-1}`; for robots without mimic joints Pinocchio's
-        derivatives of ABA, which need no solve, are used. Dry friction has no
-        derivatives, away from rest.
+        derivatives of ABA, which need no solve, are used.
 
         Args:
             x: States (q, v), shape (m, 2n).
-            u: Torques, shape (m, n).
+            u: Torques that dry friction leaves, shape (m, n).
 
         Returns:
             f, f_x and f_u.
         """
         n, m = self.n, x.shape[0]
         q, v = x[:, :n], x[:, n:]
-        u = self._left(q, v, u, None)
         f_x = np.zeros((m, 2 * n, 2 * n))
         f_u = np.zeros((m, 2 * n, n))
         f_x[:, :n, n:] = np.eye(n)
@@ -355,16 +331,8 @@ def _restored(robot: Robot, dry: bool) -> RobotDynamics:
 
 def from_upper(matrices: Array) -> Array:
     """Symmetric matrices, of which Pinocchio fills the upper triangle, (..., n, n)."""
-    row, column = _above(matrices.shape[-1])
-    out = np.array(matrices)
-    out[..., column, row] = out[..., row, column]
-    return out
-
-
-@cache
-def _above(n: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns of what is above the diagonal."""
-    return np.triu_indices(n, 1)
+    below = np.tri(matrices.shape[-1], k=-1, dtype=bool)
+    return np.where(below, np.swapaxes(matrices, -1, -2), matrices)
 
 
 def held_still(mass: Array, free: Array, held: BoolArray) -> Array:

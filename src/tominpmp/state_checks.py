@@ -190,9 +190,7 @@ class StateChecks:
         Raises:
             ProblemError: Naming the joints that move while the mass matrix is singular.
         """
-        state = np.asarray(q)[None]
-        rest = np.zeros_like(state)
-        mass = RobotDynamics(self.robot).inverse_jacobians(state, rest, rest).tau_a[0]
+        mass = RobotDynamics(self.robot).mass(np.asarray(q)[None])[0]
         light = np.flatnonzero(singular_directions(mass)).tolist()
         if light:
             joints = [self.robot.joint_names[i] for i in light]

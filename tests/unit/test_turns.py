@@ -134,6 +134,20 @@ def test_brief_intervals_within_a_turn_do_not_rest(table: tm.Robot) -> None:
     assert np.allclose(way, np.outer([-1, -1, 1], [1, -1]), atol=1e-6)
 
 
+@pytest.mark.parametrize("trace", [-2e-7, -1e-9, 1e-9, 2e-7])
+@pytest.mark.parametrize("later", [0.0, 1.0])
+def test_traces_over_whole_intervals_belong_to_the_movement_beside_them(
+    table: tm.Robot, later: float, trace: float
+) -> None:
+    """Its torque had jumped by 4 N m before a stop, for a velocity of -2e-7 rad/s."""
+    t = np.array([0.0, 0.1, 0.1002, 0.2 if later else 0.1003])
+    v = np.array([1.0, trace, 0.5 * trace, later])
+    motion = motion_of(table, t, np.column_stack([v, -v]), 2)
+    assert torque_breaks(motion, table.friction).tolist() == motion.t.tolist()
+    way = dry(table, motion, np.array([0.05, 0.1 - 1e-9, 0.1001, 0.10025]))
+    assert np.allclose(way, [1.0, -1.0], atol=1e-6)
+
+
 @pytest.mark.parametrize("left", LEFT)
 @pytest.mark.parametrize("degree", DEGREES)
 def test_ends_at_rest_have_one_way(table: tm.Robot, degree: int, left: float) -> None:

@@ -248,15 +248,9 @@ class _Limits:
     @cached_property
     def accelerations(self) -> Array:
         """Accelerations at the rows if joints go these ways, shape (3, m + P, n)."""
-        rows, n = self.rows, len(self.joints)
-        dynamics = RobotDynamics(self.problem.robot)
-        x = np.concatenate([rows.q, rows.v], axis=1)
-        first = dynamics.forward(x, rows.u, self.ways[0])[:, n:]
-        found = np.array([first] * len(self.ways))
-        for out, way in zip(found[1:], self.ways[1:], strict=True):
-            k = np.flatnonzero(np.any(way != self.ways[0], axis=1))
-            out[k] = dynamics.forward(x[k], rows.u[k], way[k])[:, n:]
-        return found
+        dynamics, rows = RobotDynamics(self.problem.robot), self.rows
+        state = rows.q, rows.v, rows.u
+        return np.array([dynamics.forward_along(*state, way) for way in self.ways])
 
     def _rate(
         self, kind: str, values: Array, limit: Array, own: Array | None = None

@@ -31,6 +31,9 @@ STILL = 1e-11
 # Speed at which a joint goes back between two rows that is passed over [rad/s or m/s].
 GRAZE = 1e-8
 
+# Instants of a piece at which it is looked whether an arm at rest is held.
+LOOKS = 30
+
 
 class Plant:
     """State derivative of a robot under a polynomial of torque, one row at a time.
@@ -162,27 +165,15 @@ class Plant:
         if not self.dry.any():
             return end
 
-        def room(t: float) -> float:
-            return self._room(t, curve(t))
-
-        early, late = begin, 0.5 * (begin + end)
-        if room(late) >= 0.0:
-            early, late = late, end
-            if room(late) >= 0.0:
-                return end
-        most, least, halve = room(early), room(late), False
-        while least < -self.still:
-            share = 0.5 if halve else (most + 0.5 * self.still) / (most - least)
-            middle = early + share * (late - early)
-            if early < middle < late:
-                value = room(middle)
-                if value < 0.0:
-                    late, least = middle, value
-                else:
-                    early, most = middle, value
-            elif halve:
-                break
-            halve = not halve
+        early, late = begin, end
+        step = np.array([begin, end]), np.array([curve(begin), curve(end)])
+        if self.unchanged(*step):
+            return end
+        while early < (middle := 0.5 * (early + late)) < late:
+            if self._room(middle, curve(middle)) < 0.0:
+                late = middle
+            else:
+                early = middle
         return late
 
     def unchanged(self, t: Array, x: Array) -> int:
@@ -195,19 +186,26 @@ class Plant:
         Returns:
             How many of the k rows hold.
         """
-        n, t = self._n, t[: len(x)]
+        count = len(x) - 1
+        if not self.dry.any():
+            return count
+        t = t[: count + 1]
         state = np.array([self.state(*row) for row in zip(t.tolist(), x, strict=True)])
-        q, v = state[:, :n], state[:, n:]
+        q, v = state[:, : self._n], state[:, self._n :]
         # By Simpson's rule, halfway between two rows.
         halfway = 1.5 * np.diff(q, axis=0) / np.diff(t)[:, None]
         halfway -= 0.25 * (v[1:] + v[:-1])
         slowest = np.minimum(self.way * v[1:] + self.still, self.way * halfway + GRAZE)
-        changed = np.flatnonzero((slowest < 0.0).any(axis=1))
-        count = int(changed[0]) if changed.size else len(slowest)
-        if self._holds:
-            for k in range(count):
-                if self._room(t[k + 1], x[k + 1]) < 0.0:
-                    return k
+        back = np.flatnonzero((slowest < 0.0).any(axis=1))
+        count = int(back[0]) if back.size else count
+        rows = np.arange(count if self._holds else 0)
+        if not v.any():  # what holds the arm is a polynomial, as its torque
+            rows = np.unique(np.linspace(0, count - 1, LOOKS).astype(int))
+        good = 0
+        for k in rows.tolist():
+            if self._room(t[k + 1], x[k + 1]) < 0.0:
+                return good
+            good = k + 1
         return count
 
     def _room(self, t: float, x: Array) -> float:

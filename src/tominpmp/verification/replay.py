@@ -11,19 +11,13 @@ from __future__ import annotations
 import contextlib
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.integrate import (
-    DOP853,
-    LSODA,
-    ODEintWarning,
-    OdeSolver,
-    Radau,
-    odeint,
-)
+from scipy import integrate
+from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice
@@ -55,7 +49,7 @@ MAX_EVALUATIONS = 500_000
 # After so many evaluations it is looked whether it is time to stop.
 WATCH = 256
 # LSODA of SciPy before 1.17 keeps what it works on in one place for all threads.
-LSODA_AT_WORK = threading.Lock()
+AT_WORK = threading.Lock()
 # Numbers beyond this are no positions or velocities of an arm any more.
 MAX_STATE = 1e6
 
@@ -118,14 +112,11 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         time_step: Largest time between two rows [s].
     """
     time_step = max(time_step, trajectory.duration / MOST_ROWS)
-    steps = np.maximum(np.ceil(np.diff(trajectory.t) / time_step - 1e-9), 1.0)
-    parts = [
-        np.linspace(begin, end, int(count), endpoint=False)
-        for begin, end, count in zip(
-            trajectory.t[:-1], trajectory.t[1:], steps, strict=True
-        )
-    ]
-    t = np.concatenate([*parts, trajectory.t[-1:]])
+    nodes = trajectory.t
+    steps = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0).astype(int)
+    spans = zip(nodes[:-1], nodes[1:], steps, strict=True)
+    parts = [np.linspace(*span, endpoint=False) for span in spans]
+    t = np.concatenate([*parts, nodes[-1:]])
     state = trajectory(t)
     return Replay(
         trajectory.joint_names,
@@ -134,7 +125,7 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         state.v,
         state.u,
         trajectory.turns.at(0.5 * (t[1:] + t[:-1])),
-        np.searchsorted(t, trajectory.t),
+        np.searchsorted(t, nodes),
         "planned",
         0,
         True,
@@ -162,15 +153,10 @@ def replay(
     Returns:
         The motion that the torques bring about.
     """
-    start = np.concatenate([problem.q_start, _start_velocity(problem)])
-    return Integration(problem.robot, trajectory, pieces, integrator).run(
-        start, time_step
-    )
-
-
-def _start_velocity(problem: Problem) -> Array:
-    given = problem.v_start
-    return np.zeros(problem.robot.n) if given is None else np.asarray(given)
+    v_start = 0.0 * problem.q_start if problem.v_start is None else problem.v_start
+    start = np.concatenate([problem.q_start, v_start])
+    integration = Integration(problem.robot, trajectory, pieces, integrator)
+    return integration.run(start, time_step)
 
 
 class _GivenUp(Exception):
@@ -215,7 +201,8 @@ class Integration:
         self._trajectory = trajectory
         self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
         self.plants = tuple(plants) or (Plant(robot),)
-        self._slopes = [self._watched(plant.slope) for plant in self.plants]
+        middle = 0.5 * (self.pieces.t[1:] + self.pieces.t[:-1])
+        self._segment = trajectory.segment_at(middle)
         self.integrator: Integrator = integrator or "LSODA"
         self.error = RTOL * ERRORS[self.integrator]
         if self.integrator == "LSODA":
@@ -246,7 +233,7 @@ class Integration:
                 break
             x = rows[-1]
         t, path = np.concatenate(times), np.concatenate(states)
-        known = self._trajectory.t[self._trajectory.t <= t[-1]]
+        nodes = self._trajectory.t
         return Replay(
             self._trajectory.joint_names,
             t,
@@ -254,7 +241,7 @@ class Integration:
             path[:, n:],
             pieces(t),
             np.concatenate(ways),
-            np.searchsorted(t, known),
+            np.searchsorted(t, nodes[nodes <= t[-1]]),
             self.integrator,
             self.evaluations,
             complete,
@@ -309,77 +296,53 @@ class Integration:
             before each of them, shape (m, n); fewer rows if x was lost.
         """
         begin, end = float(self.pieces.t[k]), float(self.pieces.t[k + 1])
-        segment = int(self._trajectory.segment_at(np.array([0.5 * (begin + end)]))[0])
-        segment = min(segment, len(self.plants) - 1)
-        plant, slope = self.plants[segment], self._slopes[segment]
+        plant = self.plants[min(self._segment[k], len(self.plants) - 1)]
         plant.load(begin, end, self.pieces.coefficients[k])
+        rows, ways = np.empty((0, x.size)), np.empty((0, x.size // 2))
         if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
-            return np.empty((0, x.size)), np.empty((0, x.size // 2))
-        with np.errstate(all="ignore"):
-            if self.integrator != "LSODA":
-                return self._steps(plant, slope, x, begin, ticks)
-            if plant.dry.any():
-                return self._stretches(plant, slope, x, begin, ticks)
-            rows = self._fortran(plant, slope, x, begin, ticks)
-            return rows, np.zeros((len(rows), x.size // 2))
-
-    def _stretches(
-        self, plant: Plant, slope: Slope, x: Array, begin: float, ticks: Array
-    ) -> tuple[Array, Array]:
-        """Integrate with LSODA, and step by step where joints stop or are let go."""
-        count = max(2, int(np.ceil((ticks[-1] - begin) / TIME_STEP)) + 1)
-        times = np.union1d(np.linspace(begin, ticks[-1], count), ticks)
-        rows = np.empty((times.size, x.size))
-        ways = np.zeros((times.size, x.size // 2))
-        rows[0], done = x, 1
-        while done < times.size:
-            t = float(times[done - 1])
-            x = plant.settle(t, rows[done - 1])
-            found = self._fortran(plant, slope, x, t, times[done:])
-            # Where it fails the motion is tried once more, step by step.
-            good = plant.unchanged(times[done - 1 :], np.vstack([x, found]))
-            rows[done : done + good], ways[done : done + good] = found[:good], plant.way
-            done += good
-            if done < times.size:
-                t, x = float(times[done - 1]), rows[done - 1]
-                one, way = self._steps(plant, slope, x, t, times[done : done + 1])
-                if not len(one):
-                    break
-                rows[done], ways[done] = one[0], way[0]
-                done += 1
-        asked = np.searchsorted(times, ticks)
-        asked = asked[asked < done]
-        return rows[asked], ways[asked]
-
-    def _fortran(
-        self, plant: Plant, slope: Slope, x: Array, begin: float, ticks: Array
-    ) -> Array:
-        """Integrate with LSODA; no rows if the motion was lost."""
+            return rows, ways
         times = np.concatenate([[begin], ticks])
-        first = float(ticks[-1]) - begin if self.hurried else 0.0  # 0: its own
-        with _in_lsoda():
+        # Rows that are far apart tell nothing of what happens between them.
+        near = not plant.dry.any() or np.max(np.diff(times)) < 2.0 * TIME_STEP
+        with AT_WORK, np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             warnings.simplefilter("error", ODEintWarning)
-            try:
-                rows = odeint(
-                    slope,
-                    x,
-                    times,
-                    Dfun=plant.jacobian,
-                    tfirst=True,
-                    rtol=self._tolerance[0],
-                    atol=self._tolerance[1],
-                    h0=first,
-                    tcrit=ticks[-1:],  # the torque must not be asked for beyond it
-                    mxstep=LSODA_STEPS,
-                )
-            except (ODEintWarning, _GivenUp):
-                return np.empty((0, x.size))
+            if self.integrator == "LSODA" and near:
+                x = plant.settle(begin, x)
+                found = self._fortran(plant, x, times)
+                done = plant.unchanged(times, found)
+                rows, ways = found[1 : done + 1], np.tile(plant.way, (done, 1))
+                begin, x = float(times[done]), found[done]
+                if done == ticks.size or not plant.dry.any():
+                    return rows, ways
+                # A joint stops, or is let go: what is left goes step by step.
+            more, later = self._steps(plant, x, begin, ticks[len(rows) :])
+        return np.vstack([rows, more]), np.vstack([ways, later])
+
+    def _fortran(self, plant: Plant, x: Array, times: Array) -> Array:
+        """Integrate with LSODA from the first time on; its row alone if x was lost."""
+        first = float(times[-1] - times[0]) if self.hurried else 0.0  # 0: its own
+        try:
+            rows = odeint(
+                self._watched(plant.slope),
+                x,
+                times,
+                Dfun=plant.jacobian,
+                tfirst=True,
+                rtol=self._tolerance[0],
+                atol=self._tolerance[1],
+                h0=first,
+                tcrit=times[-1:],  # the torque must not be asked for beyond it
+                mxstep=LSODA_STEPS,
+            )
+        except (ODEintWarning, _GivenUp):
+            return x[None]
         inside = np.all(np.abs(rows) < MAX_STATE, axis=1)
         end = inside.size if inside.all() else int(np.argmin(inside))
-        return np.asarray(rows[1:end])
+        return np.asarray(rows[: max(end, 1)])
 
     def _steps(
-        self, plant: Plant, slope: Slope, x: Array, begin: float, ticks: Array
+        self, plant: Plant, x: Array, begin: float, ticks: Array
     ) -> tuple[Array, Array]:
         """Integrate step by step with a solver of SciPy's newer kind.
 
@@ -390,12 +353,11 @@ class Integration:
         rows = np.empty((ticks.size, x.size))
         ways = np.zeros((ticks.size, x.size // 2))
         solver: OdeSolver | None = None
-        alone = _in_lsoda() if self.integrator == "LSODA" else contextlib.nullcontext()
-        with contextlib.suppress(_GivenUp), alone:
+        with contextlib.suppress(_GivenUp):
             while t < end:
                 if solver is None:
                     x = plant.settle(t, x)
-                    solver = self._solver(plant, slope, t, x, end)
+                    solver = self._solver(plant, t, x, end)
                 solver.step()
                 lost = not np.all(np.abs(solver.y) < MAX_STATE)
                 if solver.status == "failed" or lost:
@@ -416,27 +378,14 @@ class Integration:
                     rows[-1] = solver.y
         return rows[:done], ways[:done]
 
-    def _solver(
-        self, plant: Plant, slope: Slope, t: float, x: Array, end: float
-    ) -> OdeSolver:
+    def _solver(self, plant: Plant, t: float, x: Array, end: float) -> OdeSolver:
         """SciPy's solver from a time on to the end of a piece."""
         rtol, atol = self._tolerance
-        settings: dict[str, Any] = {"rtol": rtol, "atol": atol}
-        if self.integrator == "DOP853":
-            settings["first_step"] = min(end - t, self._stride)
-            return DOP853(slope, t, x, end, **settings)
-        settings["jac"] = plant.jacobian
-        if self.integrator == "Radau":
-            # Newton's method begins without a guess in the first step.
-            return Radau(slope, t, x, end, first_step=0.1 * (end - t), **settings)
-        if self.hurried:
-            settings["first_step"] = end - t
-        return LSODA(slope, t, x, end, **settings)
-
-
-@contextlib.contextmanager
-def _in_lsoda() -> Iterator[None]:
-    """One thread at a time; what it warns of is seen in what it returns."""
-    with LSODA_AT_WORK, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
+        # Newton's method begins without a guess in the first step.
+        first = {"DOP853": min(end - t, self._stride), "Radau": 0.1 * (end - t)}
+        settings: dict[str, Any] = {"first_step": first.get(self.integrator)}
+        if self.integrator != "DOP853":
+            settings["jac"] = plant.jacobian
+        make: type[OdeSolver] = getattr(integrate, self.integrator)
+        slope = self._watched(plant.slope)
+        return make(slope, t, x, end, rtol=rtol, atol=atol, **settings)
