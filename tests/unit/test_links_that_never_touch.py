@@ -11,7 +11,7 @@ from robot_samples import INERTIAL, joint, link, load, robot
 from typer.testing import CliRunner
 
 import tominpmp as tm
-from tominpmp.cli import app
+from tominpmp.cli.app import app
 
 LIMIT = '<limit lower="-3" upper="3" effort="100" velocity="8"/>'
 BALL = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
