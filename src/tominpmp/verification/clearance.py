@@ -11,6 +11,7 @@ its largest speed times the time meanwhile.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -30,27 +31,41 @@ from tominpmp.verification.stages import stages_of
 
 # Stretches looked at before the proof is given up.
 MAX_STRETCHES = 20_000
-# Of more margins than this the least and the largest are named.
-MOST_MARGINS = 3
+# Of more kinds of pairs than this the least and the largest margin are named.
+MOST_KINDS = 3
+# What pairs are called.
+KINDS = ("links and obstacles", "links of the robot")
 # Parts into which a stretch is cut that is not proved.
 PARTS = 3
 
 
 class Kept(NamedTuple):
-    """A distance that pairs keep at all times.
+    """A distance that pairs of one kind and margin keep at all times.
 
     Attributes:
-        own: Whether they are links of the robot, or of robots that were combined; else
-            a link and an obstacle each.
+        pairs: Which pairs they are, in words.
         margin: Distance that is asked of them [m].
-        least: The same less what it may lack: what is proved [m].
-        bound: What is proved of them as it happens, no less than that [m].
+        bound: What is proved of them [m], no less than that and what it may lack.
     """
 
-    own: bool
+    pairs: str
     margin: float
-    least: float
     bound: float
+
+    def words(self, pairs: str) -> str:
+        """What is proved of them, by a name.
+
+        Args:
+            pairs: The name.
+        """
+        # No more than is asked, nor than is proved: the last digit is rounded down.
+        least = math.floor(1e4 * min(self.margin, self.bound) * (1.0 + 1e-12)) / 1e4
+        apart = f"at least {least:.4f} m apart"
+        if least <= 0.0:
+            apart = (
+                "apart" if self.bound > 0.0 else f"clear but for {-self.bound:.1g} m"
+            )
+        return f"{pairs} {apart} ({_asked(self.margin)})"
 
 
 @dataclass(frozen=True)
@@ -128,48 +143,25 @@ class ClearanceProof:
     @property
     def _statement(self) -> str:
         """What is proved, for which pairs."""
-        margins = sorted({item.margin for item in self.kept}, reverse=True)
-        if len(margins) > MOST_MARGINS:
+        margins = [item.margin for item in self.kept]
+        if len(margins) > MOST_KINDS:
             return (
                 "every pair keeps the margin asked of it at all times, "
-                f"{margins[-1]:.4g} to {margins[0]:.4g} m"
+                f"{min(margins):.4g} to {max(margins):.4g} m"
             )
-        parts = []
-        for margin in margins:
-            alike = [item for item in self.kept if item.margin == margin]
-            who = "every pair"
-            if len(margins) > 1:
-                who = "links and obstacles"
-                if any(item.own for item in alike):
-                    who = "links of the robot"
-                if len({item.own for item in alike}) > 1:
-                    who = "pairs"
-            stay = "stays" if who == "every pair" else "stay"
-            least = min(item.least for item in alike)
-            bound = min(item.bound for item in alike)
-            # Never more than is proved: the last digit is rounded down.
-            shown = math.floor(1e4 * least * (1.0 + 1e-12)) / 1e4
-            what = f"at least {shown:.4f} m apart"
-            if shown <= 0.0:
-                what = "apart" if bound > 0.0 else f"clear but for {-least:.4g} m"
-            parts.append(f"{who} {stay} {what} ({_asked(margin)})")
-        return f"{', '.join(parts)} at all times"
+        told = [item.words(f"{item.pairs} stay") for item in self.kept]
+        if len(set(margins)) == 1:
+            tightest = min(self.kept, key=lambda item: item.bound)
+            told = [tightest.words("every pair stays")]
+        return f"{', '.join(told)} at all times"
 
 
-def _kept(
-    own: BoolArray, margins: Array, slack: float, bounds: Array
-) -> tuple[Kept, ...]:
+def _kept(found: Iterable[Kept]) -> tuple[Kept, ...]:
     """What pairs keep, those of one kind and margin together."""
-    kinds = sorted(set(zip(own.tolist(), margins.tolist(), strict=True)))
-    return tuple(
-        Kept(
-            kind,
-            margin,
-            margin - slack,
-            float(np.min(bounds[(own == kind) & (margins == margin)])),
-        )
-        for kind, margin in kinds
-    )
+    least: dict[tuple[str, float], float] = {}
+    for pairs, margin, bound in found:
+        least[pairs, margin] = min(bound, least.get((pairs, margin), math.inf))
+    return tuple(Kept(*kind, bound) for kind, bound in sorted(least.items()))
 
 
 def _asked(margin: float) -> str:
@@ -244,7 +236,7 @@ def clearance_of(
     worst = min(proofs, key=lambda item: (item.proved, item.room))
     return replace(
         worst,
-        kept=tuple(kept for item in proofs for kept in item.kept) if worst else (),
+        kept=_kept(kept for item in proofs for kept in item.kept) if worst else (),
         stretches=sum(item.stretches for item in proofs),
     )
 
@@ -342,7 +334,8 @@ class _Prover:
             own=bool(own[pair]),
             margin=float(margins[pair]),
         )
-        kept = _kept(own, margins, slack, bounds) if proved else ()
+        each = zip(own.tolist(), margins.tolist(), bounds.tolist(), strict=True)
+        kept = _kept(Kept(KINDS[own], *rest) for own, *rest in each) if proved else ()
         return ClearanceProof(proved, kept, nearest, time, contact, seen)
 
     def _look(self, todo: _Stretches, least: Array) -> tuple[Array, Array]:
