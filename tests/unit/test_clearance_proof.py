@@ -198,6 +198,12 @@ def test_what_a_margin_may_lack_is_not_told_as_proved(planar3r: Robot) -> None:
     found = prove_clearance(checker, motion, least + 0.0005, slack=0.01)
     shown = float(found.message.partition("at least ")[2].partition(" m")[0])
     assert found.bound - 1e-4 < shown <= found.bound <= least
+    # A margin of nothing, of which 1 mm may lack, and 0.5 mm are lacking.
+    touching = CollisionChecker(planar3r, tip_sphere(1.0, 0.1 + least + 5e-4, 7.0))
+    found = prove_clearance(touching, motion, slack=1e-3)
+    assert found.proved and -1e-3 <= found.bound <= -5e-4
+    told = float(found.message.partition("clear but for ")[2].partition(" m")[0])
+    assert -found.bound <= told < 1e-5 - found.bound
 
 
 def test_pairs_that_are_too_near_are_named_with_their_margin(planar3r: Robot) -> None:

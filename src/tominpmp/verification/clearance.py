@@ -62,9 +62,8 @@ class Kept(NamedTuple):
         least = math.floor(1e4 * min(self.margin, self.bound) * (1.0 + 1e-12)) / 1e4
         apart = f"at least {least:.4f} m apart"
         if least <= 0.0:
-            apart = (
-                "apart" if self.bound > 0.0 else f"clear but for {-self.bound:.1g} m"
-            )
+            lack = math.ceil(-1e5 * self.bound) / 1e5
+            apart = "apart" if self.bound > 0.0 else f"clear but for {lack:.5f} m"
         return f"{pairs} {apart} ({_asked(self.margin)})"
 
 
