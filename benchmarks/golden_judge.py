@@ -33,8 +33,9 @@ from benchmarks.random_cells import write_motion
 Asked = dict[str, Any]
 # Times of segments may be off by this [s].
 INSTANT = 1e-6
-# What a rule about places may be missed by [m].
-PLACE = 1e-5
+# Half of what a margin may be missed by [m]; what excesses over regions and sums of
+# joints are relative to [m or rad].
+PLACE, REACH = 1e-5, 0.1
 # Where it is tight, distances are measured at so many instants between samples.
 CLOSE, FINER = 2e-3, 121
 
@@ -44,8 +45,8 @@ class Verdict:
     """What is found about one motion.
 
     Attributes:
-        excess: Largest excess over a limit, relative to it, or in [m] where a rule is
-            about places; negative where all are kept.
+        excess: Largest excess over a limit, relative to it; negative where all are
+            kept.
         clearance: Least distance beyond the margin [m]; infinite without pairs.
         faults: What refutes the motion, in short sentences.
     """
@@ -350,23 +351,23 @@ def _line(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> Any:
     points = _points(leg, rule, q)
     share = np.clip((points - start) @ way / (way @ way), 0.0, 1.0)
     away = np.linalg.norm(points - start - share[:, None] * way, axis=1)
-    return float(away.max()) - rule["radius"], PLACE
+    return _relative(away, rule["radius"])
 
 
 def _region(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> Any:
     x, low, high = _points(leg, rule, q), np.array(rule["lower"]), rule["upper"]
-    return float(np.max(np.maximum(x - np.array(high), low - x))), PLACE
+    return float(np.max(np.maximum(x - np.array(high), low - x))) / REACH, LIMIT
 
 
 def _keep_away(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> Any:
     away = np.linalg.norm(_points(leg, rule, q) - rule["point"], axis=1)
-    return rule["distance"] - float(away.min()), PLACE
+    return 1.0 - float(away.min()) / rule["distance"], LIMIT
 
 
 def _coupling(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> Any:
     total = q[:, rule["columns"]] @ np.array(rule["weights"])
     beyond = np.maximum(total - rule["upper"], rule["lower"] - total)
-    return float(beyond.max()), PLACE
+    return float(beyond.max()) / REACH, LIMIT
 
 
 def _wrenches(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

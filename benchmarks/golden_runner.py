@@ -104,6 +104,12 @@ class Rows:
                 f"{path} has rows of revision {', '.join(sorted(others))}, and the "
                 f"library is {revision}; choose another --csv"
             )
+        # What died of itself or was killed may do better.
+        self.rows = {
+            key: row
+            for key, row in self.rows.items()
+            if not row["status"].startswith(DIED)
+        }
         path.parent.mkdir(parents=True, exist_ok=True)
         self._write()
 
