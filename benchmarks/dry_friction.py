@@ -1,11 +1,11 @@
-"""Dry friction: random goals with and without it, and how sharp the replay's law is.
+"""Dry friction: random goals with and without it, and how exact replays are.
 
 Joint goals of several arms, drawn as in benchmarks/random_goals.py (those that touch
 themselves at an end are left out), are planned without dry friction, with friction of
 some shares of the torque limits, and with that of the robot description where it has
 any. For each: whether the motion was found and verified, T, how many joints turn on the
-way, processor time. Then the torques of some of the motions are replayed with laws
-F tanh(v / v_s) of several speeds v_s: where the motion ends.
+way, processor time. Then the torques of some of the motions are replayed with
+integrators of several makes: where the motion ends.
 
     python -m benchmarks.dry_friction
     python -m benchmarks.dry_friction --robots ur5 --goals 3 --shares 0.1
@@ -24,13 +24,13 @@ import statistics
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from unittest import mock
+from typing import get_args
 
 import numpy as np
 
 import tominpmp as tm
 from benchmarks.random_goals import load_arm, sample_problems
-from tominpmp.verification.replay import Integration
+from tominpmp.verification.replay import Integrator, replay
 
 COLUMNS = (
     "robot",
@@ -43,8 +43,7 @@ COLUMNS = (
     "seconds",
     "verifying",
 )
-# Speeds over which friction comes up in replays that are compared [rad/s].
-CREEPS = (1e-6, 1e-7, 1e-8, 1e-9, 5e-10)
+INTEGRATORS = get_args(Integrator)
 REPLAYED = 3
 
 
@@ -133,22 +132,19 @@ def _is(row: dict[str, object], name: str, kind: str) -> bool:
     return row["robot"] == name and row["friction"] == kind
 
 
-def sharpness(solutions: list[tuple[str, tm.Solution]]) -> str:
-    """Table of where replays end, by the speed over which friction comes up."""
+def exactness(solutions: list[tuple[str, tm.Solution]]) -> str:
+    """Table of where replays end, by the integrator."""
     lines = []
     for name, solution in solutions:
         motion, problem = solution.trajectory, solution.problem
         assert motion is not None
         cells: list[str] = []
-        for creep in CREEPS:
-            with mock.patch("tominpmp.verification.replay.CREEP", creep):
-                integration = Integration(problem.robot, motion)
-                start = np.concatenate([motion.q[0], motion.v[0]])
-                end = integration.run(start).q[-1]
-            error = float(np.max(np.abs(end - motion.q[-1])))
-            cells.append(f"{error:.1e} ({integration.evaluations})")
+        for integrator in INTEGRATORS:
+            found = replay(problem, motion, integrator=integrator)
+            error = float(np.max(np.abs(found.q[-1] - motion.q[-1])))
+            cells.append(f"{error:.1e} ({found.evaluations})")
         lines.append((name, *cells))
-    return markdown(("motion", *(f"v_s = {c:g}" for c in CREEPS)), lines)
+    return markdown(("motion", *INTEGRATORS), lines)
 
 
 def main() -> int:
@@ -176,7 +172,7 @@ def main() -> int:
                     kept.append((f"{name} {goal}", solution))
     print(table(sheet, robots, [*kinds, "own"]))
     print()
-    print(sharpness(kept))
+    print(exactness(kept))
     return 0
 
 
