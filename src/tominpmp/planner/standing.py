@@ -83,7 +83,7 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     if period is not None:
         nodes, ends = at_ticks(nodes, period).tolist(), at_ticks(ends, period).tolist()
     t = np.unique(nodes)
-    q, v, a = (np.tile(row, (t.size, 1)) for row in (q, v, 0.0 * q))
+    q, v, a = (np.tile(row, (t.size, 1)) for row in (q, v, np.zeros(robot.n)))
     dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in problem.phases)
     marks = np.array(ends) if problem.segments else None
     motion = Trajectory(robot.joint_names, t, q, v, u=a, a=a, segment_ends=marks)
