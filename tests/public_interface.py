@@ -678,6 +678,8 @@ def printed(*words: str) -> tuple[str, int]:
         contextlib.redirect_stderr(io.StringIO()),
     ):
         try:
+            # Other tests may have imported it, and it is run anew.
+            sys.modules.pop("tominpmp.__main__", None)
             runpy.run_module("tominpmp", run_name="__main__")
         except SystemExit as end:
             code = int(end.code or 0)

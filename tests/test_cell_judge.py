@@ -163,7 +163,7 @@ def gentle(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pa
     arm = cell_cases.draw_arm(np.random.default_rng(0), "xarm7", "free")
     arm.pop("velocity", None)
     q_start = np.array([0.2, -0.4, 0.1, 0.9, -0.3, 0.7, 0.4])
-    q_goal = q_start + np.array([0.5, 0.2, -0.3, 0.1, 0.02, -0.3, 0.2])
+    q_goal = q_start + np.array([0.5, 0.2, -0.3, 0.12, 0.02, -0.3, 0.2])
     case = {
         "arms": [arm],
         "gravity": [0.0, 0.0, -9.81],

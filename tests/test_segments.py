@@ -301,7 +301,7 @@ def test_segments_are_parts_of_the_motion():
     [
         (5, "list of Segment"),
         ("ab", "list of Segment"),
-        ([at(0.5), 3], "list of Segment"),
+        ([at(0.5), 3], "expected a Segment"),
         ([at(9.0), at(1.0)], "segment 1 of 2"),
         ([at(0.5), tm.Segment(tm.JointGoal([1.0, 2.0]))], "segment 2 of 2"),
         ([at(0.5, constraints=(tm.ToolSpeed("nose", 1.0),))], "nose"),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.checks import instance, number
+from tominpmp.checks import array, instance, number
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
@@ -360,10 +360,16 @@ class Problem(Record):
 
         Args:
             stays: How long the arm stays at the end of each [s].
+
+        Raises:
+            ProblemError: If they are not one length of time for each segment.
         """
+        each = array(stays, "stays", (len(self.segments),), "stays of segments [s]")
         other = copy.copy(self)
-        each = zip(self.segments, stays, strict=True)
-        segments = tuple(replace(segment, dwell=stay) for segment, stay in each)
+        segments = tuple(
+            replace(segment, dwell=stay)
+            for segment, stay in zip(self.segments, each.tolist(), strict=True)
+        )
         object.__setattr__(other, "segments", segments)
         return other
 

@@ -175,6 +175,7 @@ class Verdict:
     min_clearance: float = math.inf
     integrator: str = "none"
     seconds: float = 0.0
+    touches: tuple[object, ...] = ()
     replay: object = field(default=None, repr=False)
 
 

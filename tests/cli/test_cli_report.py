@@ -168,7 +168,7 @@ def test_quiet(run: Run, planner: Planner) -> None:
 def test_library_warnings_are_lines(run: Run, planner: Planner) -> None:
     result = run("plan", "planar3r", "--start", "0.1799999 0 0", "--goal", GOAL)
     assert result.exit_code == 0
-    start = "warning: q_start: joint 'joint1' is 1.0e-07 rad out"
+    start = "warning: q_start: joint 'joint1' is 0.1799999 rad, outside"
     assert result.stderr.startswith(start)
     assert result.stderr.count("\n") == 1
     assert planner.problem.q_start[0] == 0.18

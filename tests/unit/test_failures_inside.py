@@ -33,7 +33,6 @@ def motion() -> tm.Trajectory:
         (CollisionChecker, "__init__"),
         (CollisionChecker, "hulls_clear"),
         (CollisionChecker, "is_free"),
-        (RobotDynamics, "inverse_jacobians"),
         (RobotDynamics, "inverse"),
     ],
 )

@@ -163,7 +163,7 @@ class Goal(ABC):
         Returns:
             Shape (n,) [rad or m]; NaN of joints that may be anywhere.
         """
-        return np.full(robot.n, np.nan)
+        return np.full(instance(robot, Robot, "robot").n, np.nan)
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """Ranges that joints end within, shape (n,) each; infinite where none is said.

@@ -211,8 +211,8 @@ class JointRegionGoal(Record, Goal):
 
     def positions(self, robot: Robot) -> Array:
         """The positions asked for, or the ends of their ranges towards the limits."""
-        rows, target, _ = self._asked(robot)
         found = super().positions(robot)
+        rows, target, _ = self._asked(robot)
         found[rows] = np.clip(target, self.q - self.tolerance, self.q + self.tolerance)
         return found
 
