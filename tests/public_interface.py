@@ -542,7 +542,7 @@ def _of(scenario: tm.Scenario) -> tuple[tm.Problem, tm.Options]:
 
 def _tour(path: Path) -> str:
     """What the command says first of a tour."""
-    return printed("tour", str(path))[0].partition(". ")[0]
+    return re.split(r"\.\s", printed("tour", str(path))[0])[0]
 
 
 def motion() -> tm.Samples:
