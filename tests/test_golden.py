@@ -1,0 +1,302 @@
+"""The golden set: its problems, its judge, its runs and its comparisons."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from benchmarks import ablation, golden, golden_cases, golden_fresh
+from benchmarks.golden_compare import Allowed, Comparison
+from benchmarks.golden_judge import judge, shape
+from benchmarks.golden_problems import arm, asked, joint, task
+from benchmarks.golden_runner import (
+    COLUMNS,
+    DIED,
+    OVER,
+    Row,
+    Rows,
+    groups_of,
+    items,
+    measure,
+    read_rows,
+    run,
+)
+
+START, END = np.array([0.5, 1.7, -1.7]), np.array([1.0, 1.0, -1.0])
+SOON = {"effort": "quick", "intervals": 16, "refine": None}
+
+
+def row(name: str, **columns: object) -> Row:
+    """A row of a run."""
+    usual = {"group": "goals", "part": "tuned", "seed": "0", "fingerprint": "x"}
+    usual |= {"status": "CONVERGED", "success": "True", "T": "1", "programs": "10"}
+    usual |= {"seconds": "2", "promise": "0.001", "revision": "abc", "name": name}
+    empty = dict.fromkeys(COLUMNS, "")
+    return empty | usual | {key: str(value) for key, value in columns.items()}
+
+
+def compared(before: list[Row], after: list[Row]) -> Comparison:
+    """Two runs beside each other."""
+    first, second = ({(r["group"], r["name"]): r for r in x} for x in (before, after))
+    return Comparison(first, second)
+
+
+# -- problems --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["tuned", "fresh"])
+def test_names_are_unique_and_cheap_to_list(part: str) -> None:
+    names = [(item.group, item.name) for item in items(part, seed=3)]
+    assert len(set(names)) == len(names)
+    assert {group for group, _ in names} == set(groups_of(part)) - {"clutter", "fetch"}
+
+
+def test_the_tuned_part_has_all_that_a_user_can_ask_for() -> None:
+    counts = {group: 0 for group in golden_cases.GROUPS}
+    for item in items("tuned"):
+        counts[item.group] += 1
+    assert counts["optima"] == 36
+    assert counts["goals"] + counts["goals x 4"] == 60
+    assert sum(counts.values()) >= 150
+    kinds = {rule for rule, _, _ in _rules()}
+    assert kinds >= {"tool_speed", "upright", "keep_away", "coupling"}
+
+
+def _rules() -> list[tuple[str, ...]]:
+    names = [name for name, _ in golden_cases.rules(golden_cases.Source())]
+    return [(*name.split(" "), "", "")[:3] for name in names]
+
+
+def test_a_problem_is_the_same_whenever_it_is_made() -> None:
+    one, other = (golden_cases.goal_task("planar3r", 0) for _ in range(2))
+    assert one.fingerprint == other.fingerprint
+    assert golden_cases.goal_task("planar3r", 1).fingerprint != one.fingerprint
+    faster = golden_cases.goal_task("planar3r", 0, speed_factor=4.0)
+    assert faster.fingerprint != one.fingerprint
+
+
+def test_fresh_problems_are_drawn_from_the_seed() -> None:
+    prints = [
+        golden_fresh.scene_task(seed, "iiwa14", 0).fingerprint for seed in (1, 1, 2)
+    ]
+    assert prints[0] == prints[1] != prints[2]
+
+
+def test_a_combination_has_a_motion() -> None:
+    made = golden_fresh.combined_task(1, 1)
+    solution = tm.plan(made.problem, **SOON)
+    assert solution.success, solution.message
+    assert made.judged(solution).faults == ()
+
+
+# -- the judge -------------------------------------------------------------------------
+
+
+def plain(**more: object) -> dict[str, object]:
+    """A goal of the planar arm."""
+    return asked(arm("planar3r"), START, joint(END)) | more
+
+
+@pytest.fixture(scope="module")
+def solution() -> tm.Solution:
+    """A motion of the planar arm."""
+    return tm.plan(task(plain()).problem, **SOON)
+
+
+def test_a_right_motion_is_not_refuted(solution: tm.Solution) -> None:
+    verdict = task(plain()).judged(solution)
+    assert verdict.faults == ()
+    assert -0.01 < verdict.excess < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"effort": 0.97}, "effort"),
+        ({"velocity": 0.01}, "velocity"),
+        ({"damping": 1.2}, "torque"),
+        ({"friction": 0.05}, "torque"),
+    ],
+)
+def test_the_judge_holds_a_motion_against_the_arm_that_was_asked_for(
+    solution: tm.Solution, change: dict[str, float], word: str
+) -> None:
+    case = plain()
+    own = dict(case["arms"][0])
+    for name, factor in change.items():
+        values = np.array(own["effort" if name in ("damping", "friction") else name])
+        own[name] = (values * factor * (0.01 if name == "damping" else 1.0)).tolist()
+    found = judge({**case, "arms": [own]}, solution).faults
+    assert any(word in fault for fault in found), found
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        ({"legs": [{"goal": joint(END + 0.01)}]}, "goal missed"),
+        ({"q_start": (START + 0.01).tolist()}, "start"),
+        ({"acceleration": [1.0] * 3}, "acceleration"),
+        ({"effort_rate": [1.0] * 3}, "torque rate"),
+        ({"period": 0.0123}, "clock"),
+        ({"legs": [{"goal": joint(END), "arrival": [9.0, 10.0]}]}, "arrives"),
+        ({"legs": [{"goal": joint(END), "dwell": 0.3}]}, "stay"),
+        (
+            {"obstacles": [shape("sphere", (0.5,), position=(2.0, 2.5, 0.0))]},
+            "room",
+        ),
+        (
+            {"rules": [{"kind": "tool_speed", "frame": "tip", "limit": 0.5}]},
+            "tool_speed",
+        ),
+        (
+            {
+                "rules": [
+                    {
+                        "kind": "stable",
+                        "frame": "tip",
+                        "center": [0.0, 0.1, 0.0],
+                        "friction": 0.1,
+                        "support": 0.01,
+                        "mass": 1.0,
+                    }
+                ]
+            },
+            "stable",
+        ),
+    ],
+)
+def test_the_judge_refutes_what_was_not_asked_for(
+    solution: tm.Solution, more: dict[str, object], word: str
+) -> None:
+    found = judge(plain(**more), solution).faults
+    assert any(word in fault for fault in found), found
+
+
+def test_a_known_optimum_is_judged_by_hand() -> None:
+    made = golden_cases.optimum("rail", "rail")
+    found = measure(made)
+    assert found["success"] and found["faults"] == ""
+    solution = tm.plan(made.problem)
+    motion = solution.trajectory
+    assert motion is not None
+    quicker = dataclasses.replace(motion, t=0.9 * motion.t)
+    refuted = made.judged(dataclasses.replace(solution, trajectory=quicker))
+    assert any("minimum" in fault for fault in refuted.faults)
+    assert any("limits off" in fault for fault in refuted.faults)
+
+
+# -- runs ------------------------------------------------------------------------------
+
+
+def test_rows_are_written_as_they_come_and_not_made_twice(tmp_path: Path) -> None:
+    path = tmp_path / "golden.csv"
+    wanted = [x for x in items("tuned", ["optima"]) if x.name in ("rail", "two rails")]
+    shown: list[Row] = []
+    for _ in range(2):
+        run(wanted, Rows(path, "abc"), "abc", jobs=2, show=shown.append)
+    known = read_rows(path)
+    assert len(shown) == len(known) == 2
+    assert {one["name"]: one["status"] for one in known.values()} == {
+        "rail": "CONVERGED",
+        "two rails": "CONVERGED",
+    }
+    with pytest.raises(SystemExit, match="revision abc"):
+        Rows(path, "def")
+    with path.open(newline="") as file:
+        lines = list(csv.reader(file))
+    lines[1][COLUMNS.index("status")] = f"{DIED} -9"
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(lines)
+    assert len(Rows(path, "abc").rows) == 1
+
+
+def test_a_problem_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+    (wanted, *_) = items("tuned", ["goals"])
+    rows = Rows(tmp_path / "golden.csv", "abc")
+    run([wanted], rows, "abc", limit=0.2)
+    (found,) = rows.rows.values()
+    assert found["status"] == OVER and found["success"] == "False"
+
+
+# -- comparisons -----------------------------------------------------------------------
+
+
+def test_what_agrees_is_not_beyond_any_limit() -> None:
+    rows = [row("a"), row("b", T=2)]
+    limits = Allowed(t_median=0.0, t_max=0.0, programs=1.0, seconds=1.0, promise=0.0)
+    comparison = compared(rows, rows)
+    assert comparison.beyond(limits) == []
+    assert "| goals | 2 | 2 -> 2 | +0.000 %" in comparison.report()
+
+
+@pytest.mark.parametrize(
+    ("after", "limits", "word"),
+    [
+        ({"T": 1.01}, {"t_max": 0.005}, "T, most"),
+        ({"T": 1.01}, {"t_median": 0.001}, "T, median"),
+        ({"programs": 12}, {"programs": 1.05}, "programs"),
+        ({"seconds": 3}, {"seconds": 1.2}, "processor time"),
+        ({"promise": 0.01}, {"promise": 0.001}, "promise"),
+        ({"success": False}, {}, "lost"),
+        ({"faults": "effort off"}, {}, "lost"),
+        ({"fingerprint": "y"}, {}, "changed"),
+        ({"name": "c"}, {}, "changed"),
+        ({"objective": 2.0}, {"objective_max": 0.5}, "objective"),
+    ],
+)
+def test_what_is_worse_is_beyond_its_limit(
+    after: dict[str, object], limits: dict[str, float], word: str
+) -> None:
+    before = [row("a", objective=1.0), row("b")]
+    other = {"objective": 1.0} | after
+    comparison = compared(before, [row(**{"name": "a"} | other), row("b")])
+    if "T" in after and "t_median" in limits:
+        comparison = compared([row("a")], [row("a", **after)])
+    beyond = comparison.beyond(Allowed(**limits))
+    assert len(beyond) == 1 and word in beyond[0]
+
+
+def test_the_command_tells_and_exits_with_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for path, T in zip(paths, (1.0, 1.01), strict=True):
+        rows = Rows(path, "abc")
+        rows.add(row("slow one", T=T))
+        rows.add(row("other"))
+    words = ["compare", *map(str, paths)]
+    assert golden.main(words) == 0
+    assert golden.main([*words, "--t-max", "0.005"]) == 1
+    out = capsys.readouterr().out
+    assert "+1.000 % (slow one)" in out
+    assert "BEYOND ITS LIMIT: T, most: 0.01, and 0.005 is allowed" in out
+
+
+# -- ablation --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ablation.VARIANTS)
+def test_every_part_that_is_switched_off_is_there(name: str) -> None:
+    made = golden_cases.optimum("rail", "rail")
+    with ablation.switched(name, made) as changed:
+        assert changed.options == {**made.options, **ablation.VARIANTS[name].options}
+
+
+def test_a_part_that_is_switched_off_comes_back() -> None:
+    made = golden_cases.optimum("rail", "rail")
+    before = measure(made, judged=False)
+    with ablation.switched("one descent", made) as changed:
+        measure(changed, judged=False)
+    after = measure(made, judged=False)
+    assert after["T"] == before["T"] and after["programs"] == before["programs"]
+
+
+def test_a_table_has_every_variant_beside_the_planner_as_it_is() -> None:
+    rows = [row("a"), row("b")]
+    rows += [row("a", variant="quick", T=1.02, programs=5), row("b", variant="quick")]
+    assert "| quick | +1.00 (2.0) / 0.75 | +1.00 (2.0) / 0.75 |" in ablation.table(rows)
