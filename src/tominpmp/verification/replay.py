@@ -218,18 +218,15 @@ class Integration:
         pieces, n = self.pieces, start.size // 2
         time_step = max(time_step, self._trajectory.duration / MOST_ROWS)
         times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
-        x, complete = start, True
-        for k in range(pieces.t.size - 1):
+        x = start
+        for k in range(pieces.count):
             check()
-            begin, end = float(pieces.t[k]), float(pieces.t[k + 1])
-            count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
-            ticks = np.linspace(begin, end, count + 1)[1:]
+            ticks = self._ticks(k, time_step)
             rows, way = self._piece(k, x, ticks)
             times.append(ticks[: len(rows)])
             states.append(rows)
             ways.append(way)
-            if len(rows) < count:
-                complete = False
+            if len(rows) < ticks.size:
                 break
             x = rows[-1]
         t, path = np.concatenate(times), np.concatenate(states)
@@ -244,7 +241,7 @@ class Integration:
             np.searchsorted(t, nodes[nodes <= t[-1]]),
             self.integrator,
             self.evaluations,
-            complete,
+            bool(t[-1] == pieces.t[-1]),
         )
 
     def _watched(self, slope: Slope) -> Slope:
@@ -277,11 +274,17 @@ class Integration:
             x: Array | None = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
                 if x is not None:
-                    rows, _ = self._piece(piece, x, pieces.t[piece + 1 : piece + 2])
+                    rows, _ = self._piece(piece, x, self._ticks(piece, TIME_STEP))
                     x = rows[-1] if len(rows) else None
             if x is not None:
                 out[k] = x - nodes[k + 1]
         return out
+
+    def _ticks(self, k: int, time_step: float) -> Array:
+        """Times at which a piece is looked at, its end among them."""
+        begin, end = self.pieces.t[k : k + 2].tolist()
+        count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
+        return np.linspace(begin, end, count + 1)[1:]
 
     def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
         """Integrate over a piece of torque.

@@ -280,7 +280,7 @@ def _counts(
     again = Integration(
         robot, trajectory, first.pieces, first.integrator, plants, tightness=TIGHTER
     )
-    return settled(replay, again.run(start, np.inf), tolerances)
+    return settled(replay, again.run(start), tolerances)
 
 
 class Findings(NamedTuple):
