@@ -112,15 +112,17 @@ class Problem(Record):
                 "(see load_robot)",
                 "robot",
             )
-        q_start = joint_vector(self.robot, self.q_start, "q_start")
-        self._take_segments(q_start)
+        # What a goal does not name stays at the start, as it is put onto limits.
+        snapped = self._snap_start()
+        self._take_segments()
         if not isinstance(self.goal, Goal):
             raise ProblemError(
                 f"goal is a {type(self.goal).__name__}, expected a JointGoal, "
                 "PositionGoal, PoseGoal or another goal, or segments",
                 "goal",
             )
-        object.__setattr__(self, "goal", self.goal.resolved(self.robot, q_start))
+        goal = self.goal.resolved(self.robot, self.q_start)
+        object.__setattr__(self, "goal", goal)
         scene = as_scene(self.scene, "scene")
         object.__setattr__(self, "scene", scene)
         margin = number(self.margin, "margin", "a length >= 0 [m]", least=0.0)
@@ -140,7 +142,6 @@ class Problem(Record):
         check_window(self.constraints, bool(self.segments))
         for k, part in enumerate(self.segments):
             check_window(part.constraints, True, f"segments[{k}].constraints")
-        snapped = self._snap_start()
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
             phases, of_goal = self._phases
@@ -148,7 +149,7 @@ class Problem(Record):
             object.__setattr__(self, "segments", segments)
             goal = segments[-1].goal
         else:
-            goal, of_goal = self._checks.goal(self.goal)
+            goal, of_goal = self._checks.goal(goal)
         object.__setattr__(self, "goal", goal)
         for message in (*snapped, *of_goal):
             warn_caller(message)
@@ -272,7 +273,7 @@ class Problem(Record):
         object.__setattr__(phase, "goal", checked_goal)
         return phase, messages
 
-    def _take_segments(self, q_start: Array) -> None:
+    def _take_segments(self) -> None:
         """Check the segments, whose last goal is that of the problem."""
         pairs = checked_pairs(self.may_touch, "may_touch")
         object.__setattr__(self, "may_touch", pairs)
@@ -286,7 +287,7 @@ class Problem(Record):
                 "segment's goal is that of the problem",
                 "goal",
             )
-        segments = resolved_segments(segments, self.robot, q_start)
+        segments = resolved_segments(segments, self.robot, self.q_start)
         object.__setattr__(self, "segments", segments)
         object.__setattr__(self, "goal", segments[-1].goal)
 
@@ -394,13 +395,13 @@ class Problem(Record):
             ProblemError: If one of them is wrong.
         """
         instance(goal, Goal, "goal", "a goal")
-        goal = goal.resolved(self.robot, joint_vector(self.robot, q_start, "q_start"))
-        goal.validate(self.robot)
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
         other = copy.copy(self)
-        for name, value in (("q_start", q_start), ("v_start", None), ("goal", goal)):
+        for name, value in (("q_start", q_start), ("v_start", None)):
             object.__setattr__(other, name, value)
         snapped = other._snap_start()
+        goal = goal.resolved(self.robot, other.q_start)
+        goal.validate(self.robot)
         other._checks.start(other.q_start, other.v_start)
         checked_goal, of_goal = other._checks.goal(goal)
         object.__setattr__(other, "goal", checked_goal)

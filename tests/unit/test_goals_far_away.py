@@ -12,6 +12,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
 
+QUICK = tm.Options(effort="quick")
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 INERTIAL = """<inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -48,7 +49,7 @@ def machine(axes: str, travel: float, length: float = 1.0) -> tm.Robot:
 def test_ranges_of_joints_on_long_axes(distance: float, travel: float) -> None:
     robot, there = machine("xyzx", travel), distance * FAR
     goal = tm.JointRegionGoal(there, 0.05 * there)
-    solution = tm.plan(tm.Problem(robot, np.zeros(4), goal))
+    solution = tm.plan(tm.Problem(robot, np.zeros(4), goal), QUICK)
     assert solution.success
     # The slowest axis reaches the near end of its range at full speed.
     least = 0.95 * float(there.max()) / 2.0
@@ -81,7 +82,7 @@ POSE = (np.array([60.0, -50.0, 20.0]), np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0
 )
 def test_frames_on_rails_and_gantries(axes: str, goal: tm.Goal) -> None:
     robot = machine(axes, 100.0)
-    solution = tm.plan(tm.Problem(robot, np.zeros(robot.n), goal))
+    solution = tm.plan(tm.Problem(robot, np.zeros(robot.n), goal), QUICK)
     assert solution.success
     lack, _ = goal.place_residual(RobotKinematics(robot), solution.trajectory.q[-1])
     assert np.abs(lack).max() < 1e-5
@@ -101,7 +102,7 @@ def test_endless_rails_among_obstacles() -> None:
         scene=[wall],
         margin=0.01,
     )
-    solution = tm.plan(problem)
+    solution = tm.plan(problem, QUICK)
     assert solution.success
     assert solution.verification.min_clearance >= 0.01 - 1e-6
 
@@ -119,7 +120,7 @@ def test_tiny_arms_reach_goals_as_large_ones_do(length: float) -> None:
         tm.RegionGoal("l6", -edge, edge, pose, 0.02),
     ):
         problem = tm.Problem(robot, np.zeros(6), goal, self_collision=False)
-        solution = tm.plan(problem)
+        solution = tm.plan(problem, QUICK)
         assert solution.success
         q = solution.trajectory.q[-1]
         place = goal.place(kinematics, q)
