@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.checks import array, instance, number
+from tominpmp.checks import instance, number
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
@@ -355,24 +355,6 @@ class Problem(Record):
             else replace(segment, goal=goal.stopped)
             for segment, goal in zip(self.segments, goals, strict=True)
         )
-
-    def with_stays(self, stays: Sequence[float]) -> Problem:
-        """The same problem with other stays at the ends of its segments.
-
-        Args:
-            stays: How long the arm stays at the end of each [s].
-
-        Raises:
-            ProblemError: If they are not one length of time for each segment.
-        """
-        each = array(stays, "stays", (len(self.segments),), "stays of segments [s]")
-        other = copy.copy(self)
-        segments = tuple(
-            replace(segment, dwell=stay)
-            for segment, stay in zip(self.segments, each.tolist(), strict=True)
-        )
-        object.__setattr__(other, "segments", segments)
-        return other
 
     def alternative_at(self, q: Array, v: Array) -> Problem:
         """The problem with the one of its goals that a final state is nearest to.

@@ -24,7 +24,7 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.notebook import motion_card
 from tominpmp.samples import Samples, check_shape, names, numbers
 from tominpmp.sampling import clock
-from tominpmp.turns import Turns, directions
+from tominpmp.turns import Turns
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -328,8 +328,7 @@ class Trajectory(Record):
     def turns(self) -> Turns:
         """Which way the joints go, and when they turn."""
         if self.t.size == 1:
-            way = directions(self.v, 0.0 * self.v)
-            return Turns(self.t, way, np.zeros(0), np.zeros(0, dtype=np.int64))
+            return Turns.of_instant(self.t, self.v)
         return Turns.of(self.t, velocities(self.t, self.q, self.v, self.a))
 
     def with_torques(

@@ -100,6 +100,12 @@ class Turns:
         times = _together(times[order], SAME * t[-1])
         return cls(t, first, times, joint[row][order])
 
+    @classmethod
+    def of_instant(cls, t: Array, v: Array) -> Turns:
+        """Look at a motion of one node, with its time and its velocities, (1, n)."""
+        way = directions(v, 0.0 * v)
+        return cls(t, way, np.zeros(0), np.zeros(0, dtype=np.int64))
+
     def of_joints(self, some: BoolArray) -> Array:
         """When some joints turn between the nodes [s], each time once.
 

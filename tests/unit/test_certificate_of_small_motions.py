@@ -18,7 +18,7 @@ def goal_at(share: float) -> tm.Problem:
 
 @pytest.mark.parametrize("share", [2e-6, 1e-5])
 def test_a_small_motion_that_converged_is_certified(share: float) -> None:
-    solution = tm.plan(goal_at(share))
+    solution = tm.plan(goal_at(share), effort="quick")
     assert solution.status is tm.Status.CONVERGED, solution.message
     certificate = solution.certificate
     assert certificate is not None
@@ -39,7 +39,8 @@ def test_a_small_motion_that_is_slow_is_refuted() -> None:
 @pytest.mark.parametrize("way", [2e-6, 2e-5])
 def test_a_motion_of_microseconds_is_certified_as_any(way: float) -> None:
     strong = tm.load_robot("planar3r", effort=[1e5, 1e5, 1e5])
-    solution = tm.plan(tm.Problem(strong, START, tm.JointGoal(START + way)))
+    goal = tm.JointGoal(START + way)
+    solution = tm.plan(tm.Problem(strong, START, goal), effort="quick")
     assert solution.status is tm.Status.CONVERGED, solution.message
     assert 0.0 < solution.T < 1e-4
     certificate = solution.certificate

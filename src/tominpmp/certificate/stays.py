@@ -9,6 +9,8 @@ goals are met is counted with the stays before.
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +34,20 @@ def stays_where_it_moves(problem: Problem) -> bool:
     """Whether motions of a problem have to stay somewhere while obstacles move."""
     stays = any(segment.dwell for segment in problem.segments)
     return stays and any(phase.scene.moving for phase in problem.phases)
+
+
+def with_stays(problem: Problem, stays: Sequence[float]) -> Problem:
+    """The same problem with other stays at the ends of its segments.
+
+    Args:
+        problem: The problem.
+        stays: How long the arm stays at the end of each segment [s].
+    """
+    other: Problem = copy.copy(problem)
+    each = zip(problem.segments, stays, strict=True)
+    segments = tuple(replace(segment, dwell=stay) for segment, stay in each)
+    object.__setattr__(other, "segments", segments)
+    return other
 
 
 def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
@@ -85,7 +101,7 @@ def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajec
         )
     places = np.argmin(np.abs(found.t[:, None] - new), axis=0)
     found = replace(found, segment_ends=found.t[places])
-    return problem.with_stays(stays), found
+    return with_stays(problem, stays), found
 
 
 def still_nodes(motion: Motion) -> list[int]:

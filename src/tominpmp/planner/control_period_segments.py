@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.stays import with_stays
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import FEWEST_PERIODS
@@ -51,7 +52,7 @@ class Course:
         """A motion of a problem, and the period that it is brought to [s]."""
         asked = problem.segments
         stays = [whole_periods(segment.dwell, period) for segment in asked]
-        chosen = problem.alternative_of(motion).with_stays(stays)
+        chosen = with_stays(problem.alternative_of(motion), stays)
         return cls(chosen, asked, motion, spans_of(motion, asked), period)
 
     @property
