@@ -90,6 +90,13 @@ def test_a_start_that_satisfies_the_goal_takes_no_time(name: str) -> None:
         assert tm.plan(problem, control_period=PERIOD).T == 0.0
 
 
+def test_a_goal_just_within_reach_of_rounding_is_satisfied() -> None:
+    arm = tm.load_robot("planar3r")
+    start = np.array([0.8, 1.7, -1.7])  # 0.8 + 1e-6 is more than 1e-6 away
+    problem = tm.Problem(arm, start, tm.JointGoal(start + 1e-6))
+    assert tm.plan(problem).T == 0.0
+
+
 @pytest.mark.parametrize("refine", ["switching", "grid", None])
 def test_there_is_nothing_to_refine(refine: str | None) -> None:
     solution = tm.plan(GOALS["position nearby"](), refine=refine)

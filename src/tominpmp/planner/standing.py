@@ -23,6 +23,8 @@ from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.ticks import at_ticks, whole_periods
 from tominpmp.verification import verify
 
+# A goal at a distance of just the feasibility is met, however the distance is rounded.
+ROUNDING = 1e-6
 # What is said of it.
 STANDS = "The start already satisfies the goal: nothing has to move."
 
@@ -66,10 +68,11 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     robot, period, q = problem.robot, options.control_period, problem.q_start
     v = np.zeros(robot.n) if problem.v_start is None else problem.v_start
     nodes, ends, now = [0.0], [], 0.0
+    near = options.feasibility * (1.0 + ROUNDING)
     segments = problem.segments or (Segment(problem.goal),)
     for phase, segment in zip(problem.phases, segments, strict=True):
         misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)
-        if any(miss.amount > options.feasibility for miss in misses):
+        if any(miss.amount > near for miss in misses):
             return None
         earliest, latest = segment.arrival or (0.0, np.inf)
         arrival = max(now, whole_periods(earliest, period))
