@@ -160,7 +160,14 @@ def test_declared_dependencies_are_those_imported() -> None:
 
 
 JUDGES = ("bounds", "certificate", "verification")
-MAKERS = ("arcs", "constraints", "initial_guess", "planner", "solvers", "transcription")
+MAKERS = (
+    "exact",
+    "constraints",
+    "initial_guess",
+    "planner",
+    "solvers",
+    "transcription",
+)
 
 
 def test_what_judges_a_motion_knows_nothing_of_what_made_it() -> None:

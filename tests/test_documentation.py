@@ -14,8 +14,8 @@ import pytest
 
 import tominpmp as tm
 from tominpmp import exceptions
+from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.description.files import robot_names
-from tominpmp.scenario.tour_file import load_tour
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))

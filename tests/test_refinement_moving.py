@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.arcs.shooting import ArcProgram
-from tominpmp.arcs.structure import Arcs
-from tominpmp.arcs.switching_times import steps_of
-from tominpmp.arcs.transcription import ArcTranscription
+from tominpmp.exact.shooting import ArcProgram
+from tominpmp.exact.structure import Arcs
+from tominpmp.exact.switching_times import steps_of
+from tominpmp.exact.transcription import ArcTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares
 from tominpmp.transcription.inverse import InverseTranscription

@@ -13,11 +13,11 @@ from sample_arms import make_arm, slide
 from two_link_cases import CASES, all_cases
 
 import tominpmp as tm
-from tominpmp.arcs.shooting import ArcProgram
-from tominpmp.arcs.structure import Arcs, read_arcs
-from tominpmp.arcs.switching_times import EXACT, refine_arcs, solve_lengths
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.planner import switching_refinement as exact
+from tominpmp.exact import switching_refinement as exact
+from tominpmp.exact.shooting import ArcProgram
+from tominpmp.exact.structure import Arcs, read_arcs
+from tominpmp.exact.switching_times import EXACT, refine_arcs, solve_lengths
 from tominpmp.stopping import Budget
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

@@ -7,10 +7,10 @@ import pytest
 from sample_arms import make_arm, rod, slide
 
 import tominpmp as tm
-from tominpmp.arcs.held_joints import FOLLOWS, HOLDS, differentiate_rates
-from tominpmp.arcs.structure import Arcs
-from tominpmp.arcs.switching_functions import Change
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
+from tominpmp.exact.structure import Arcs
+from tominpmp.exact.switching_functions import Change
 
 
 def planar(velocity: object = 1e3) -> tm.Robot:

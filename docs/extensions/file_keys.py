@@ -17,7 +17,7 @@ from tominpmp.scenario import robot_table, scenario, tour_file
 from tominpmp.scenario.records import classes, motions
 from tominpmp.scene import Obstacle
 from tominpmp.segments import Segment
-from tominpmp.tours import Station
+from tominpmp.cell.tours import Station
 
 # What a file has in a table of its own, or says in another way than the code.
 TABLES = {

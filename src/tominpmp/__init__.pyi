@@ -1,6 +1,6 @@
 """Where the public names of the package are; read by type checkers and at import."""
 
-from .batch import (
+from .cell.batch import (
     Dataset as Dataset,
     Outcome as Outcome,
     plan_many as plan_many,
@@ -74,7 +74,7 @@ from .options import (
     Tolerances as Tolerances,
 )
 from .payload import Payload as Payload
-from .placement import (
+from .cell.placement import (
     ImprovedPlacement as ImprovedPlacement,
     improve_placement as improve_placement,
     robot_at as robot_at,
@@ -123,7 +123,7 @@ from .status import (
     IterationRecord as IterationRecord,
     Status as Status,
 )
-from .tours import (
+from .cell.tours import (
     Station as Station,
     Tour as Tour,
     Visit as Visit,

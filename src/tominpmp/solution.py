@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -337,9 +338,12 @@ class Solution:
             ProblemError: If there is no motion, or no such engine.
             MissingDependency: If the engine is not installed.
         """
-        from tominpmp.physics.replay import replay
-
-        return replay(self.problem, self._motion(), engine=engine, **options)
+        # An add-on: loaded by name, so that the core works without it.
+        physics = import_module("tominpmp.physics.replay")
+        replayed: PhysicsReplay = physics.replay(
+            self.problem, self._motion(), engine=engine, **options
+        )
+        return replayed
 
     def export(
         self,

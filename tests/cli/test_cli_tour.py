@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import tominpmp as tm
+from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.cli.app import app
-from tominpmp.scenario.tour_file import load_tour
 
 HEAD = """
 [robot]

@@ -20,9 +20,9 @@ from batch_samples import QUICK, Deadly, Unsendable, problems, rail
 from typer.testing import CliRunner
 
 import tominpmp as tm
-from tominpmp.batch import Progress
-from tominpmp.batch.dataset import Entry
-from tominpmp.batch.neighbours import rounds_of
+from tominpmp.cell.batch import Progress
+from tominpmp.cell.batch.dataset import Entry
+from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.cli.app import app
 
 

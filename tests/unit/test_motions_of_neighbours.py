@@ -11,7 +11,7 @@ import pytest
 import tests.sample_arms as arms
 import tominpmp as tm
 from tominpmp.arrays import Array
-from tominpmp.batch.neighbours import Rounds
+from tominpmp.cell.batch.neighbours import Rounds
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt, finer_grid

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import tominpmp as tm
-from tominpmp.tours.station import Rules
+from tominpmp.cell.tours.station import Rules
 
 
 @pytest.mark.parametrize("wrong", [3, "hand", [("hand",)], [("hand", 2)], [("", "a")]])

@@ -7,9 +7,9 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
+from tominpmp.cell.tours import legs
+from tominpmp.cell.tours.legs import LegPlanner
 from tominpmp.status import Status
-from tominpmp.tours import legs
-from tominpmp.tours.legs import LegPlanner
 
 
 def planner() -> LegPlanner:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tominpmp.bounds.least_time import OneWay, Ramp
+from tominpmp.cell.tours.exact_order import exact_order
+from tominpmp.cell.tours.joint_times import JointTimes
+from tominpmp.cell.tours.leg_table import LegTable
+from tominpmp.cell.tours.local_search import OrderSearch, search_order
+from tominpmp.cell.tours.station import Rules, Station, checked_stations
+from tominpmp.cell.tours.tour_bound import _assigned, _best_order, _one_tree
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
-from tominpmp.tours.exact_order import exact_order
-from tominpmp.tours.joint_times import JointTimes
-from tominpmp.tours.leg_table import LegTable
-from tominpmp.tours.local_search import OrderSearch, search_order
-from tominpmp.tours.station import Rules, Station, checked_stations
-from tominpmp.tours.tour_bound import _assigned, _best_order, _one_tree
 
 LIMITS = JointTimes(np.array([2.0, 3.0]), np.array([5.0, 4.0]), np.full(2, np.inf))
 ANY = JointGoal([0.0])

@@ -12,11 +12,11 @@ import pytest
 import tests.sample_arms as arms
 import tominpmp as tm
 from tominpmp.arrays import Array
+from tominpmp.cell.tours.direct_motion import direct_motion
+from tominpmp.cell.tours.joint_times import JointTimes
+from tominpmp.cell.tours.tour_bound import tour_bound
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot import Robot
-from tominpmp.tours.direct_motion import direct_motion
-from tominpmp.tours.joint_times import JointTimes
-from tominpmp.tours.tour_bound import tour_bound
 from tominpmp.verification import verify
 
 HOME = np.array([0.3, 0.9])

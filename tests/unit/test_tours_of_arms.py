@@ -7,8 +7,8 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
+from tominpmp.cell.tours.arms import least_stays, together
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.tours.arms import least_stays, together
 
 LIMITS = tm.MotionLimits(acceleration=6.0)
 

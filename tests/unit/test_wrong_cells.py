@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.batch.executor import Executor
+from tominpmp.cell.batch.executor import Executor
 
 HOME = (0.5, 1.7, -1.7)
 

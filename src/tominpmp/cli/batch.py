@@ -31,9 +31,9 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         TominpmpError: If anything given is wrong; a broken scenario among others is
             reported instead, and the others are planned.
     """
-    from tominpmp.batch.folder import scenarios_in, summary
-    from tominpmp.batch.outcome import Outcome
-    from tominpmp.batch.plan_many import Progress, plan_many
+    from tominpmp.cell.batch.folder import scenarios_in, summary
+    from tominpmp.cell.batch.outcome import Outcome
+    from tominpmp.cell.batch.plan_many import Progress, plan_many
 
     begin = time.perf_counter()
     problems = scenarios_in(source)

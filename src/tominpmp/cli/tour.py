@@ -8,6 +8,8 @@ from typing import Any
 import typer
 
 from tominpmp.bounds.result import USELESS, LowerBound
+from tominpmp.cell.tours import Tour
+from tominpmp.cell.tours.tour_file import blamed, load_tour
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.options import TourOptions
 from tominpmp.cli.output_files import (
@@ -26,9 +28,7 @@ from tominpmp.cli.terminal import (
 )
 from tominpmp.exceptions import ScenarioError, TominpmpError
 from tominpmp.options import Options
-from tominpmp.scenario.tour_file import blamed, load_tour
 from tominpmp.status import Status
-from tominpmp.tours import Tour
 
 
 def run_tour(scenario: Path, args: TourOptions) -> int:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
 from tominpmp.linear_programs import LpSolver
 from tominpmp.options import Options
 from tominpmp.planner.grid_refinement import refine_grid
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.switching_refinement import refine_switching
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.problem_functions import ProblemFunctions
-
-__all__ = ["refine", "refine_grid", "refine_switching", "unrefined"]
 
 # What does not ask for a refinement of every motion.
 LATER = (None, "auto")
@@ -48,8 +46,14 @@ def refine(
         return program, result
     if options.refine in LATER:
         return program, result
-    how = refine_grid if options.refine == "grid" else refine_switching
-    return how(system, options, program, result, lp, progress)
+    if options.refine == "grid":
+        return refine_grid(system, options, program, result, lp, progress)
+    # An add-on: loaded by name, so that the core works without it.
+    exact = import_module("tominpmp.exact.switching_refinement")
+    refined: tuple[Program, SlpResult] = exact.refine_switching(
+        system, options, program, result, lp, progress
+    )
+    return refined
 
 
 def unrefined(options: Options, result: SlpResult) -> SlpResult:

@@ -1,9 +1,0 @@
-"""Batches: many plans, on several processes or a cluster, kept as a dataset."""
-
-from __future__ import annotations
-
-from tominpmp.batch.dataset import Dataset
-from tominpmp.batch.outcome import Outcome
-from tominpmp.batch.plan_many import Progress, plan_many
-
-__all__ = ["Dataset", "Outcome", "Progress", "plan_many"]

@@ -1,0 +1,1 @@
+"""The cell: tours through stations, batches of plans, and where things stand."""

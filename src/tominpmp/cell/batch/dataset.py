@@ -1,0 +1,350 @@
+"""Results of a batch as files: one NPZ file a plan, and tables for learning.
+
+A file holds the problem as the text of a scenario, the motion at its nodes, and what
+was found of it. It needs no pickles and nothing of this library to be read: ::
+
+    with np.load("000017.npz") as file:
+        t, q, success, T = file["t"], file["q"], bool(file["success"]), float(file["T"])
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from tominpmp.arrays import Array, Record
+from tominpmp.bounds.result import LowerBound
+from tominpmp.cell.batch.outcome import Outcome
+from tominpmp.checks import whole
+from tominpmp.description.paths import checked_path
+from tominpmp.dynamics import RobotDynamics
+from tominpmp.exceptions import ScenarioError, optional
+from tominpmp.io.files import write_file
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.scenario.scenario import Scenario, load_scenario
+from tominpmp.solution import Solution
+from tominpmp.status import Status
+from tominpmp.trajectory import MAX_SAMPLES, Trajectory
+
+# Files of a folder at most: so many stand in one below that of the results.
+FILES = 1000
+ARRAYS = ("t", "q", "v", "u")
+VERSION = 1
+
+
+def file_of(folder: Path, index: int, name: str) -> Path:
+    """Where the result of a problem is kept."""
+    plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[:80]
+    return folder / f"{index // FILES:05d}" / f"{index:07d}_{plain}.npz"
+
+
+def write_outcome(
+    path: Path, outcome: Outcome, digest: str, scenario: str, why: str = ""
+) -> None:
+    """Write a result.
+
+    Args:
+        path: The file; its folder is made.
+        outcome: The result.
+        digest: What tells the problem from another one; empty for none.
+        scenario: The problem as the text of a scenario; empty if no file can hold it.
+        why: Why that is so.
+
+    Raises:
+        ScenarioError: If it cannot be written.
+    """
+    solution = outcome.solution
+    about = {
+        "version": VERSION,
+        "index": outcome.index,
+        "name": outcome.name,
+        "seed": outcome.seed,
+        "status": outcome.status,
+        "message": outcome.message,
+        "gap": outcome.gap,
+        "seconds": outcome.seconds,
+        "verified": outcome.verified,
+        "began_with": outcome.began_with,
+        "digest": digest,
+        "no_scenario": why,
+        **_judged(solution),
+    }
+    arrays: dict[str, Any] = {
+        "about": np.array(json.dumps(about)),
+        "scenario": np.array(scenario),
+        "success": np.array(outcome.success),
+        "T": np.array(outcome.T),
+    }
+    motion = None if solution is None else solution.trajectory
+    if motion is not None:
+        arrays |= {name: getattr(motion, name) for name in ARRAYS}
+        arrays["joint_names"] = np.array(motion.joint_names)
+        if motion.a is not None:
+            arrays["a"] = motion.a
+        if motion.segment_ends is not None:
+            arrays["segment_ends"] = motion.segment_ends
+        arrays["torques_follow"] = np.array(motion.inverse_dynamics is not None)
+
+    def write(file: BinaryIO) -> None:
+        np.savez(file, **arrays)
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ScenarioError(f"{path.parent}: {reason}", path.parent) from error
+    write_file(path, write)
+
+
+def _judged(solution: Solution | None) -> dict[str, Any]:
+    """What is known of a motion beside its time."""
+    if solution is None:
+        return {}
+    found: dict[str, Any] = {
+        "feasible": solution.feasible,
+        "robot": solution.problem.robot.name,
+        "method": solution.options.method,
+        "iterations": solution.iterations,
+    }
+    if solution.lower_bound is not None:
+        found["lower_bound"] = solution.lower_bound.T
+        found["lower_bound_reason"] = solution.lower_bound.reason
+    if solution.verification is not None:
+        judged = solution.verification
+        found["goal_error"] = judged.goal_error
+        found["speed_error"] = judged.speed_error
+        clearance = judged.min_clearance
+        found["min_clearance"] = clearance if math.isfinite(clearance) else None
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Entry(Record):
+    """One result, as it is in its file.
+
+    Attributes:
+        path: The file.
+        about: Status, message, seed and whatever else was found, by name.
+        scenario: The problem as the text of a scenario; empty if no file can hold it.
+        success: Whether there is a motion that keeps all constraints.
+        T: Its duration [s]; infinite without one.
+        arrays: The motion: t (N + 1,), q, v and u (N + 1, n), and others; empty without
+            one.
+    """
+
+    path: Path
+    about: dict[str, Any]
+    scenario: str
+    success: bool
+    T: float
+    arrays: dict[str, Any]
+
+    @classmethod
+    def read(cls, path: str | Path) -> Entry:
+        """Read a file.
+
+        Raises:
+            ScenarioError: If it is none of a batch, or broken.
+        """
+        path = checked_path(path, "path", ScenarioError)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+            about = json.loads(str(content.pop("about")))
+            scenario = str(content.pop("scenario"))
+            success, T = bool(content.pop("success")), float(content.pop("T"))
+            index, name = int(about["index"]), str(about["name"])
+        except Exception as error:  # whatever a broken file makes of the reader
+            raise ScenarioError(
+                f"{path} is no result of a batch: {error}", path
+            ) from error
+        about |= {"index": index, "name": name}
+        return cls(path, about, scenario, success, T, content)
+
+    def load(self) -> Scenario:
+        """The problem and the options.
+
+        Raises:
+            ScenarioError: If no file could hold it, or what it names is not there.
+        """
+        if not self.scenario:
+            reason = self.about.get("no_scenario") or "it was never made"
+            raise ScenarioError(f"{self.path} holds no problem: {reason}", self.path)
+        # Paths in it are relative to the folder of the results.
+        beside = self.path.parent.parent / f".{self.path.stem}.toml"
+        write_file(beside, lambda file: file.write(self.scenario.encode()))
+        try:
+            return load_scenario(beside)
+        finally:
+            beside.unlink(missing_ok=True)
+
+    def sampled(self, count: int) -> Array:
+        """The motion at instants equally spaced in time, shape (count, 3 n).
+
+        Positions, velocities and torques; torques are those of the nodes, joined by
+        lines.
+        """
+        motion = self._nodes()
+        times = np.linspace(0.0, motion.duration, count)
+        state = motion(times)
+        u = [np.interp(times, motion.t, column) for column in motion.u.T]
+        return np.hstack([state.q, state.v, np.transpose(u)])
+
+    def _nodes(self) -> Trajectory:
+        """The motion without its dynamics."""
+        found = self.arrays
+        return Trajectory(
+            tuple(str(name) for name in found["joint_names"].tolist()),
+            found["t"],
+            found["q"],
+            found["v"],
+            found["u"],
+            a=found.get("a"),
+            segment_ends=found.get("segment_ends"),
+        )
+
+    def trajectory(self, problem: Problem | None = None) -> Trajectory | None:
+        """The motion; None without one.
+
+        Args:
+            problem: The problem, for the torques between the nodes; None reads it.
+        """
+        if "t" not in self.arrays:
+            return None
+        motion = self._nodes()
+        if not bool(self.arrays["torques_follow"]):
+            return motion
+        problem = self.load().problem if problem is None else problem
+        by_segment = tuple(RobotDynamics(p.robot).inverse for p in problem.phases)
+        return motion.with_torques(
+            RobotDynamics(problem.robot).inverse,
+            by_segment if len(by_segment) > 1 else (),
+        )
+
+    def outcome(self, problem: Problem | None, options: Options) -> Outcome:
+        """The result as that of a plan, with the problem that it is of."""
+        about = self.about
+        solution = None
+        if problem is not None and about["status"] in Status.__members__:
+            bound = about.get("lower_bound")
+            solution = Solution(
+                problem=problem,
+                options=options,
+                status=Status[about["status"]],
+                message=about["message"],
+                feasible=bool(about.get("feasible")),
+                trajectory=self.trajectory(problem),
+                planning_time=float(about["seconds"]),
+                lower_bound=None
+                if bound is None
+                else LowerBound(bound, about.get("lower_bound_reason", "")),
+            )
+        return Outcome(
+            about["index"],
+            about["name"],
+            int(about["seed"]),
+            self.success,
+            about["status"],
+            about["message"],
+            self.T,
+            about.get("gap"),
+            bool(about.get("verified")),
+            float(about["seconds"]),
+            about.get("began_with"),
+            solution,
+            self.path,
+            resumed=True,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset(Record):
+    """The results of a batch in a folder, read one by one.
+
+    Attributes:
+        folder: The folder.
+    """
+
+    folder: Path
+
+    if TYPE_CHECKING:
+
+        def __init__(self, folder: str | Path) -> None: ...
+
+    def __post_init__(self) -> None:
+        """Check that there is such a folder."""
+        folder = checked_path(self.folder, "folder", ScenarioError)
+        if not folder.is_dir():
+            raise ScenarioError(f"{folder} is no folder with results", folder)
+        object.__setattr__(self, "folder", folder)
+
+    @property
+    def files(self) -> list[Path]:
+        """The files, in the order of the problems."""
+        return sorted(self.folder.glob("[0-9]*/[0-9]*.npz"))
+
+    def __len__(self) -> int:
+        """Number of results."""
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Read one result after the other.
+
+        Raises:
+            ScenarioError: If a file is broken.
+        """
+        return (Entry.read(path) for path in self.files)
+
+    def samples(self, count: int) -> Iterator[tuple[Entry, Array]]:
+        """Motions at the same number of instants, for learning.
+
+        Args:
+            count: Number of instants, from the start to the end, equally spaced in
+                time.
+
+        Returns:
+            One after the other, results that have a motion, and q, v and u beside each
+            other, shape (count, 3 n); torques between nodes are those of the nodes,
+            joined by lines.
+        """
+        count = whole(count, "count", 1, MAX_SAMPLES)
+        return ((item, item.sampled(count)) for item in self if item.success)
+
+    def to_parquet(self, path: str | Path) -> Path:
+        """Write all results as one Parquet file, a row each; nested lists for motions.
+
+        Returns:
+            The path.
+
+        Raises:
+            MissingDependency: If pyarrow is not installed.
+            ScenarioError: If a result is broken or the file cannot be written.
+        """
+        with optional("pyarrow", "parquet", "Parquet files"):
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        rows = [_row(entry) for entry in self]
+        table = pa.Table.from_pylist(rows)
+        return write_file(path, lambda file: pq.write_table(table, file))
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    """A result as a row of a table."""
+    motion = {
+        name: entry.arrays[name].tolist() for name in ARRAYS if name in entry.arrays
+    }
+    return {
+        **{k: v for k, v in entry.about.items() if k != "version"},
+        "success": entry.success,
+        "T": entry.T if math.isfinite(entry.T) else None,
+        "scenario": entry.scenario,
+        **motion,
+    }

@@ -1,0 +1,274 @@
+"""Many plans: lazily, in several processes, and such that nothing is lost."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tominpmp.arrays import Record
+from tominpmp.cell.batch.executor import Executor
+from tominpmp.cell.batch.neighbours import rounds_of
+from tominpmp.cell.batch.outcome import Outcome
+from tominpmp.cell.batch.packing import Packed, Robots, pack, unpack
+from tominpmp.cell.batch.task import (
+    LOST,
+    Item,
+    Settings,
+    Start,
+    item_of,
+    ready,
+    run_packed,
+)
+from tominpmp.checks import flag, instance, number, whole, wrong
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import ScenarioError, brief
+from tominpmp.options import Options
+from tominpmp.trajectory import Trajectory
+
+MOST_WORKERS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Progress(Record):
+    """How far a batch is.
+
+    Attributes:
+        done: Problems that are done, those of former runs too.
+        found: How many of them have a motion.
+        total: Number of all problems; None where it is not known.
+        seconds: Time since the beginning [s].
+        last: The outcome that came last.
+    """
+
+    done: int
+    found: int
+    total: int | None
+    seconds: float
+    last: Outcome
+
+
+def plan_many(
+    problems: Iterable[Any] | Mapping[str, Any],
+    options: Options | None = None,
+    *,
+    workers: int | None = None,
+    backend: str | None = None,
+    ordered: bool = True,
+    results: str | Path | None = None,
+    seed: int = 0,
+    warm_start: bool = False,
+    progress: Callable[[Progress], object] | None = None,
+    **changes: Any,
+) -> Iterator[Outcome]:
+    """Plan many problems.
+
+    ::
+
+        for outcome in tm.plan_many(problems, results="out", max_planning_time=10.0):
+            print(outcome.name, outcome.T if outcome.success else outcome.message)
+
+    Problems are taken from the iterable as they are needed. The motions are the same to
+    the last bit for any number of workers, on any backend, unless a time limit ends
+    plans. A problem that is wrong, or whose process is killed, is an outcome with a
+    reason, and the others go on.
+
+    Args:
+        problems: What to plan: problems, scenarios (see
+            :func:`~tominpmp.scenario.scenario.load_scenario`) or paths of their files;
+            each may be a pair of a name and one of these; or all of them by name.
+        options: Options of all plans; None for those of the scenarios, or the defaults.
+        workers: How many are planned at once; None for as many as there are cores, or
+            as the backend that is configured says.
+        backend: Where they are planned: "loky" (processes of this machine),
+            "threading", "dask", "ray", or any other backend of joblib by its name; None
+            for the one of ``joblib.parallel_config``, or processes.
+        ordered: Whether outcomes come in the order of the problems, else as they
+            finish.
+        results: Folder in which the results are kept, a file each, see
+            :class:`~tominpmp.cell.batch.dataset.Dataset`. Problems whose results are
+            there already are not planned again: a run that was killed has lost the
+            plans under way, no more. Processes on other machines must see the folder.
+        seed: Seed of the batch. Each plan has one of its own, made of this and of the
+            name of the problem, or of its number where it has none.
+        warm_start: Whether problems begin with the motion of the nearest problem that
+            was planned before them. All problems are looked at first; which begins
+            with which depends on them alone, not on which is ready first.
+        progress: Called with a :class:`Progress` after each outcome.
+        **changes: Options by name, which go before those of ``options`` and of
+            scenarios: ``max_planning_time`` is the time of each plan [s].
+
+    Yields:
+        The outcomes.
+
+    Raises:
+        ProblemError: If an argument is wrong, or there is no such backend.
+        OptionsError: If an option is unknown or its value is wrong.
+        MissingDependency: If the package of the backend is not installed.
+        ScenarioError: If the folder of the results is a file, or results cannot be
+            written.
+    """
+    items = _iterator(problems)
+    settings = _settings(options, changes, results)
+    count = _checked_workers(workers)
+    ordered, warm_start = flag(ordered, "ordered"), flag(warm_start, "warm_start")
+    first_seed = whole(seed, "seed", most=math.inf)
+    if backend is not None:
+        instance(backend, str, "backend", "the name of a backend of joblib")
+    if progress is not None and not callable(progress):
+        raise wrong(progress, "progress", "a function")
+    executor = Executor(run_packed, count, backend)
+    total = len(problems) if isinstance(problems, Sized) else None
+    numbered = (item_of(index, given, first_seed) for index, given in enumerate(items))
+    batch = _Batch(executor, settings)
+    found = batch.in_rounds(numbered) if warm_start else batch.outcomes(numbered)
+    if progress is not None:
+        found = _watched(found, progress, total)
+    return _in_order(found) if ordered else found
+
+
+def _iterator(problems: Any) -> Iterator[Any]:
+    if isinstance(problems, str | Path):
+        expected = "problems or paths, one after the other: [path] for one"
+        raise wrong(problems, "problems", expected)
+    if isinstance(problems, Mapping):
+        problems = problems.items()
+    try:
+        return iter(problems)
+    except TypeError as error:
+        expected = "problems, scenarios or paths, one after the other or by name"
+        raise wrong(problems, "problems", expected) from error
+
+
+def _settings(
+    options: Options | None, changes: dict[str, Any], results: str | Path | None
+) -> Settings:
+    Options.of(options).changed(changes)
+    folder = None
+    if results is not None:
+        folder = checked_path(results, "results").absolute()
+        _make_folder(folder)
+    return Settings(options, changes, folder)
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of the results, before anything is planned for it.
+
+    Raises:
+        ScenarioError: If it is a file, or nothing can be written there.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"{folder} is a file, expected a folder", folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ScenarioError(f"results: {folder}: {reason}", folder) from error
+
+
+def _checked_workers(workers: int | None) -> int | None:
+    if workers is None:
+        return None
+    expected = f"a number from 1 to {MOST_WORKERS}"
+    found = number(workers, "workers", expected, least=1, most=MOST_WORKERS)
+    if found != int(found):
+        raise wrong(workers, "workers", expected)
+    return int(found)
+
+
+class _Batch:
+    """Hands out work and takes outcomes."""
+
+    def __init__(self, executor: Executor, settings: Settings) -> None:
+        self._executor, self._settings = executor, settings
+        self._robots = Robots()
+
+    def outcomes(
+        self, items: Iterator[Item], starts: dict[int, Start] | None = None
+    ) -> Iterator[Outcome]:
+        """Outcomes as they finish, of items that begin with motions."""
+        known = {} if starts is None else starts
+        sent: dict[int, Item] = {}
+        bad: list[Outcome] = []
+
+        def work() -> Iterator[tuple[int, Packed]]:
+            for item in items:
+                what = item, self._settings, known.get(item.index)
+                try:
+                    packed = pack(what, self._robots)
+                except Exception as error:  # whatever the caller's object does
+                    reason = f"the problem cannot be sent: {brief(str(error), 300)}"
+                    bad.append(_lost(item, "BROKEN", reason))
+                    continue
+                sent[item.index] = item
+                yield item.index, packed
+
+        for index, result in self._executor.results(work(), lambda packed: None):
+            yield from _emptied(bad)
+            item = sent.pop(index)
+            if result is None:
+                yield _lost(item, LOST, "the process that planned it was killed, twice")
+            else:
+                yield unpack(result, self._robots)
+        yield from _emptied(bad)
+
+    def in_rounds(self, items: Iterator[Item]) -> Iterator[Outcome]:
+        """Outcomes of items that begin with the motions of their neighbours."""
+        every = list(items)
+        problems = [ready(item, Settings(None, {}, None)).problem for item in every]
+        rounds = rounds_of(problems)
+        motions: dict[int, Trajectory] = {}
+        for numbers in rounds.rounds:
+            starts: dict[int, Start] = {}
+            for k in numbers.tolist():
+                first = rounds.start(k, motions)
+                if first is not None:
+                    starts[every[k].index] = Start(first, motions[first])
+            chosen = (every[k] for k in numbers.tolist())
+            fresh: dict[int, Trajectory] = {}
+            for outcome in self.outcomes(chosen, starts):
+                solution = outcome.solution
+                if outcome.success and solution is not None and solution.trajectory:
+                    fresh[outcome.index] = solution.trajectory
+                yield outcome
+            motions |= fresh
+
+
+def _lost(item: Item, status: str, reason: str) -> Outcome:
+    return Outcome.failed(item.index, item.name, item.seed, status, reason)
+
+
+def _emptied(outcomes: list[Outcome]) -> Iterator[Outcome]:
+    while outcomes:
+        yield outcomes.pop(0)
+
+
+def _in_order(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
+    """Outcomes in the order of their numbers."""
+    waiting: dict[int, Outcome] = {}
+    following = 0
+    for outcome in outcomes:
+        waiting[outcome.index] = outcome
+        while following in waiting:
+            yield waiting.pop(following)
+            following += 1
+
+
+def _watched(
+    outcomes: Iterator[Outcome],
+    progress: Callable[[Progress], object],
+    total: int | None,
+) -> Iterator[Outcome]:
+    """Outcomes, with a word on each."""
+    begin, found = time.perf_counter(), 0
+    for done, outcome in enumerate(outcomes, start=1):
+        found += outcome.success
+        seconds = time.perf_counter() - begin
+        progress(Progress(done, found, total, seconds, outcome))
+        yield outcome

@@ -1,0 +1,374 @@
+"""Moves the base of a robot, obstacles or goals to where tasks take less time.
+
+The duration of every task comes with its derivatives by all places, so that a plan of
+each task tells which way to go. Steps are those of a quasi-Newton method within bounds;
+the plans of a step begin with the motions of the last one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.blas_threads import on_one_thread
+from tominpmp.cell.placement.moves import (
+    BASE,
+    COORDINATES,
+    GOALS,
+    TRANSLATIONS,
+    Moves,
+)
+from tominpmp.checks import instance, whole, wrong
+from tominpmp.combined_robots import base_placement
+from tominpmp.exceptions import ProblemError, TominpmpError, brief, told_of
+from tominpmp.options import Options
+from tominpmp.planner.planning import plan
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.solution import Solution
+
+# The first step, as a share of the bounds, and the least one that is tried.
+FIRST, LEAST = 0.15, 2e-3
+# A step that promises less than this share of the time is not made.
+ENOUGH = 5e-4
+GROW, SHRINK = 1.7, 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class Trial(Record):
+    """A placement that was tried.
+
+    Attributes:
+        values: The coordinates, shape (k,) [m or rad].
+        T: Sum of the weighted durations of the tasks [s]; infinite if one failed.
+        plans: How many plans had been made by then.
+    """
+
+    values: Array
+    T: float
+    plans: int
+
+
+@dataclass(frozen=True, eq=False)
+class ImprovedPlacement(Record):
+    """The best placement that was found.
+
+    Attributes:
+        names: Names of the coordinates.
+        values: Their values: displacements from where it began, shape (k,) [m or rad].
+        placement: Placement base_to_world of the base; of obstacles and goals, their
+            displacement.
+        T: Sum of the weighted durations of the tasks [s].
+        T_before: The same where it began.
+        plans: How many plans were made.
+        trials: All placements that were tried, in that order.
+        solutions: The motions of the tasks; their problems have the placement.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    placement: pin.SE3
+    T: float
+    T_before: float
+    plans: int
+    trials: tuple[Trial, ...] = field(repr=False)
+    solutions: tuple[Solution, ...] = field(repr=False)
+
+    def __repr__(self) -> str:
+        """What is gained, on one line."""
+        where = ", ".join(
+            f"{name} {value:+.4g}"
+            for name, value in zip(self.names, self.values.tolist(), strict=True)
+        )
+        return (
+            f"<ImprovedPlacement {where}: T = {self.T:.4f} s, was "
+            f"{self.T_before:.4f} s, {self.plans} plans>"
+        )
+
+
+@on_one_thread
+def improve_placement(
+    robot: Robot,
+    tasks: Sequence[Problem],
+    *,
+    base: Any = None,
+    bounds: Mapping[str, tuple[float, float]],
+    moves: str | Sequence[str] = BASE,
+    weights: Sequence[float] | None = None,
+    most_plans: int = 100,
+    options: Options | None = None,
+    **changes: Any,
+) -> ImprovedPlacement:
+    """Move the base of a robot, or something around it, so that tasks take less time.
+
+    ::
+
+        better = tm.improve_placement(
+            robot, tasks, bounds={"x": (-0.3, 0.3), "yaw": (-0.5, 0.5)}
+        )
+        print(better.placement, better.T_before, better.T)
+
+    Starts of tasks stay the configurations they are; goals on frames and obstacles stay
+    where they are in the world. What is found is the optimum that lies downhill.
+
+    Args:
+        robot: The robot.
+        tasks: What it has to do: problems, of one segment each, in which ``robot`` is
+            put at the base.
+        base: Where the base is at the beginning: a placement base_to_world or a
+            position, shape (3,) [m]; None for the origin of the world.
+        bounds: By the names of the coordinates that may change ("x", "y", "z", and for
+            the base "roll", "pitch", "yaw" about its own origin), how far either way
+            [m or rad], as (lower, upper) about zero.
+        moves: What is moved: "base", "goals" (all of them), or names of obstacles.
+        weights: How often each task is done; None for once each.
+        most_plans: Number of plans after which no other step is made.
+        options: Options of the plans.
+        **changes: Options by name, which go before these.
+
+    Returns:
+        The best placement found, at worst the one that it began with.
+
+    Raises:
+        ProblemError: If an argument is wrong, or a task has no motion where it begins.
+        OptionsError: If an option is wrong.
+    """
+    instance(robot, Robot, "robot")
+    given, low, high = _checked(tasks, bounds)
+    names = tuple(bounds)
+    what = _what(moves, given, names)
+    place = (
+        pin.SE3.Identity() if base is None else base_placement(robot.name, base, "base")
+    )
+    scale = _weights(weights, len(given))
+    most_plans = whole(most_plans, "most_plans", least=1, expected="a number >= 1")
+    options = Options.of(options).changed(changes)
+    search = _Search(Moves(what, names, robot, place), given, scale, options)
+    return search.run(low, high, most_plans)
+
+
+def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
+    expected = "problems of one segment, one or more"
+    if isinstance(tasks, Problem) or not isinstance(tasks, Sequence) or not tasks:
+        raise wrong(tasks, "tasks", expected)
+    for number, task in enumerate(tasks):
+        if not isinstance(task, Problem) or task.segments:
+            raise ProblemError(
+                f"tasks: number {number + 1} of {len(tasks)} is {brief(task)}, "
+                f"expected {expected}",
+                f"tasks[{number}]",
+            )
+    instance(bounds, Mapping, "bounds", "ranges by the names of coordinates")
+    rows = []
+    for name, pair in bounds.items():
+        row = array_or_nan(pair)
+        fine = row.shape == (2,) and row[0] <= 0.0 <= row[1] and row[0] < row[1]
+        if name not in COORDINATES or not fine or not np.all(np.isfinite(row)):
+            raise ProblemError(
+                f"bounds: {brief(name)} is {brief(pair)}, expected one of "
+                f"{', '.join(COORDINATES)} with a range about zero [m or rad]",
+                "bounds",
+            )
+        rows.append(row)
+    if not rows:
+        raise ProblemError("bounds is empty, expected a coordinate or more", "bounds")
+    table = np.array(rows)
+    return list(tasks), table[:, 0], table[:, 1]
+
+
+def _of_task(number: int, count: int) -> AbstractContextManager[None]:
+    """Errors that arise within this are about a task."""
+    return told_of(f"tasks: number {number + 1} of {count}", f"tasks[{number}]")
+
+
+def _what(
+    moves: Any, tasks: Sequence[Problem], names: Sequence[str]
+) -> str | tuple[str, ...]:
+    """Check what is to be moved, and that it can be."""
+    if isinstance(moves, str) and moves == BASE:
+        return BASE
+    if not set(names) <= set(TRANSLATIONS):
+        raise ProblemError(
+            f"bounds has {', '.join(names)}, expected some of "
+            f"{', '.join(TRANSLATIONS)}: what is not the base does not turn",
+            "bounds",
+        )
+    if isinstance(moves, str) and moves == GOALS:
+        for number, task in enumerate(tasks):
+            with _of_task(number, len(tasks)):
+                task.goal.moved(np.zeros(3))
+        return GOALS
+    chosen = (moves,) if isinstance(moves, str) else moves
+    known = {item.name: item for task in tasks for item in task.scene}
+    fine = isinstance(chosen, Sequence) and len(chosen) > 0
+    for name in chosen if fine else ():
+        there = isinstance(name, str) and name in known
+        fine = fine and there and known[name].motion is None
+    if not fine:
+        resting = [name for name, item in known.items() if item.motion is None]
+        known_ones = ", ".join(resting) or "there are none"
+        expected = f"'base', 'goals' or obstacles at rest: {known_ones}"
+        raise wrong(moves, "moves", expected)
+    return tuple(chosen)
+
+
+def _weights(weights: Any, count: int) -> Array:
+    if weights is None:
+        return np.ones(count)
+    row = array_or_nan(weights)
+    if row.shape != (count,) or not np.all(np.isfinite(row) & (row > 0.0)):
+        raise wrong(weights, "weights", f"{count} positive numbers, one a task")
+    return row
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A placement at which all tasks have motions."""
+
+    x: Array
+    T: float
+    slope: Array
+    solutions: tuple[Solution, ...]
+
+
+class _Search:
+    """Quasi-Newton steps within bounds."""
+
+    def __init__(
+        self, moves: Moves, tasks: list[Problem], weights: Array, options: Options
+    ) -> None:
+        self._moves, self._tasks = moves, tasks
+        self._weights, self._options = weights, options
+        self.plans = 0
+        self.trials: list[Trial] = []
+
+    def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
+        """Go downhill until nothing is gained."""
+        span = high - low
+        best = first = self._first(np.zeros(low.size))
+        radius, curvature = FIRST, np.zeros((low.size, low.size))
+        while self.plans + len(self._tasks) <= most_plans and radius > LEAST:
+            box = (
+                np.maximum(low, best.x - radius * span),
+                np.minimum(high, best.x + radius * span),
+            )
+            x, promised = _step(best, curvature, *box)
+            if promised < ENOUGH * best.T:
+                break
+            found = self._try(x, best)
+            if found is None or found.T >= best.T:
+                radius *= SHRINK
+                if found is not None:
+                    curvature = _updated(curvature, found, best)
+                continue
+            if best.T - found.T > 0.5 * promised:
+                radius = min(radius * GROW, 1.0)
+            curvature = _updated(curvature, found, best)
+            best = found
+        return ImprovedPlacement(
+            names=self._moves.names,
+            values=frozen_array(best.x),
+            placement=self._moves.placement(best.x),
+            T=best.T,
+            T_before=first.T,
+            plans=self.plans,
+            trials=tuple(self.trials),
+            solutions=best.solutions,
+        )
+
+    def _first(self, x: Array) -> _Point:
+        """Where it begins.
+
+        Raises:
+            ProblemError: If a task has no motion there.
+        """
+        count = len(self._tasks)
+        problems = list[Problem]()
+        for number, move in enumerate(self._moves.each(self._tasks, x)):
+            with _of_task(number, count):
+                problems.append(move())
+        solutions = []
+        for number, problem in enumerate(problems):
+            self.plans += 1
+            with _of_task(number, count):
+                found = plan(problem, self._options)
+            if not found.success:
+                raise ProblemError(
+                    f"tasks: number {number + 1} of {count} has no motion where the "
+                    f"placement begins: {found.message}",
+                    f"tasks[{number}]",
+                )
+            solutions.append(found)
+        return self._point(x, solutions)
+
+    def _try(self, x: Array, former: _Point) -> _Point | None:
+        """Plan all tasks at a placement; None if one has no motion there."""
+        try:
+            problems = self._moves.problems(self._tasks, x)
+        except TominpmpError:
+            self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
+            return None
+        solutions = []
+        for problem, before in zip(problems, former.solutions, strict=True):
+            self.plans += 1
+            try:
+                found = plan(problem, self._options, before)
+            except TominpmpError:
+                found = None
+            if found is None or not found.success:
+                self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
+                return None
+            solutions.append(found)
+        return self._point(x, solutions)
+
+    def _point(self, x: Array, solutions: list[Solution]) -> _Point:
+        T = float(self._weights @ np.array([item.T for item in solutions]))
+        slopes = [self._moves.gradient(item.sensitivities, x) for item in solutions]
+        self.trials.append(Trial(frozen_array(x), T, self.plans))
+        return _Point(x, T, self._weights @ np.array(slopes), tuple(solutions))
+
+
+def _step(
+    point: _Point, curvature: Array, low: Array, high: Array
+) -> tuple[Array, float]:
+    """Least value of a convex quadratic within a box, by one coordinate at a time.
+
+    Returns:
+        Where it is, and what it promises.
+    """
+    d = np.zeros(point.x.size)
+    lower, upper = low - point.x, high - point.x
+    for _ in range(200):
+        before = d.copy()
+        for k in range(d.size):
+            slope = point.slope[k] + curvature[k] @ d
+            if curvature[k, k] > 0.0:
+                d[k] -= slope / curvature[k, k]
+            elif slope != 0.0:
+                d[k] = lower[k] if slope > 0.0 else upper[k]
+            d[k] = min(max(d[k], lower[k]), upper[k])
+        if np.max(np.abs(d - before)) < 1e-9:
+            break
+    promised = -(point.slope @ d + 0.5 * d @ curvature @ d)
+    return point.x + d, float(promised)
+
+
+def _updated(curvature: Array, new: _Point, old: _Point) -> Array:
+    """BFGS update, left out where the curvature is not positive."""
+    s, y = new.x - old.x, new.slope - old.slope
+    along = float(s @ y)
+    if along <= 1e-12:
+        return curvature
+    if not np.any(curvature):
+        curvature = np.eye(s.size) * float(y @ y) / along
+    Bs = curvature @ s
+    return np.asarray(
+        curvature - np.outer(Bs, Bs) / float(s @ Bs) + np.outer(y, y) / along
+    )

@@ -1,0 +1,7 @@
+"""Tours: stations visited in the best order, with the best configurations."""
+
+from tominpmp.cell.tours.planning import plan_tour
+from tominpmp.cell.tours.station import Station
+from tominpmp.cell.tours.tour import Tour, Visit
+
+__all__ = ["Station", "Tour", "Visit", "plan_tour"]

@@ -1,0 +1,354 @@
+"""Configurations at which a robot meets the goals of stations.
+
+Goals on frames leave several: the arm can reach around, and a drill may be turned about
+its axis in any way. Some are found from random starts, others from those of neighbours,
+so that the arm can go on as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.cell.tours.goal_rows import GoalRows
+from tominpmp.goals import Goal, Scales
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.problem import Problem
+from tominpmp.stopping import check
+
+STEPS = 40
+# Residual that counts as none [m, rad], and that of steps that are given up.
+REACHED = 1e-7
+# Longest step of a joint, and how far from the start random ones are [rad, or shares of
+# the length that counts as 1 rad].
+LONGEST_STEP, AROUND = 0.5, np.pi
+# Configurations that differ by less in all joints are one [rad or m].
+DISTINCT = 0.02
+# Rows that are improved at once, for the sake of memory.
+CHUNK = 8_192
+# Random starts for a station, and for one where these lead to nothing.
+STARTS, MORE_STARTS = 24, 400
+# Stations nearby whose configurations are tried at a station.
+NEIGHBOURS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Configurations:
+    """Where a robot can be at stations.
+
+    Attributes:
+        problem: Robot, obstacles and limits.
+        goals: The goals of the stations.
+        weights: Weights of the joints by which a displacement is short, shape (n,).
+        leaving: By station from which something is carried, the problem with that.
+    """
+
+    problem: Problem
+    goals: tuple[Goal, ...]
+    weights: Array
+    leaving: Mapping[int, Problem] = field(default_factory=dict)
+    _rows: GoalRows = field(init=False, repr=False)
+    _counts: IntArray = field(init=False, repr=False)
+    _first: IntArray = field(init=False, repr=False)
+    _scales: Array = field(init=False, repr=False)
+    _kinematics: RobotKinematics = field(init=False, repr=False)
+    _free: dict[tuple[bytes, int | None], bool] = field(
+        init=False, repr=False, default_factory=dict
+    )
+
+    def __post_init__(self) -> None:
+        """Prepare what goals ask of many configurations."""
+        robot = self.problem.robot
+        each = [goal.alternatives for goal in self.goals]
+        every = [one for alternatives in each for one in alternatives]
+        counts = np.array([len(alternatives) for alternatives in each])
+        object.__setattr__(self, "_counts", counts)
+        object.__setattr__(self, "_first", np.cumsum(counts) - counts)
+        object.__setattr__(self, "_rows", GoalRows(robot, every))
+        kinematics = RobotKinematics(robot)
+        object.__setattr__(self, "_kinematics", kinematics)
+        starts = (goal.place(kinematics, self.problem.q_start) for goal in every)
+        scales = [Scales.of(kinematics, start).joints for start in starts]
+        object.__setattr__(self, "_scales", np.stack(scales))
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Position limits, shape (n,) each."""
+        limits = self.problem.robot.limits
+        return limits.position_lower, limits.position_upper
+
+    def projected(
+        self, q: Array, which: IntArray, *, in_turn: bool = False
+    ) -> tuple[Array, BoolArray]:
+        """Nearest configurations that meet goals, by damped least squares.
+
+        Args:
+            q: Where to begin, shape (m, n) [rad or m].
+            which: Index of the goal of each, shape (m,).
+            in_turn: Whether the alternatives of a goal are aimed at in turn, else each
+                time the one that is missed by least.
+
+        Returns:
+            Configurations, shape (m, n), and which of them meet their goals.
+        """
+        which = self._aimed_at(q, which, in_turn)
+        out, good = np.array(q), np.zeros(len(q), dtype=bool)
+        for begin in range(0, len(q), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            out[part], good[part] = self._projected(out[part], which[part])
+        return out, good
+
+    def _aimed_at(self, q: Array, which: IntArray, in_turn: bool) -> IntArray:
+        """Of each goal one of its alternatives, as an index of all, shape (m,)."""
+        counts, first = self._counts[which], self._first[which]
+        if np.all(counts == 1):
+            return first
+        if in_turn:
+            return np.asarray(first + np.arange(len(which)) % counts)
+        best, least = np.zeros(len(which), dtype=np.int64), np.full(len(which), np.inf)
+        for k in range(int(counts.max())):
+            rows = np.flatnonzero(counts > k)
+            value, _ = self._rows(q[rows], first[rows] + k)
+            missed = np.max(np.abs(value), axis=1)
+            nearer = rows[missed < least[rows]]
+            least[rows] = np.minimum(least[rows], missed)
+            best[nearer] = k
+        return first + best
+
+    def _projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
+        low, high = self.limits
+        q = np.clip(q, low, high)
+        metric = (self._scales / self.weights) ** 2
+        good, left = np.zeros(len(q), dtype=bool), np.arange(len(q))
+        mark = np.full(len(q), np.inf)
+        for step in range(STEPS):
+            check()
+            value, J = self._rows(q[left], which[left])
+            error = np.max(np.abs(value), axis=1)
+            good[left[error < REACHED]] = True
+            stay = error >= REACHED
+            if step % 10 == 9:
+                # Most of the time would go into those that get nowhere.
+                stay &= error < 0.5 * mark[left]
+                mark[left] = error
+            left, value, J, error = left[stay], value[stay], J[stay], error[stay]
+            if not left.size:
+                break
+            # A joint at its limit that would go beyond is held there.
+            held = np.zeros((left.size, len(low)), dtype=bool)
+            for _ in range(2):
+                D = metric[which[left]] * ~held
+                JD = J * D[:, None]
+                normal = JD @ np.swapaxes(J, 1, 2)
+                size = np.trace(normal, axis1=1, axis2=2) / normal.shape[1]
+                damping = size * np.minimum(1e-2, error**2) + 1e-12 + 1e-10 * size
+                normal[:, range(normal.shape[1]), range(normal.shape[1])] += damping[
+                    :, None
+                ]
+                found = np.linalg.solve(normal, value[:, :, None])[:, :, 0]
+                move = -np.einsum("mrn,mr->mn", JD, found)
+                beyond = (q[left] + move < low - 1e-12) | (
+                    q[left] + move > high + 1e-12
+                )
+                at = (q[left] <= low) | (q[left] >= high)
+                more = beyond & at & ~held
+                if not np.any(more):
+                    break
+                held |= more
+            far = np.abs(move) / self._scales[which[left]]
+            longest = np.max(far, axis=1, initial=0.0)
+            move *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))[:, None]
+            q[left] = np.clip(q[left] + move, low, high)
+        return q, good
+
+    def free(self, q: Array, g: int | None) -> BoolArray:
+        """At which configurations a station can be, shape (m,).
+
+        They keep clear, when it is left, too, with what is carried from there; and
+        constraints hold.
+        """
+        return np.array([self._is_free(row, g) for row in q], dtype=bool)
+
+    def _is_free(self, q: Array, g: int | None) -> bool:
+        loaded = None if g is None else self.leaving.get(g)
+        key = q.tobytes(), None if loaded is None else g
+        if key not in self._free:
+            found = _keeps(self.problem, q)
+            self._free[key] = found and (loaded is None or _keeps(loaded, q))
+        return self._free[key]
+
+    def search(self, count: int, rng: np.random.Generator) -> list[Array]:
+        """Find some configurations for each station.
+
+        Args:
+            count: How many are kept of a station.
+            rng: Random numbers.
+
+        Returns:
+            By station, shape (k, n) each; none where nothing was found.
+        """
+        found: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
+        open_ones = []
+        for g, goal in enumerate(self.goals):
+            given = [one.configuration for one in goal.alternatives]
+            rows = [q for q in given if q is not None]
+            if rows:
+                found[g] = np.stack(rows)
+                # Of several those that are blocked are left out.
+                if len(rows) > 1 or g in self.leaving:
+                    found[g] = found[g][self.free(found[g], g)]
+            if len(rows) < len(given):
+                open_ones.append(g)
+        self._from_starts(found, open_ones, STARTS, rng)
+        self._from_neighbours(found, open_ones)
+        empty = [g for g in open_ones if not len(found[g])]
+        self._from_starts(found, empty, MORE_STARTS, rng)
+        return [self.spread(rows, count) for rows in found]
+
+    def _from_starts(
+        self, found: list[Array], which: list[int], count: int, rng: np.random.Generator
+    ) -> None:
+        """Add what random starts lead to."""
+        if not which:
+            return
+        home = self.problem.q_start
+        starts = np.stack([self._random(rng, g, count) for g in which])
+        starts[:, 0] = home
+        # What does not carry the frame stays where it is.
+        for i, g in enumerate(which):
+            alternatives = self.goals[g].alternatives
+            # They are aimed at in turn.
+            aimed = (i * count + np.arange(count)) % len(alternatives)
+            for k, one in enumerate(alternatives):
+                idle = self._idle(one)
+                starts[i][np.ix_(aimed == k, idle)] = home[idle]
+        rows = np.repeat(np.array(which, dtype=np.int64), count)
+        self._add(found, starts.reshape(-1, home.size), rows, in_turn=True)
+
+    def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
+        """Configurations for a station within half a turn of the start, (count, n)."""
+        (low, high), home = self.limits, self.problem.q_start
+        around = AROUND * self._scales[self._first[g]]
+        low, high = np.maximum(low, home - around), np.minimum(high, home + around)
+        shape = count, home.size
+        return rng.uniform(np.minimum(low, high), np.maximum(low, high), shape)
+
+    def _idle(self, goal: Goal) -> BoolArray:
+        """Joints that do not carry the frame of a goal, shape (n,)."""
+        robot, name = self.problem.robot, goal.frame_name
+        out = np.zeros(robot.n, dtype=bool)
+        if name is None:
+            return out
+        model = robot.model
+        moved = np.zeros(model.nv)
+        for j in model.supports[int(model.frames[robot.frame_id(name)].parentJoint)]:
+            if j:
+                moved[model.joints[j].idx_v] = 1.0
+        S = robot.expansion_matrix
+        return np.asarray((moved if S is None else moved @ np.abs(S)) == 0.0)
+
+    def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
+        """Add what the configurations of stations nearby lead to."""
+        near = self._nearest(found)
+        starts, rows = [], []
+        for g in which:
+            for other in near[g]:
+                some = self.spread(found[other], 12)
+                starts.append(some)
+                rows += [g] * len(some)
+        if rows:
+            self._add(found, np.concatenate(starts), np.array(rows, dtype=np.int64))
+
+    def _nearest(self, found: Sequence[Array]) -> list[list[int]]:
+        """By station those nearby: of near configurations, as far as any are known."""
+        middle = np.full((len(found), 3), np.inf)
+        for g, goal in enumerate(self.goals):
+            point = None if goal.ball is None else goal.ball.centre
+            if point is not None:
+                middle[g] = point
+        out = []
+        for g in range(len(found)):
+            with np.errstate(invalid="ignore"):
+                apart = np.linalg.norm(middle - middle[g], axis=1)
+            apart[g] = np.inf
+            order = np.argsort(apart, kind="stable")[:NEIGHBOURS]
+            out.append([int(i) for i in order if np.isfinite(apart[i])])
+        return out
+
+    def _add(
+        self,
+        found: list[Array],
+        starts: Array,
+        which: IntArray,
+        in_turn: bool = False,
+    ) -> None:
+        """Add configurations that starts lead to, if they are new and clear."""
+        q, good = self.projected(starts, which, in_turn=in_turn)
+        for g in np.unique(which[good]).tolist():
+            mine = q[good & (which == g)]
+            new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]
+            found[g] = np.concatenate([found[g], new[self.free(new, g)]])
+
+    def spread(self, rows: Array, count: int) -> Array:
+        """Some configurations of many, far from each other."""
+        if len(rows) <= count:
+            return rows
+        scaled = rows * self.weights
+        nearest = np.max(np.abs(scaled - self.problem.q_start * self.weights), axis=1)
+        kept = [int(np.argmin(nearest))]
+        apart = np.full(len(rows), np.inf)
+        while len(kept) < count:
+            gone = np.max(np.abs(scaled - scaled[kept[-1]]), axis=1)
+            apart = np.minimum(apart, gone)
+            kept.append(int(np.argmax(apart)))
+        return np.asarray(rows[sorted(kept)])
+
+    def unreached(self, g: int) -> str:
+        """Why no configuration was found for a station, in a clause."""
+        starts = self._random(np.random.default_rng(0), g, 60)
+        q, good = self.projected(starts, np.full(60, g, dtype=np.int64))
+        if not np.any(good):
+            rests = [
+                np.max(np.abs(self.goals[g].place_residual(self._kinematics, row)[0]))
+                for row in q
+            ]
+            return (
+                "no configuration within the position limits reaches its goal; the "
+                f"nearest one misses it by {min(rests):.2g} m or rad"
+            )
+        row = q[good][0]
+        for problem, when in (
+            (self.problem, "in collision"),
+            (self.leaving.get(g), "in collision with what is carried from there"),
+        ):
+            if problem is None:
+                continue
+            contact = problem.checker.closest(row, problem.margins)
+            if contact is not None and contact.distance < contact.margin:
+                return (
+                    f"all configurations found that reach its goal are {when}, as "
+                    f"{contact.link!r} with {contact.obstacle!r} "
+                    f"({contact.distance:.3g} m)"
+                )
+        return "all configurations that reach its goal break a constraint"
+
+
+def _keeps(problem: Problem, q: Array) -> bool:
+    """Whether a configuration is clear of collisions, and keeps the constraints."""
+    checker, rest = problem.checker, np.zeros_like(q)
+    if not checker.hulls_clear(q) and not checker.is_free(q, problem.margins):
+        return False
+    return not any(c.lack(q, rest, 1e-6) for c in problem.ready_constraints)
+
+
+def distinct(rows: Array) -> Array:
+    """Configurations without those that are near to one before them."""
+    kept: list[int] = []
+    for i in range(len(rows)):
+        if kept and np.min(np.max(np.abs(rows[kept] - rows[i]), axis=1)) < DISTINCT:
+            continue
+        kept.append(i)
+    return rows[kept]

@@ -1,0 +1,224 @@
+r"""Three-stage Radau IIA: accurate motions under torques that are constant on arcs.
+
+The scheme has order 5 and is L-stable (Hairer and Wanner, 1996, section IV.5). Its
+nodes are the zeros of a polynomial that has one at the end of the step, so that the
+last stage is the end state:
+
+.. math::
+    X_i = x + h \sum_j a_{ij} f(X_j, u), \qquad x_{+} = X_3.
+
+All steps are solved at once by Newton's iteration from the motion that was found last:
+it converges from guesses from which integrating step after step would run away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.dynamics import Dynamics
+from tominpmp.exact.held_joints import Rates, differentiate_rates
+
+_R = math.sqrt(6.0)
+NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
+WEIGHTS = np.array(
+    [
+        [(88 - 7 * _R) / 360, (296 - 169 * _R) / 1800, (3 * _R - 2) / 225],
+        [(296 + 169 * _R) / 1800, (88 + 7 * _R) / 360, -(3 * _R + 2) / 225],
+        [(16 - _R) / 36, (16 + _R) / 36, 1 / 9],
+    ]
+)
+STAGES = 3
+NEWTON_STEPS = 12
+# Relative size of a Newton step after which rounding is reached.
+ROUNDING = 1e-12
+# Steps are halved as long as this many times when they make the residual grow.
+HALVINGS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class IntegratedArcs:
+    """A motion integrated over steps, of which the torque is constant on each.
+
+    Attributes:
+        x_start: State at the start, shape (2n,).
+        stages: Inner stages and ends of the steps, shape (M, 3, 2n).
+        h: Lengths of the steps [s], shape (M,).
+        rates: State derivatives at the stages, rows of shape (3 M, ...).
+    """
+
+    x_start: Array
+    stages: Array
+    h: Array
+    rates: Rates
+
+    @property
+    def x(self) -> Array:
+        """States at the ends of the steps, from the start on, shape (M + 1, 2n)."""
+        return np.concatenate([self.x_start[None], self.stages[:, -1]])
+
+    @cached_property
+    def sensitivities(self) -> tuple[Array, Array, Array]:
+        """How the stages of each step depend on its start, torque and length.
+
+        Shapes (M, 3, 2n, 2n), (M, 3, 2n, n) and (M, 3, 2n).
+        """
+        count, _, size = self.stages.shape
+        n = size // 2
+        f = self.rates.f.reshape(count, STAGES, size)
+        f_u = self.rates.f_u.reshape(count, STAGES, size, n)
+        by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u) * self.h[:, None, None, None]
+        by_h = np.einsum("ij,mja->mia", WEIGHTS, f)
+        right = np.concatenate(
+            [
+                _repeated(count, size),
+                by_u.reshape(count, STAGES * size, n),
+                by_h.reshape(count, STAGES * size, 1),
+            ],
+            axis=2,
+        )
+        matrix = _stage_matrix(self.h, self.rates.f_x, count, size)
+        found = np.linalg.solve(matrix, right).reshape(count, STAGES, size, -1)
+        return found[..., :size], found[..., size:-1], found[..., -1]
+
+
+def integrate(
+    dynamics: Dynamics,
+    x_start: Array,
+    u: Array,
+    modes: IntArray,
+    h: Array,
+    guess: Array,
+) -> tuple[IntegratedArcs | None, int]:
+    """Integrate forward, all steps at once from a guess.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State at the start, shape (2n,).
+        u: Torques of the steps, shape (M, n) [N m or N].
+        modes: Which joints keep their velocity, and which torques follow, shape (M, n);
+            see :func:`~tominpmp.exact.held_joints.differentiate_rates`.
+        h: Lengths of the steps [s], shape (M,).
+        guess: Stages of a motion near by, shape (M, 3, 2n).
+
+    Returns:
+        The motion, None if Newton's iteration fails; and the number of states at which
+        the dynamics were evaluated.
+    """
+    count, _, size = guess.shape
+    torque = np.repeat(u, STAGES, axis=0)
+    kept = np.repeat(modes, STAGES, axis=0)
+    both = _repeated(count, size)
+
+    def residual_at(stages: Array) -> tuple[Rates, Array]:
+        rates = differentiate_rates(dynamics, stages.reshape(-1, size), torque, kept)
+        starts = np.concatenate([x_start[None], stages[:-1, -1]])
+        slope = np.einsum("ij,mja->mia", WEIGHTS, rates.f.reshape(stages.shape))
+        return rates, stages - starts[:, None] - h[:, None, None] * slope
+
+    stages, each = guess, torque.shape[0]
+    if not np.all(np.isfinite(guess)):
+        return None, 0
+    cost = each
+    with np.errstate(all="ignore"):
+        rates, residual = residual_at(stages)
+        for _ in range(NEWTON_STEPS):
+            before = float(np.max(np.abs(residual)))
+            if not np.isfinite(before):
+                return None, cost
+            matrix = _stage_matrix(h, rates.f_x, count, size)
+            right = np.concatenate([-residual.reshape(count, -1, 1), both], axis=2)
+            try:
+                change = _follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
+            except np.linalg.LinAlgError:
+                return None, cost
+            damping = 1.0
+            for _ in range(HALVINGS):
+                trial = stages + damping * change
+                rates, residual = residual_at(trial)
+                cost += each
+                after = float(np.max(np.abs(residual)))
+                if after <= before or after < 1e-10:
+                    break
+                damping *= 0.5
+            else:
+                return None, cost
+            stages = trial
+            size_of = float(np.max(np.abs(change) / (1.0 + np.abs(stages))))
+            if damping == 1.0 and (size_of < 1e-7 and after < 1e-10):
+                return IntegratedArcs(x_start, stages, h, rates), cost
+    return None, cost
+
+
+def explicit_stages(
+    dynamics: Dynamics, x_start: Array, u: Array, modes: IntArray, h: Array
+) -> Array:
+    """Stages of a motion by explicit steps, one after the other: a guess.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State at the start, shape (2n,).
+        u: Torques of the steps, shape (M, n) [N m or N].
+        modes: Which joints keep their velocity, and which torques follow, shape (M, n);
+            see :func:`~tominpmp.exact.held_joints.differentiate_rates`.
+        h: Lengths of the steps [s], shape (M,).
+
+    Returns:
+        Shape (M, 3, 2n); not finite where an explicit method does not do.
+    """
+    out = np.empty((h.size, STAGES, x_start.size))
+    x = x_start
+    s = NODES[:, None]
+    for i, step in enumerate(h.tolist()):
+        torque, kept = u[i : i + 1], modes[i : i + 1]
+
+        def rate(state: Array, torque: Array = torque, kept: IntArray = kept) -> Array:
+            if not kept.any():
+                rates = dynamics.forward(state[None], torque)
+            else:
+                rates = differentiate_rates(dynamics, state[None], torque, kept).f
+            return np.asarray(rates[0])
+
+        with np.errstate(all="ignore"):
+            # The classical method of order 4, and Hermite's cubic between.
+            k1 = rate(x)
+            k2 = rate(x + 0.5 * step * k1)
+            k3 = rate(x + 0.5 * step * k2)
+            k4 = rate(x + step * k3)
+            end = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            if not np.all(np.isfinite(end)):
+                return np.full_like(out, np.nan)
+            out[i] = (
+                x
+                + (3.0 * s**2 - 2.0 * s**3) * (end - x)
+                + step * s * (1.0 - s) * ((1.0 - s) * k1 - s * k4)
+            )
+        x = end
+    return out
+
+
+def _stage_matrix(h: Array, f_x: Array, count: int, size: int) -> Array:
+    """Derivative of the equations of a step by its stages, shape (M, 3s, 3s)."""
+    blocks = f_x.reshape(count, STAGES, size, size)
+    coupling = WEIGHTS[None, :, None, :, None] * np.moveaxis(blocks, 1, 2)[:, None]
+    coupling = coupling.reshape(count, STAGES * size, STAGES * size)
+    return np.asarray(np.eye(STAGES * size) - h[:, None, None] * coupling)
+
+
+def _repeated(count: int, size: int) -> Array:
+    """Derivative of the equations of steps by their starts, with its sign changed."""
+    block = np.tile(np.eye(size), (STAGES, 1))
+    return np.broadcast_to(block, (count, STAGES * size, size))
+
+
+def _follow(parts: Array) -> Array:
+    """Changes of all stages, each step starting where the one before it ends."""
+    size = parts.shape[2] - 1
+    own, by_start = parts[..., 0].copy(), parts[..., 1:]
+    for k in range(1, own.shape[0]):
+        own[k] += by_start[k] @ own[k - 1, -size:]
+    return np.asarray(own)

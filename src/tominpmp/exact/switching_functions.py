@@ -1,0 +1,235 @@
+r"""Switching functions of arcs: what other torques would gain, to first order.
+
+At the solution of an :class:`~tominpmp.exact.shooting.ArcProgram` its multipliers
+give the costate p at the end, which the discrete adjoint equation carries back; the
+derivative of the duration by the torque of a step is p^T B. A torque at its upper limit
+with a positive derivative, or at the lower one with a negative one, should be at the
+other limit for a while.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.exact.shooting import POSITION, TORQUE, VELOCITY, ArcProgram, Shot
+from tominpmp.exact.structure import Arcs
+
+# Limits with less room than this are active.
+ACTIVE = 1e-6
+# Lengths and torques this near to their bounds are on them.
+ON_BOUND = 1e-9
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of the structure that promises a gain.
+
+    Attributes:
+        gain: What it gains to first order per second of a new arc, or in whole [s].
+        arc: The arc to be cut.
+        share: Where, in [0, 1].
+        joint: The joint whose torque changes.
+        level: The torque there, as a share of its limits.
+        held: 1 or -1 if the joint is to run at its speed limit there, else 0.
+        pieces: Shares of the whole arc and torques on them, where a torque between its
+            limits is to give way to such at its limits; empty else.
+        other: The joint whose torque is to hold this one while its own is at ``level``,
+            before the arc, or behind it for a share of 1; None for no such change.
+    """
+
+    gain: float
+    arc: int
+    share: float
+    joint: int
+    level: float
+    held: int = 0
+    pieces: tuple[tuple[float, float], ...] = ()
+    other: int | None = None
+
+    def apply(self, arcs: Arcs) -> Arcs:
+        """The changed structure."""
+        if self.pieces:
+            shares, levels = zip(*self.pieces, strict=True)
+            return arcs.split(self.arc, self.joint, shares, levels)
+        if self.other is not None:
+            last = self.share == 1.0
+            return arcs.lean(self.arc, self.joint, self.level, self.other, last=last)
+        return arcs.insert(self.arc, self.share, self.joint, self.level, self.held)
+
+
+def multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array]:
+    """Multipliers of the equations and of the limits, by least squares.
+
+    Returns:
+        Shapes (e,) and (r,), in shares of the duration.
+    """
+    count = program.arcs.count
+    moving = np.concatenate([y[:count] > ON_BOUND, np.abs(y[count:]) < 1.0 - ON_BOUND])
+    cost = np.concatenate([np.ones(count), np.zeros(y.size - count)])
+    active = np.flatnonzero(shot.room < ACTIVE)
+    matrix = np.vstack([shot.by_equal, -shot.by_room[active]])[:, moving]
+    found = np.linalg.lstsq(matrix.T, -cost[moving], rcond=1e-10)[0]
+    of_room = np.zeros(shot.room.size)
+    of_room[active] = found[shot.equal.size :]
+    return found[: shot.equal.size], of_room
+
+
+def torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> Array:
+    """Derivatives of the duration by the torque shares of steps, shape (M, n) [s]."""
+    equations, limits = of
+    A, B, _ = (part[:, -1] for part in shot.motion.sensitivities)
+    n = B.shape[2]
+    push = np.zeros((A.shape[0] + 1, 2 * n))
+    goals = shot.seeds.shape[0]
+    push[-1] += equations[:goals] @ shot.seeds
+    speed = program.system.problem.robot.limits.velocity
+    arc, joint = np.nonzero(program.arcs.entries)
+    node = (np.cumsum(program.steps) - program.steps)[arc]
+    np.add.at(push, (node, n + joint), equations[goals:] / speed[joint])
+    watched = program.watched
+    slack = limits.size - watched.kind.size  # bounds of the goal come first
+    weights = limits[slack:] * watched.sign
+    for kind, offset, scale in (
+        (POSITION, 0, program.system.step_scale),
+        (VELOCITY, n, speed),
+    ):
+        rows = (watched.kind == kind) & (weights != 0.0)
+        index = watched.which[rows]
+        at = (watched.node[rows], offset + index)
+        np.add.at(push, at, weights[rows] / scale[index])
+    out = np.zeros((A.shape[0], n))
+    rows = np.flatnonzero((watched.kind == TORQUE) & (weights != 0.0))
+    stage, index = 3 * watched.node[rows] - 1, watched.which[rows]
+    share = (weights[rows] / program.system.effort_half[index])[:, None]
+    rates = shot.motion.rates
+    np.add.at(push, watched.node[rows], share * rates.tau_x[stage, index])
+    np.add.at(out, watched.node[rows] - 1, share * rates.tau_u[stage, index])
+    p = np.zeros(2 * n)
+    for i in range(A.shape[0] - 1, -1, -1):
+        p = p + push[i + 1]
+        out[i] += p @ B[i]
+        p = p @ A[i]
+    return out * program.system.effort_half * program.duration
+
+
+def find_changes(
+    program: ArcProgram, y: Array, shot: Shot, least: float
+) -> list[Change]:
+    """Changes of the structure that promise to gain something, the best of each arc.
+
+    Args:
+        program: The program.
+        y: Its solution.
+        shot: The motion.
+        least: Gains below this do not count [s].
+
+    Returns:
+        Changes, at most one an arc, in the order of the arcs.
+    """
+    of = multipliers(program, y, shot)
+    slopes = torque_slopes(program, shot, of)
+    arcs = program.unpack(y)
+    found: dict[int, Change] = {}
+
+    def offer(change: Change) -> None:
+        known = found.get(change.arc)
+        if change.gain > least and (known is None or change.gain > known.gain):
+            found[change.arc] = change
+
+    first = np.cumsum(program.steps) - program.steps
+    for k in range(arcs.count):
+        steps = slice(int(first[k]), int(first[k] + program.steps[k]))
+        for j in range(slopes.shape[1]):
+            level = float(arcs.levels[k, j])
+            if arcs.free[k, j] and not arcs.held[k, j]:
+                offer(_limits_instead(k, j, level, slopes[steps, j]))
+                continue
+            if arcs.held[k, j] or arcs.follows[k, j] or abs(level) != 1.0:
+                continue
+            wrong = np.maximum(2.0 * level * slopes[steps, j], 0.0)
+            for a, b in _runs(wrong > 0.0):
+                peak = a + int(np.argmax(wrong[a:b]))
+                share = (peak + 0.5) / wrong.size
+                offer(Change(float(wrong[a:b].sum()), k, share, j, -level))
+    for change in _touches(program, shot, of[1]):
+        offer(change)
+    # What the torque of a held joint asks for goes before all else on its arc.
+    for change in _overloads(program, of[1]):
+        known = found.get(change.arc)
+        if known is None or known.other is None or change.gain > known.gain:
+            found[change.arc] = change
+    return [found[k] for k in sorted(found)]
+
+
+def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change:
+    """Torques at their limits in place of one between them.
+
+    It is right in the mean only: where more of it would be better, it is to be as large
+    as it can be, where less would be, as small.
+
+    Args:
+        arc: The arc.
+        joint: The joint.
+        level: Its torque, as a share of the limits.
+        slopes: Derivatives of the duration by the torque of each step, shape (m,).
+    """
+    ends = np.flatnonzero(np.diff(np.sign(slopes))) + 1
+    runs = np.split(slopes, ends)
+    levels = [-1.0 if run.sum() > 0.0 else 1.0 for run in runs]
+    shares = [run.size / slopes.size for run in runs]
+    if len(runs) == 2:
+        # As long as it takes for the same mean.
+        first = (level - levels[1]) / (levels[0] - levels[1])
+        shares = [first, 1.0 - first]
+    gain = float(np.sum(np.abs(slopes) + slopes * level))
+    pieces = tuple(zip(shares, levels, strict=True))
+    return Change(gain, arc, 0.0, joint, levels[0], 0, pieces)
+
+
+def _touches(program: ArcProgram, shot: Shot, limits: Array) -> list[Change]:
+    """Joints that touch their speed limit, and might stay on it."""
+    watched = program.watched
+    weights = limits[limits.size - watched.kind.size :]
+    out = []
+    first = np.cumsum(program.steps) - program.steps
+    for row in np.flatnonzero((watched.kind == VELOCITY) & (weights > 1e-6)).tolist():
+        step, joint = int(watched.node[row]) - 1, int(watched.which[row])
+        arc = int(program.arc_of_step[step])
+        share = (step + 1 - int(first[arc])) / int(program.steps[arc])
+        gain, sign = float(weights[row]) * program.duration, int(watched.sign[row])
+        out.append(Change(gain, arc, share, joint, 0.0, sign))
+    return out
+
+
+def _overloads(program: ArcProgram, limits: Array) -> list[Change]:
+    """Held joints whose torque comes to its limit at an end of their arc.
+
+    Another torque, first of all one that changes there, might hold them for a while.
+    """
+    watched, arcs = program.watched, program.arcs
+    weights = limits[limits.size - watched.kind.size :]
+    first = np.cumsum(program.steps) - program.steps
+    out = []
+    for row in np.flatnonzero((watched.kind == TORQUE) & (weights > 1e-6)).tolist():
+        step, joint = int(watched.node[row]) - 1, int(watched.which[row])
+        arc = int(program.arc_of_step[step])
+        middle = int(first[arc]) + 0.5 * (int(program.steps[arc]) - 1)
+        last = step > middle
+        beside = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
+        able = (arcs.held[arc] == 0) & ~arcs.follows[arc] & (arcs.levels[arc] != 0.0)
+        changes = able & (arcs.levels[beside] != arcs.levels[arc])
+        for other in np.flatnonzero(changes if changes.any() else able).tolist():
+            gain, level = float(weights[row]) * program.duration, watched.sign[row]
+            share = 1.0 if last else 0.0
+            out.append(Change(gain, arc, share, joint, float(level), 0, (), int(other)))
+    return out
+
+
+def _runs(flags: BoolArray) -> list[tuple[int, int]]:
+    """Beginnings and ends of stretches that are true."""
+    edges = np.diff(np.concatenate([[0], np.asarray(flags, dtype=np.int64), [0]]))
+    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))

@@ -1,0 +1,243 @@
+"""Switching refinement: from a motion on a grid to arcs of exact length."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tominpmp.exact.detection import arcs_of, one_way, states_of, without_friction
+from tominpmp.exact.perturbed_starts import (
+    on_grid,
+    perturbed_motions,
+    single_motor_motions,
+)
+from tominpmp.exact.structure import Arcs
+from tominpmp.exact.switching_times import (
+    OptimisedArcs,
+    States,
+    refine_arcs,
+    sharpen,
+)
+from tominpmp.exact.transcription import ArcTranscription
+from tominpmp.linear_programs import LpSolver
+from tominpmp.options import Options
+from tominpmp.planner.grid_refinement import refine_grid, replayed_well
+from tominpmp.planner.progress import Progress
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.status import IterationRecord, Status
+from tominpmp.stopping import EVALUATIONS, Budget
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Program
+from tominpmp.transcription.controls import driven_joints
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+logger = logging.getLogger(__name__)
+
+# More unknowns than this are left to the grid: the quadratic programs are dense.
+MOST_UNKNOWNS = 160
+# Grids of torques from which arcs are read where those of the plan lead nowhere, and
+# iterations on them.
+GRIDS = (60, 90)
+GRID_ITERATIONS = 30
+# A motion this much longer than the plan is none, relatively; and than a plan that its
+# replay does not confirm.
+LONGER = 1e-6
+UNCONFIRMED = 0.02
+# Wild paths that are tried, evaluations of the dynamics for each, and up to how many
+# motors there is any hope of finding something.
+TRIES = 12
+TRY_EVALUATIONS = 40_000
+EXPLORED_MOTORS = 3
+# Time that a refinement has at most [s], for so few motors and for more.
+PATIENCE = 45.0
+PATIENCE_OF_MANY = 20.0
+KEPT = (
+    "No exact switching was found that is faster and that the replay confirms: the "
+    "motion on the grid was kept."
+)
+TURNING = (
+    "Its switches were not placed exactly: that is not done where a joint with dry "
+    "friction turns on the way."
+)
+# Motions shorter by less than this share are the same.
+SAME = 1e-6
+
+
+@dataclass
+class Search:
+    """Locally optimal motions that have been found.
+
+    Attributes:
+        system: The functions of the problem.
+        progress: Sees records, and keeps what is found.
+        budget: What may be spent in all.
+        limit: Longer motions are of no use [s].
+        plan: The motion to begin with.
+        found: The motions, each faster than those before.
+    """
+
+    system: ProblemFunctions
+    progress: Progress
+    budget: Budget
+    limit: float
+    plan: Iterate
+    found: list[OptimisedArcs] = field(default_factory=list)
+
+    @property
+    def duration(self) -> float:
+        """T to be beaten [s]."""
+        return self.found[-1].duration * (1.0 - SAME) if self.found else self.limit
+
+    def seen(self, record: IterationRecord) -> Status | None:
+        """See a record of a motion to begin with; a status ends its iteration."""
+        status = self.progress.see(record)
+        return status or (Status.TIME_LIMIT if self.budget.spent else None)
+
+    def follow(self, arcs: Arcs, states: States, evaluations: int) -> bool:
+        """Go from rough arcs to a locally optimal motion; tells if that is of use."""
+        if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.budget.spent:
+            return False
+        budget = self.budget.part(evaluations)
+        motion = refine_arcs(self.system, arcs, states, budget)
+        if motion is None:
+            return False
+        logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
+        if motion.duration <= self.duration:
+            self.found.append(motion)
+            arcs_found, y = _transcribe(motion)
+            self.progress.keep(arcs_found, _iterate(arcs_found, y, self.plan))
+        return motion.duration <= self.limit
+
+    def read(self, trajectory: Trajectory, evaluations: int) -> bool:
+        """Read arcs off a motion and follow them; tells if that is of use."""
+        arcs = arcs_of(self.system, trajectory)
+        return self.follow(arcs, states_of(trajectory), evaluations)
+
+
+def refine_switching(
+    system: ProblemFunctions,
+    options: Options,
+    program: Program,
+    result: SlpResult,
+    lp: LpSolver,
+    progress: Progress,
+) -> tuple[Program, SlpResult]:
+    """Place the switches of a motion exactly.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        program: The program of the motion.
+        result: Its solution.
+        lp: Solver of linear programs.
+        progress: Time limit and callback.
+
+    Returns:
+        Program and solution of the refined motion, which its replay confirms; what was
+        given where no such motion was found that is at least as fast.
+    """
+    iterate = result.iterate if result.best is None else result.best
+    plan = program.trajectory(iterate.z)
+    if system.friction is not None:
+        ways = one_way(system, plan)
+        if ways is None:
+            return program, replace(result, remark=TURNING)
+        granted = replace(system, ways=ways)
+    else:
+        granted = system
+    few = driven_joints(system).size <= EXPLORED_MOTORS
+    budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
+    given = result.best is not None and replayed_well(system, plan, options)
+    limit = np.inf
+    if result.best is not None:
+        # A motion that its replay does not confirm may be somewhat too fast; without
+        # arcs that are about as fast, a finer grid is better.
+        limit = plan.duration * (1.0 + (LONGER if given else UNCONFIRMED))
+    search = Search(granted, progress, budget, limit, iterate)
+    _look(search, options, without_friction(granted, plan), lp)
+    for motion in reversed(search.found):
+        arcs = _transcribe(sharpen(granted, motion, budget.part()))
+        if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
+            return arcs[0], _result(*arcs, result, iterate)
+    # What would have been done without this is done now.
+    program, result = refine_grid(system, options, program, result, lp, progress)
+    return program, replace(result, remark=KEPT)
+
+
+def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> None:
+    """Look for arcs near to the plan, and elsewhere."""
+    motors = driven_joints(search.system).size
+    small = motors <= EXPLORED_MOTORS
+    near = search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+    # More starts look at no less than fewer would, and a single one not elsewhere.
+    tries = 0 if options.starts == 1 else max(TRIES, (options.starts or 1) - 1)
+    # Where ways are taken for granted, perturbed motions would not go them.
+    if small and search.progress.start == 0 and search.system.ways is None:
+        _explore(search, options, plan, lp, tries)
+    # What was found elsewhere is no reason to give up what lies near.
+    if small and not near:
+        near = search.read(plan, EVALUATIONS)
+    for trajectory in _finer(search, options, plan, lp):
+        if near:
+            return
+        near = search.read(trajectory, EVALUATIONS)
+
+
+def _explore(
+    search: Search, options: Options, plan: Trajectory, lp: LpSolver, tries: int
+) -> None:
+    """Look for arcs elsewhere."""
+    system, budget = search.system, search.budget
+    rng = np.random.default_rng(options.seed)
+    perturbed = perturbed_motions(system, options, lp, search.seen, plan, rng)
+    for _, trajectory in zip(range(tries), perturbed, strict=False):
+        if budget.spent:
+            return
+        search.read(trajectory, TRY_EVALUATIONS)
+    if tries and driven_joints(system).size == 1:
+        part = budget.part()
+        duration = search.duration if search.found else plan.duration
+        for rough in single_motor_motions(system, duration, rng, part):
+            search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
+
+
+def _finer(
+    search: Search, options: Options, plan: Trajectory, lp: LpSolver
+) -> Iterator[Trajectory]:
+    """The plan with torques that are constant on finer grids."""
+    few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
+    for intervals in GRIDS:
+        if search.budget.spent:
+            return
+        nodes = np.concatenate(
+            [[0.0], np.cumsum(interval_shares("uniform", intervals))]
+        )
+        path = plan(nodes * plan.duration).q
+        yield on_grid(search.system, few, lp, search.seen, path, plan.duration)
+
+
+def _transcribe(motion: OptimisedArcs) -> tuple[ArcTranscription, np.ndarray]:
+    return ArcTranscription(motion.program, motion.shot), motion.y
+
+
+def _result(
+    arcs: ArcTranscription,
+    y: np.ndarray,
+    result: SlpResult,
+    iterate: Iterate,
+) -> SlpResult:
+    """The solution in terms of arcs."""
+    refined = _iterate(arcs, y, iterate)
+    return SlpResult(Status.CONVERGED, refined, refined, result.history)
+
+
+def _iterate(arcs: ArcTranscription, y: np.ndarray, plan: Iterate) -> Iterate:
+    """Arcs as an iterate."""
+    weights = np.ones(len(arcs.rows.kinds))
+    merit = replace(plan.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
+    zero = np.zeros(arcs.rows.size)
+    return Iterate(y, arcs.evaluate(y), merit, plan.region, zero)

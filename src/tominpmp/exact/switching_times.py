@@ -1,0 +1,387 @@
+"""Optimal switching times: arcs of exact length in place of intervals of a grid.
+
+A structure of arcs is read off a motion; the lengths are optimised by sequential
+quadratic programming (Kraft, 1988), arcs that vanish are dropped and others put in
+where Pontryagin's conditions are violated, until there is nothing left to change.
+Integration steps are halved until the duration no longer notices: lengths are never
+traded for errors of integration.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.exact.shooting import ArcProgram, Shot
+from tominpmp.exact.structure import Arcs
+from tominpmp.exact.switching_functions import Change, find_changes
+from tominpmp.stopping import EVALUATIONS, Budget
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+logger = logging.getLogger(__name__)
+
+States = Callable[[Array], Array]
+
+# Steps over the whole motion while arcs are looked for, and in the end; what the
+# duration may change by when they are doubled, relatively.
+FEWER_STEPS = 30
+STEPS = 60
+ACCURACY = 1e-7
+MOST_STEPS = 960
+# With more steps the structure is no longer changed.
+CHANGED_STEPS = 240
+# Steps of an arc at least.
+STEPS_OF_ARC = 2
+# What the goal may be missed by, and limits passed by, in scaled units.
+EXACT = 1e-7
+SLACK = 1e-6
+ITERATIONS = 150
+# Equations whose gradients depend on each other but for this share are one too many.
+DEPENDENT = 1e-10
+# Steps that close what is left of a gap to the goal, where it is this small.
+CLOSING = 4
+NEARLY = 1e-3
+# How often arcs that have vanished are left out at most.
+CLEANINGS = 4
+# Rounds of looking at limits that a solution has come near to.
+LOOKS = 4
+# Largest number of changes of the structure; what one must promise, as a share of the
+# duration, and bring.
+CHANGES = 25
+PROMISE = 1e-7
+PROGRESS = 1e-8
+# Changes that are tried one by one when all together fail.
+SINGLES = 3
+# Lengths are at most this much longer than the whole motion was.
+LONGEST = 3.0
+NOT_INTEGRATED = 1e3
+# Relative progress and misses that count as none, and how often in a row.
+STILL = 1e-10
+STILL_STEPS = 2
+# While arcs are looked for, so little progress in so many steps is none, relatively.
+SLOW = 1e-6
+SLOW_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class OptimisedArcs:
+    """Arcs whose lengths are optimal, as far as their kinds go.
+
+    Attributes:
+        program: The program.
+        y: Its unknowns.
+        shot: The motion.
+        miss: What the goal is missed by, in the scaled units of the rows.
+        excess: What limits are passed by.
+    """
+
+    program: ArcProgram
+    y: Array
+    shot: Shot
+    miss: float
+    excess: float
+
+    @property
+    def arcs(self) -> Arcs:
+        """The arcs."""
+        return self.program.unpack(self.y)
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return self.arcs.duration
+
+    @property
+    def feasible(self) -> bool:
+        """Whether goal and limits are kept."""
+        return self.miss <= EXACT and self.excess <= SLACK
+
+    def states(self, times: Array) -> Array:
+        """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
+        arcs, motion = self.arcs, self.shot.motion
+        t = np.concatenate([[0.0], self.program.sample_times(arcs).ravel()])
+        x = np.concatenate(
+            [motion.x_start[None], motion.stages.reshape(t.size - 1, -1)]
+        )
+        return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
+
+
+def steps_of(arcs: Arcs, total: int) -> IntArray:
+    """Number of steps of each arc for a number over the whole motion."""
+    share = arcs.lengths / arcs.duration
+    return np.maximum(np.ceil(total * share), STEPS_OF_ARC).astype(np.int64)
+
+
+def solve_lengths(
+    system: ProblemFunctions,
+    arcs: Arcs,
+    states: States | None,
+    budget: Budget,
+    total: int = STEPS,
+) -> OptimisedArcs | None:
+    """Find optimal lengths and free torques for arcs of given kinds and rough lengths.
+
+    It begins with the states (q, v) of a motion near by, as a function from times of
+    shape (m,) to (m, 2n), or by integrating the arcs; ``total`` steps are taken over
+    the whole motion. None if the motion cannot be integrated.
+    """
+    program = ArcProgram(system, arcs, steps_of(arcs, total))
+    times = program.sample_times(arcs)
+    y = program.pack()
+    if states is not None:
+        program.begin(states(times.ravel()).reshape(*times.shape, -1))
+    shot = program.shoot(y)
+    excess = np.inf
+    for _ in range(LOOKS):
+        if shot is None or budget.spent:
+            return None
+        program.watch(program.look(shot.motion))
+        y = _minimize(program, y, budget, rough=total <= FEWER_STEPS)
+        shot = program.shoot(y)
+        excess = np.inf if shot is None else program.excess(shot.motion, 0.1 * SLACK)
+        if excess <= SLACK:
+            break
+    if shot is None:
+        return None
+    return OptimisedArcs(program, y, shot, _miss(shot), excess)
+
+
+def _miss(shot: Shot) -> float:
+    """What the goal is missed by, and limits passed by beyond the slack."""
+    return max(
+        float(np.max(np.abs(shot.equal), initial=0.0)),
+        float(np.max(-shot.room, initial=0.0)) - SLACK,
+    )
+
+
+def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
+    """Equations and limits of a program as SLSQP takes them."""
+
+    def part(name: str, missing: float) -> Callable[[Array], Array]:
+        shape = getattr(first, name).shape
+
+        def function(z: Array) -> Array:
+            shot = program.shoot(z)
+            if shot is None:
+                return np.full(shape, missing)
+            return np.asarray(getattr(shot, name))
+
+        return function
+
+    basis = _independent(first.by_equal)
+    equal, by_equal = part("equal", NOT_INTEGRATED), part("by_equal", 0.0)
+    constraints: list[dict[str, Any]] = [
+        {
+            "type": "eq",
+            "fun": lambda z: basis @ equal(z),
+            "jac": lambda z: basis @ by_equal(z),
+        }
+    ]
+    if first.room.size:
+        constraints.append(
+            {
+                "type": "ineq",
+                "fun": part("room", -NOT_INTEGRATED),
+                "jac": part("by_room", 0.0),
+            }
+        )
+    return constraints
+
+
+def _minimize(
+    program: ArcProgram, y: Array, budget: Budget, *, rough: bool = False
+) -> Array:
+    """Least duration from some unknowns on, with the limits that are watched.
+
+    A rough one ends where hardly anything is gained any more.
+    """
+    count, size = program.arcs.count, program.size
+    cost = np.concatenate([np.ones(count), np.zeros(size - count)])
+    first = program.shoot(y)
+    assert first is not None  # noqa: S101
+    low = np.concatenate([np.zeros(count), -np.ones(size - count)])
+    high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
+    last, still_steps, paid = y, 0, program.evaluations
+    durations: list[float] = []
+
+    def follow(z: Array) -> None:
+        # SLSQP's own test asks for more digits than there are.
+        nonlocal last, still_steps, paid
+        shot = program.shoot(z)
+        step = abs(float(cost @ (z - last)))
+        still = shot is not None and step < STILL and _miss(shot) < STILL
+        still_steps = still_steps + 1 if still else 0
+        reached = shot is not None and _miss(shot) < EXACT
+        durations.append(float(cost @ z) if reached else np.inf)
+        slow = (
+            durations[-SLOW_STEPS] - durations[-1] if len(durations) > SLOW_STEPS else 1
+        )
+        if rough and slow < SLOW:
+            raise StopIteration
+        last = z.copy()
+        budget.pay(program.evaluations - paid)
+        paid = program.evaluations
+        if still_steps >= STILL_STEPS:
+            raise StopIteration
+
+    try:
+        found = minimize(
+            lambda z: float(cost @ z),
+            y,
+            jac=lambda z: cost,
+            method="SLSQP",
+            bounds=list(zip(low, high, strict=True)),
+            constraints=_constraints(program, first),
+            callback=follow,
+            options={"maxiter": ITERATIONS, "ftol": 1e-11},
+        )
+    except StopIteration:
+        return np.asarray(np.clip(last, low, high))
+    logger.debug("%s after %d iterations", found.message, found.nit)
+    return _closed(program, np.asarray(np.clip(found.x, low, high)), low, high)
+
+
+def _independent(rows: Array) -> Array:
+    """What combines equations to as many as are independent, which SLSQP asks for.
+
+    Others are those of a goal that the arm cannot leave, as its height for an arm that
+    moves in a plane.
+    """
+    left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = int(np.sum(sizes > DEPENDENT * np.max(sizes, initial=1e-300)))
+    if rank == rows.shape[0]:
+        return np.eye(rank)
+    return np.asarray(left[:, :rank].T)
+
+
+def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
+    """Unknowns moved by as little as it takes to come to the goal, if they are near.
+
+    Where the duration hardly depends on them, as on singular arcs, SLSQP goes on for
+    long and ends a little way off.
+    """
+    best = y
+    for _ in range(CLOSING):
+        shot = program.shoot(best)
+        if shot is None or not 0.1 * EXACT < _miss(shot) < NEARLY:
+            break
+        short = shot.room < 0.0
+        rows = np.vstack([shot.by_equal, shot.by_room[short]])
+        gaps = np.concatenate([shot.equal, shot.room[short]])
+        moving = (best > low) & (best < high)
+        step = np.zeros(best.size)
+        step[moving] = -np.linalg.lstsq(rows[:, moving], gaps, rcond=1e-10)[0]
+        trial = np.clip(best + step, low, high)
+        after = program.shoot(trial)
+        if after is None or _miss(after) >= _miss(shot):
+            break
+        best = trial
+    return np.asarray(best)
+
+
+def polish(
+    system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget, total: int
+) -> OptimisedArcs | None:
+    """Solve again without the arcs that have vanished, until none vanishes any more."""
+    found: OptimisedArcs | None = optimised
+    for _ in range(CLEANINGS):
+        assert found is not None  # noqa: S101
+        arcs = found.arcs.cleaned().saturated()
+        if found is not optimised and arcs.count == found.arcs.count:
+            break
+        after = solve_lengths(system, arcs, found.states, budget, total)
+        if after is None or (found is not optimised and not after.feasible):
+            return None if found is optimised else found
+        found = after
+    return found
+
+
+def improve(
+    system: ProblemFunctions,
+    optimised: OptimisedArcs,
+    budget: Budget,
+    total: int = STEPS,
+) -> OptimisedArcs:
+    """Change the structure of optimised arcs until nothing is left to gain."""
+    for _ in range(CHANGES):
+        T = optimised.duration
+        changes = find_changes(
+            optimised.program, optimised.y, optimised.shot, PROMISE * T
+        )
+        if not changes:
+            break
+        best = sorted(changes, key=lambda change: -change.gain)[:SINGLES]
+        for some in [changes] if len(changes) == 1 else [changes, *([c] for c in best)]:
+            better = _changed(system, optimised, some, budget, total)
+            if better is not None and better.duration < T * (1.0 - PROGRESS):
+                optimised = better
+                break
+        else:
+            break
+    return optimised
+
+
+def _changed(
+    system: ProblemFunctions,
+    optimised: OptimisedArcs,
+    changes: Sequence[Change],
+    budget: Budget,
+    total: int,
+) -> OptimisedArcs | None:
+    """Arcs with changes of the structure, solved again; None if that fails."""
+    arcs = optimised.arcs
+    for change in sorted(changes, key=lambda change: -change.arc):
+        arcs = change.apply(arcs)
+    found = solve_lengths(system, arcs, optimised.states, budget, total)
+    if found is not None:
+        found = polish(system, found, budget, total)
+    return found if found is not None and found.feasible else None
+
+
+def refine_arcs(
+    system: ProblemFunctions, arcs: Arcs, states: States, budget: Budget
+) -> OptimisedArcs | None:
+    """Find the arcs of a locally time-optimal motion from rough ones.
+
+    States (q, v) of a motion near by are a function from times of shape (m,) to (m,
+    2n). None if no motion was found that keeps goal and limits.
+    """
+    optimised = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
+    if optimised is None or not optimised.feasible:
+        optimised = solve_lengths(system, arcs.loosened(), states, budget, FEWER_STEPS)
+    if optimised is None or not optimised.feasible:
+        return None
+    polished = polish(system, optimised, budget, FEWER_STEPS)
+    if polished is not None and polished.feasible:
+        optimised = polished
+    return improve(system, optimised, budget, FEWER_STEPS)
+
+
+def sharpen(
+    system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget
+) -> OptimisedArcs:
+    """Halve the integration steps until the duration does not notice.
+
+    This takes little of the budget, and its end is paid for.
+    """
+    total = STEPS // 2
+    reserve = Budget(max(budget.left, EVALUATIONS // 4))
+    while total < MOST_STEPS:
+        total *= 2
+        finer = polish(system, optimised, reserve, total)
+        if finer is None or not finer.feasible:
+            break
+        change = abs(finer.duration / optimised.duration - 1.0)
+        if change > ACCURACY and total <= CHANGED_STEPS:
+            # Between coarser steps it had passed a limit, where it may rest now.
+            finer = improve(system, finer, reserve, total)
+        optimised = finer
+        if change < ACCURACY:
+            break
+    return optimised

@@ -1,0 +1,186 @@
+"""Arcs as a transcription, so that reports and certificates read them like any other.
+
+The rows are the goal, the entries of arcs on which a joint is held at its speed limit,
+and the limits that the motion comes near to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
+from tominpmp.exact.radau import NODES
+from tominpmp.exact.shooting import ArcProgram, Shot
+from tominpmp.trajectory import Trajectory
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
+from tominpmp.transcription.rows import Rows
+
+KINDS = ("position", "velocity", "torque", "clearance")
+# The torque of a held joint changes all the time: a step is cut this often for it.
+CUTS = 4
+# Lengths change by this share of the duration and of the trust region at most.
+LENGTH_STEP = 0.3
+NOT_INTEGRATED = 1e3
+# Steps shorter than this share of the duration are none: nothing moves in them.
+VANISHED = 1e-9
+
+
+class ArcTranscription:
+    """A problem in the lengths of arcs and torques between their limits.
+
+    Attributes:
+        program: The program; its unknowns are those of the transcription.
+    """
+
+    def __init__(self, program: ArcProgram, shot: Shot) -> None:
+        self.program = program
+        goals, equations = shot.seeds.shape[0], shot.equal.size
+        bounds = shot.room.size - program.watched.kind.size
+        parts = [_equations("goal", goals), _equations("speed", equations - goals)]
+        parts.append(_limits("goal region", bounds))
+        kinds = program.watched.kind  # sorted
+        for kind, name in enumerate(KINDS):
+            parts.append(_limits(name, int((kinds == kind).sum())))
+        self._rows = Rows.stack([part for part in parts if part[1].size])
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.program.size
+
+    @property
+    def rows(self) -> Rows:
+        """What the rows are."""
+        return self._rows
+
+    @property
+    def cost(self) -> Array:
+        """Gradient of the duration."""
+        count = self.program.arcs.count
+        cost = np.zeros(self.size)
+        cost[:count] = self.program.duration
+        return cost
+
+    def evaluate(self, z: Array, room: float = np.inf) -> Array:
+        """Row values."""
+        shot = self.program.shoot(z)
+        if shot is None:
+            return np.full(self._rows.size, -NOT_INTEGRATED)
+        return np.concatenate([shot.equal, shot.room])
+
+    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
+        """Jacobian of all rows."""
+        shot = self.program.shoot(z)
+        if shot is None:
+            none = np.zeros(0, dtype=np.int64)
+            return Linearization(none, sp.csr_matrix((0, self.size)))
+        matrix = sp.csr_matrix(np.vstack([shot.by_equal, shot.by_room]))
+        return Linearization(np.arange(self._rows.size), matrix)
+
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Trust region within the torque limits, and lengths that stay positive."""
+        count = self.program.arcs.count
+        lengths, levels = z[:count], z[count:]
+        reach, length = 2.0 * min(radius, 1.0), LENGTH_STEP * min(radius, 1.0)
+        lower = np.concatenate(
+            [-np.minimum(lengths, length), np.clip(-1.0 - levels, -reach, 0.0)]
+        )
+        upper = np.concatenate(
+            [np.full(count, length), np.clip(1.0 - levels, 0.0, reach)]
+        )
+        return StepBounds(lower, upper)
+
+    def attention(self, steps: StepBounds) -> float:
+        """All rows matter."""
+        return np.inf
+
+    def near(self, z: Array) -> ArcTranscription:
+        """The same."""
+        return self
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps of the torques from arc to arc, in full ranges."""
+        arcs = self.program.unpack(z)
+        jumps = 0.5 * np.diff(arcs.levels, axis=0)
+        column = np.full(arcs.free.shape, -1)
+        column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
+        matrix = sp.lil_matrix((jumps.size, self.size))
+        for row, (k, j) in enumerate(np.ndindex(*jumps.shape)):
+            for arc, sign in ((k, -0.5), (k + 1, 0.5)):
+                if column[arc, j] >= 0:
+                    matrix[row, column[arc, j]] = sign
+        matrix = matrix.tocsr()
+        return Variation(matrix, jumps.ravel() - matrix @ z)
+
+    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
+        """None is known."""
+        return None
+
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The same torques on longer arcs."""
+        out = z.copy()
+        out[: self.program.arcs.count] *= factor
+        return out
+
+    def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
+        """The same torques on longer arcs, which take another path."""
+        z = self.stretch(z, factor)
+        return z, self.evaluate(z)
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate, with nodes at the ends of all steps."""
+        program, system = self.program, self.program.system
+        shot = program.shoot(z)
+        if shot is None:
+            raise ValueError("the motion cannot be integrated")
+        motion, arcs, n = shot.motion, program.unpack(z), system.n
+        of = program.arc_of_step
+        u = system.effort_middle + system.effort_half * arcs.levels[of]
+        follows = arcs.follows[of]
+        modes = HOLDS * (arcs.held[of] != 0) + FOLLOWS * follows
+        steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
+        x, h = motion.x, motion.h
+        rows_x, rows_u, rows_h = [x[:1]], [], []
+        known = np.concatenate([[0.0], NODES])
+        for i in steps.tolist():
+            if not modes[i].any():
+                rows_x.append(x[i + 1 : i + 2])
+                rows_u.append(u[i : i + 1])
+                rows_h.append(h[i : i + 1])
+                continue
+            # Through the start and the stages of the step.
+            points = np.vstack([x[i], motion.stages[i]])
+            ticks = np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
+            weights = np.linalg.solve(
+                np.vander(known, increasing=True).T, np.vander(ticks, 4, True).T
+            ).T
+            inside = weights @ points
+            middle, ends = inside[::2], inside[1::2]
+            same_u, same = np.tile(u[i], (CUTS, 1)), np.tile(modes[i], (CUTS, 1))
+            rates = differentiate_rates(system.dynamics, middle, same_u, same)
+            rows_x.append(ends)
+            rows_u.append(np.where(follows[i], rates.tau, same_u))
+            rows_h.append(np.full(CUTS, h[i] / CUTS))
+        states, torque = np.concatenate(rows_x), np.concatenate(rows_u)
+        torque = torque + system.resistance
+        t = np.concatenate([[0.0], np.cumsum(np.concatenate(rows_h))])
+        return Trajectory(
+            joint_names=system.problem.robot.joint_names,
+            t=t,
+            q=states[:, :n],
+            v=states[:, n:],
+            u=np.concatenate([torque, torque[-1:]]),
+            holding=system.dynamics.inverse,
+        )
+
+
+def _equations(name: str, count: int) -> tuple[str, Array, Array, IntArray]:
+    zero = np.zeros(count)
+    return name, zero, zero, zero.astype(np.int64)
+
+
+def _limits(name: str, count: int) -> tuple[str, Array, Array, IntArray]:
+    zero = np.zeros(count)
+    return name, zero, np.full(count, np.inf), zero.astype(np.int64)
