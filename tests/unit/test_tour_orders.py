@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from tominpmp.bounds.least_time import OneWay, Ramp
-from tominpmp.cell.tours.exact_order import exact_order
 from tominpmp.cell.tours.joint_times import JointTimes
 from tominpmp.cell.tours.leg_table import LegTable
-from tominpmp.cell.tours.local_search import OrderSearch, search_order
+from tominpmp.cell.tours.orders import Found, exact_order, search_order
 from tominpmp.cell.tours.station import Rules, Station, checked_stations
-from tominpmp.cell.tours.tour_bound import _assigned, _best_order, _one_tree
+from tominpmp.cell.tours.tour_bound import _one_tree
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 
@@ -32,6 +31,12 @@ def table(sizes: list[int], seed: int, ends: bool = True, **known: bool) -> LegT
             for a, b in product(range(sizes[i]), range(sizes[j])):
                 out.learn((i, a, j, b), float(rng.uniform(0.2, 3.0)))
     return out
+
+
+def exact(legs: LegTable, rules: Rules) -> Found:
+    """The best order of the stations of a table."""
+    sizes = [len(rows) for rows in legs.nodes[1 : legs.stations + 1]]
+    return exact_order(sizes, legs.block, rules, legs.ends)
 
 
 def brute_force(legs: LegTable, rules: Rules) -> float:
@@ -94,7 +99,7 @@ def test_exact_orders_are_the_best_of_all(
 ) -> None:
     legs = table([1, 2, 3, 2, 2, *([1] if ends else [])], 4, ends, known=known)
     rules = rules_of(4, before, then)
-    total, order, chosen = exact_order(legs, rules)
+    total, order, chosen = exact(legs, rules)
     assert total == pytest.approx(brute_force(legs, rules), rel=1e-12)
     assert rules.allow(order)
     nodes = [0, *(i + 1 for i in order), *([5] if ends else [])]
@@ -105,7 +110,7 @@ def test_exact_orders_are_the_best_of_all(
 def test_no_order_where_rules_leave_none() -> None:
     legs = table([1, 1, 1, 1], 0)
     rules = rules_of(2, set(), {0: frozenset({1}), 1: frozenset({0})})
-    assert exact_order(legs, rules)[0] == np.inf
+    assert exact(legs, rules)[0] == np.inf
     rng = np.random.default_rng(0)
     assert search_order(legs, rules, rng)[0] == np.inf
 
@@ -119,23 +124,10 @@ def test_searched_orders_are_near_the_best(
         # Times at random are those of no arm: there the order alone is looked for.
         legs = table([1, *[1 if known else 2] * 8, 1], seed, known=known)
         rules = rules_of(8, before, {})
-        best = exact_order(legs, rules)[0]
+        best = exact(legs, rules)[0]
         found, order, _ = search_order(legs, rules, np.random.default_rng(0))
         assert best - 1e-9 <= found <= 1.1 * best
         assert rules.allow(order)
-
-
-def test_moves_gain_what_they_say() -> None:
-    rng = np.random.default_rng(0)
-    cost = rng.uniform(0.1, 1.0, (9, 9))
-    search = OrderSearch(cost, rules_of(7, set(), {}), True)
-    way = search.way(rng.permutation(7).tolist())
-    for gains, kind in [search._turning(way), *search._moving(way)]:
-        for i, j in np.argwhere(gains != 0.0).tolist():
-            other = search._moved(way, kind, i, j)
-            assert sorted(other.tolist()) == list(range(9))
-            gain = search.length(other) - search.length(way)
-            assert gains[i, j] == pytest.approx(gain, abs=1e-12)
 
 
 @pytest.mark.parametrize("ends", [True, False])
@@ -144,9 +136,7 @@ def test_bounds_are_below_the_best_order(ends: bool) -> None:
         legs = table([1] * (7 if ends else 6), seed, ends, known=seed % 2 == 0)
         least = legs.fixed([0] * len(legs.nodes))
         rules = rules_of(5, set() if seed % 3 else {(0, 4), (2, 1)}, {})
-        best = exact_order(legs, rules)[0]
-        assert _best_order(least, rules, ends) == pytest.approx(best)
-        assert 0.0 < _assigned(least, rules, ends) <= best + 1e-9
+        best = exact(legs, rules)[0]
         assert 0.3 * best < _one_tree(np.minimum(least, least.T), ends) <= best + 1e-9
 
 

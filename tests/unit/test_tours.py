@@ -14,6 +14,7 @@ import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.cell.tours.direct_motion import direct_motion
 from tominpmp.cell.tours.joint_times import JointTimes
+from tominpmp.cell.tours.station import Rules
 from tominpmp.cell.tours.tour_bound import tour_bound
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot import Robot
@@ -229,7 +230,7 @@ def test_no_tour_beats_the_bound_for_goals_on_frames(arm: Robot) -> None:
             tm.Station(str(k), tm.PositionGoal(tip(arm), (*p, 0.0)))
             for k, p in enumerate(points)
         ]
-        rules = tm.tours.station.Rules.of(stations)
+        rules = Rules.of(stations)
         bound = tour_bound(problem, stations, rules, HOME).T
         assert 0.0 < bound <= least_cycle(arm, [reached(*p) for p in points])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -59,11 +59,6 @@ class LegTable:
     def stations(self) -> int:
         """Number of stations."""
         return len(self.nodes) - 1 - self.ends
-
-    @property
-    def learned(self) -> Iterator[tuple[int, int]]:
-        """Pairs of nodes of which times of legs are known."""
-        return iter(self._of_pair)
 
     def station(self, node: int) -> int | None:
         """Index of the station at a node; None for the start and the end."""

@@ -211,7 +211,8 @@ def _checked_goals(
         found[k] = replace(station, goal=leg.goal)
         place = place_of(leg.goal)
         other = places.setdefault(place, k)
-        if other != k and not _ordered(rules, other, k):
+        needed = rules.all_needs
+        if other != k and k not in needed[other] and other not in needed[k]:
             raise ProblemError(
                 f"{called(other + 1, found[other].name)} and "
                 f"{called(k + 1, station.name)} are in one place; expected one "
@@ -236,17 +237,3 @@ def _check_touching(problem: Problem, stations: Sequence[Station]) -> None:
                     f"station: one of {brief(', '.join(sorted(known)))}",
                     f"stations[{k}].may_touch",
                 )
-
-
-def _ordered(rules: Rules, one: int, other: int) -> bool:
-    """Whether rules say which of two stations comes first."""
-
-    def leads(start: int, end: int) -> bool:
-        seen, todo = {end}, [end]
-        while todo:
-            for earlier in rules.needs[todo.pop()] - seen:
-                seen.add(earlier)
-                todo.append(earlier)
-        return start in seen
-
-    return leads(one, other) or leads(other, one)

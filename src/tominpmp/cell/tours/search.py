@@ -19,12 +19,11 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.cell.tours.assembly import Assembly, failed
 from tominpmp.cell.tours.configurations import Configurations
-from tominpmp.cell.tours.exact_order import exact_order, small_enough
 from tominpmp.cell.tours.joint_times import JointTimes
 from tominpmp.cell.tours.known_legs import KnownLegs
 from tominpmp.cell.tours.leg_table import Leg, LegTable
 from tominpmp.cell.tours.legs import LegPlanner
-from tominpmp.cell.tours.local_search import search_order
+from tominpmp.cell.tours.orders import best_order
 from tominpmp.cell.tours.refinement import refined
 from tominpmp.cell.tours.station import Rules, Station, called
 from tominpmp.cell.tours.tour import Tour
@@ -162,14 +161,8 @@ class TourSearch:
 
     def _order(self, before: Way | None = None) -> Way | None:
         """Best order that is found for the times that are known or estimated."""
-        if small_enough(self.table):
-            length, order, chosen = exact_order(self.table, self.rules)
-        elif before is None:
-            length, order, chosen = search_order(self.table, self.rules, self.rng)
-        else:
-            length, order, chosen = search_order(
-                self.table, self.rules, self.rng, begin=before[0], kicks=20
-            )
+        begin = () if before is None else before[0]
+        length, order, chosen = best_order(self.table, self.rules, self.rng, begin)
         return (order, chosen) if np.isfinite(length) and order else None
 
     def _improved(self) -> Way | None:

@@ -204,11 +204,6 @@ class Rules:
         rules._check_cycles([station.name for station in stations])
         return rules
 
-    @property
-    def free(self) -> bool:
-        """Whether any order is allowed."""
-        return not self.before and not self.then
-
     @cached_property
     def needs(self) -> tuple[frozenset[int], ...]:
         """By station what has to be visited before it."""
@@ -217,27 +212,32 @@ class Rules:
             for station in range(self.count)
         )
 
-    def follows(self, last: int | None, station: int) -> bool:
-        """Whether a station may come directly after another; None for the start."""
-        allowed = None if last is None else self.then.get(last)
-        return allowed is None or station in allowed
+    @cached_property
+    def all_needs(self) -> tuple[frozenset[int], ...]:
+        """By station what comes before it, at any remove."""
+        found = [set(needed) for needed in self.needs]
+        for k in sorted({i for i, _ in self.before}):
+            for needed in found:
+                if k in needed:
+                    needed |= found[k]
+        return tuple(frozenset(needed) for needed in found)
+
+    def follows(self, last: int, station: int) -> bool:
+        """Whether a station may come directly after another."""
+        return last not in self.then or station in self.then[last]
 
     def may_end(self, station: int) -> bool:
         """Whether a station may be the last one."""
         return station not in self.then
 
-    def in_turn(self, order: Sequence[int]) -> bool:
-        """Whether an order of all stations has none before what it comes after."""
-        place = {station: k for k, station in enumerate(order)}
-        return all(place[i] < place[j] for i, j in self.before)
-
     def allow(self, order: Sequence[int]) -> bool:
         """Whether an order of all stations keeps the rules."""
-        if self.free:
-            return True
-        if not self.in_turn(order) or not self.may_end(order[-1]):
-            return False
-        return all(self.follows(i, j) for i, j in itertools.pairwise(order))
+        place = {station: k for k, station in enumerate(order)}
+        return (
+            all(place[i] < place[j] for i, j in self.before)
+            and self.may_end(order[-1])
+            and all(self.follows(i, j) for i, j in itertools.pairwise(order))
+        )
 
     def _check_cycles(self, names: Sequence[str]) -> None:
         """Check that what is to be earlier is not to be later, too."""

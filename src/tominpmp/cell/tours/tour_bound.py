@@ -4,8 +4,8 @@ Between two stations no leg is faster than the joints can carry what the goals a
 of two configurations the time of the slowest joint; of goals on frames, the time in
 which joints bring the frame as far as the stations are apart. In any order each station
 is entered and left once, so that a shortest spanning tree with one more edge (a 1-tree,
-Held and Karp 1970) of these times bounds the tour, as does the best assignment of
-successors; for few stations the best order itself is found. Stays are added.
+Held and Karp 1970) of these times bounds the tour; for few stations the best order
+itself is found. Stays are added.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import minimum_spanning_tree
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.cell.tours.arms import least_stays
-from tominpmp.cell.tours.exact_order import exact_order
 from tominpmp.cell.tours.frame_times import frame_times
 from tominpmp.cell.tours.joint_times import JointTimes
-from tominpmp.cell.tours.leg_table import LegTable
+from tominpmp.cell.tours.orders import exact_order
 from tominpmp.cell.tours.station import Rules, Station
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
@@ -54,19 +53,18 @@ def tour_bound(
     """
     least = _least_times(problem, stations, q_end)
     stays = least_stays(problem.robot, [(s.goal, s.dwell) for s in stations])
-    found = [
-        LowerBound(_assigned(least, rules, q_end is not None), "an assignment"),
-        LowerBound(
-            _one_tree(np.minimum(least, least.T), q_end is not None), "a 1-tree"
-        ),
-    ]
+    ends = q_end is not None
     if len(stations) <= FEW:
-        best = _best_order(least, rules, q_end is not None)
-        found.append(LowerBound(best, "the best order"))
-    best_of = max(found, key=lambda bound: bound.T)
+        reason, ones = "the best order", [1] * len(stations)
+        total = exact_order(
+            ones, lambda i, j: least[i : i + 1, j : j + 1], rules, ends
+        )[0]
+        total = total if np.isfinite(total) else 0.0
+    else:
+        reason, total = "a 1-tree", _one_tree(np.minimum(least, least.T), ends)
     return LowerBound(
-        best_of.T * (1.0 - ROUNDING) + stays,
-        f"{best_of.reason} of the times that no leg can beat, and all stays",
+        total * (1.0 - ROUNDING) + stays,
+        f"{reason} of the times that no leg can beat, and all stays",
     )
 
 
@@ -140,56 +138,24 @@ class _Sharp:
         return lower_bound(leg).T
 
 
-def _assigned(least: Array, rules: Rules, ends: bool) -> float:
-    """Cheapest successors of all places, circles allowed."""
-    cost = _closed(least, ends)
-    n = rules.count
-    big = 1.0 + 1e3 * float(np.max(cost))
-    cost = cost.copy()
-    np.fill_diagonal(cost, big)
-    for i, j in rules.before:
-        cost[j + 1, i + 1] = big
-        cost[0, j + 1] = big
-    for i, allowed in rules.then.items():
-        for j in range(n):
-            if j not in allowed:
-                cost[i + 1, j + 1] = big
-    rows, columns = linear_sum_assignment(cost)
-    total = float(np.sum(cost[rows, columns]))
-    return total if total < big else 0.0
-
-
-def _closed(least: Array, ends: bool) -> Array:
-    """Times of a circle: the end and the start taken as one place."""
-    if not ends:
-        circle = least.copy()
-        circle[:, 0] = 0.0
-        return circle
-    circle = least[:-1, :-1].copy()
-    circle[1:, 0] = least[1:-1, -1]
-    return circle
-
-
 def _one_tree(least: Array, ends: bool) -> float:
     """Bound by trees, with multipliers that make them look like circles."""
-    n = len(least) - ends
-    if n < 4:
-        return 0.0
     if not ends:
         # A way that ends anywhere is a tree that spans all places.
         return _spanning_tree(least)[0]
-    cost = least[:-1, :-1].copy()
-    home = least[1:-1, -1]
     # Start and end are one place, left by one of its legs and entered by the other.
-    depart = least[0, 1:-1]
-    cost[0, 1:] = cost[1:, 0] = np.minimum(depart, home)
-    weights, best = np.zeros(n), 0.0
+    cost = least[:-1, :-1].copy()
+    cost[0, 1:] = cost[1:, 0] = np.minimum(least[0, 1:-1], least[1:-1, -1])
+    weights, best = np.zeros(len(cost)), 0.0
     step = 0.1 * float(np.mean(cost))
     for _ in range(ASCENT):
         shifted = cost + weights[:, None] + weights[None]
-        total, degree = _tree(shifted)
+        total, degree = _spanning_tree(shifted[1:, 1:])
+        two = np.argsort(shifted[0, 1:], kind="stable")[:2] + 1
+        total += float(np.sum(shifted[0, two]))
         best = max(best, total - 2.0 * float(np.sum(weights)))
-        off = degree - 2
+        off = np.concatenate([[0], degree - 2])
+        off[two] += 1
         if not np.any(off):
             break
         weights = weights + step * off
@@ -197,44 +163,11 @@ def _one_tree(least: Array, ends: bool) -> float:
     return best
 
 
-def _tree(cost: Array) -> tuple[float, Array]:
-    """Shortest tree over all places but the first, and the two edges of that."""
-    total, degree = _spanning_tree(cost[1:, 1:])
-    degree = np.concatenate([[2], degree])
-    two = np.argsort(cost[0, 1:], kind="stable")[:2]
-    degree[two + 1] += 1
-    return total + float(np.sum(cost[0, 1:][two])), degree
-
-
-def _spanning_tree(cost: Array) -> tuple[float, Array]:
-    """Shortest spanning tree (Prim): its length and the degrees of the places."""
-    n = len(cost)
-    degree = np.zeros(n, dtype=int)
-    inside = np.zeros(n, dtype=bool)
-    inside[0] = True
-    near, parent = cost[0].copy(), np.zeros(n, dtype=int)
-    near[0] = np.inf
-    total = 0.0
-    for _ in range(n - 1):
-        k = int(np.argmin(near))
-        total += float(near[k])
-        degree[k] += 1
-        degree[parent[k]] += 1
-        inside[k] = True
-        closer = (cost[k] < near) & ~inside
-        near[closer], parent[closer] = cost[k][closer], k
-        near[k] = np.inf
-    return total, degree
-
-
-def _best_order(least: Array, rules: Rules, ends: bool) -> float:
-    """The best order for these times."""
-    nodes = [np.array([[float(i)]]) for i in range(len(least))]
-    one = np.ones(1)
-    table = LegTable(nodes, [True] * len(nodes), JointTimes(one, one, one), ends)
-    for i in range(len(least)):
-        for j in range(len(least)):
-            if i != j:
-                table.learn((i, 0, j, 0), float(least[i, j]))
-    total = exact_order(table, rules)[0]
-    return total if np.isfinite(total) else 0.0
+def _spanning_tree(cost: Array) -> tuple[float, IntArray]:
+    """Length of the shortest spanning tree, and the degrees of the places."""
+    # For SciPy a time of zero is no edge.
+    shift = 1.0 - float(np.min(cost))
+    tree = minimum_spanning_tree(cost + shift).tocoo()
+    ends = np.concatenate([tree.row, tree.col])
+    degree = np.bincount(ends, minlength=len(cost))
+    return float(np.sum(tree.data)) - shift * tree.nnz, degree

@@ -1,0 +1,272 @@
+"""Orders of stations, with a configuration for each.
+
+For few stations the best order is found as Held and Karp (1962) solve the travelling
+salesman problem: the best way through a set of stations that ends at a configuration
+of one of them is found from the sets with one station less. For more, stretches of an
+order are taken out and their stations put back one by one where each costs least
+(ruin and recreate; Christiaens and Vanden Berghe 2020), worse orders being kept at
+first as in simulated annealing. That is done for given configurations; the best
+configurations along an order are found by dynamic programming, and the two take turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise, permutations
+
+import numpy as np
+
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.cell.tours.leg_table import LegTable
+from tominpmp.cell.tours.station import Rules
+from tominpmp.stopping import check
+
+# Numbers that the exact search may compare: 2^n times the square of all configurations.
+MOST_WORK, MOST_STATIONS = 4e8, 14
+# What a leg costs that is not allowed [s], so that differences stay numbers.
+FORBIDDEN = 1e7
+# Gain below which an order is not shorter [s].
+LEAST_GAIN = 1e-9
+# Stations taken out at once, at the most; share of the places that are passed over when
+# one is put back. Orders of 24 to 245 places in the plane came out as short as those of
+# 2-opt and Or-opt moves with kicks, or shorter, in less time.
+TAKEN_OUT, PASSED_OVER = 8, 0.03
+# Temperatures at the beginning and at the end, as shares of the mean leg, and steps for
+# each station: of a search from scratch, and of one that begins with an order.
+HOT, COLD = 3.0, 0.01
+STEPS, WARM, FEW_STEPS = 60, 0.1, 10
+# Turns of order and configurations.
+ROUNDS = 12
+
+# Time of all legs [s], infinite where no order is allowed; stations, from 0, in their
+# order; and the configuration of each node in that order, the start and the end too.
+Found = tuple[float, tuple[int, ...], tuple[int, ...]]
+
+
+def best_order(
+    table: LegTable,
+    rules: Rules,
+    rng: np.random.Generator,
+    begin: Sequence[int] = (),
+) -> Found:
+    """The best order of few stations, a good one of many; see :func:`search_order`."""
+    n = table.stations
+    sizes = [len(rows) for rows in table.nodes[1 : n + 1]]
+    if n <= MOST_STATIONS and 2.0**n * sum(sizes) ** 2 <= MOST_WORK:
+        return exact_order(sizes, table.block, rules, table.ends)
+    return search_order(table, rules, rng, begin)
+
+
+def exact_order(
+    sizes: Sequence[int],
+    block: Callable[[int, int], Array],
+    rules: Rules,
+    ends: bool,
+) -> Found:
+    """Find the best order of stations, with their configurations.
+
+    Args:
+        sizes: Number of configurations of each station.
+        block: Times from each configuration of a node to each of another, shape (k, m)
+            [s]; nodes are the start (0), the stations from 1, and the end.
+        rules: Orders that are allowed.
+        ends: Whether there is an end, else the tour ends at any station.
+    """
+    n, edges = len(sizes), np.cumsum([0, *sizes]).tolist()
+    part = [slice(a, b) for a, b in pairwise(edges)]
+    station = np.repeat(np.arange(n), sizes)
+    between = np.full((edges[-1], edges[-1]), np.inf)
+    for i, j in permutations(range(n), 2):
+        if rules.follows(i, j):
+            between[part[i], part[j]] = block(i + 1, j + 1)
+    need = [sum(1 << i for i in needed) for needed in rules.needs]
+    # By set (bits): best time by last configuration, and the one before that.
+    cost, came = dict[int, Array](), dict[tuple[int, int], Array]()
+    full = (1 << n) - 1
+    for done in range(full):
+        check()
+        row = cost.pop(done, None)
+        alive = np.flatnonzero(np.isfinite(row)) if row is not None else None
+        for j in range(n):
+            if done >> j & 1 or need[j] & ~done:
+                continue
+            if done == 0:
+                through = block(0, j + 1)
+            elif row is not None and alive is not None and alive.size:
+                through = row[alive, None] + between[alive, part[j]]
+                came[done | 1 << j, j] = alive[np.argmin(through, axis=0)]
+            else:
+                continue
+            blank = np.full(edges[-1], np.inf)
+            cost.setdefault(done | 1 << j, blank)[part[j]] = np.min(through, axis=0)
+    last = cost.get(full, np.full(edges[-1], np.inf))
+    for i in range(n):
+        if not rules.may_end(i):
+            last[part[i]] = np.inf
+    if ends:
+        home = np.concatenate([block(i + 1, n + 1) for i in range(n)])
+        last = last + np.min(home, axis=1)
+    at = int(np.argmin(last))
+    if not np.isfinite(last[at]):
+        return np.inf, (), ()
+    way, done = [at], full
+    while done & (done - 1):
+        j = int(station[way[-1]])
+        way.append(int(came[done, j][way[-1] - edges[j]]))
+        done ^= 1 << j
+    way.reverse()
+    order = tuple(int(station[k]) for k in way)
+    chosen = [k - edges[i] for k, i in zip(way, order, strict=True)]
+    begin = int(np.argmin(block(0, order[0] + 1)[:, chosen[0]]))
+    final = [int(np.argmin(home[at]))] if ends else []
+    return float(last[at]), order, (begin, *chosen, *final)
+
+
+def search_order(
+    table: LegTable,
+    rules: Rules,
+    rng: np.random.Generator,
+    begin: Sequence[int] = (),
+) -> Found:
+    """Find a good order of stations, with their configurations.
+
+    Args:
+        table: Times of the legs.
+        rules: Orders that are allowed.
+        rng: Random numbers.
+        begin: An order to begin with; empty for a search from scratch.
+    """
+    if begin:
+        plan = WARM, FEW_STEPS
+        order = list(begin)
+        length, chosen = table.best_configurations(table.way(order))
+        cost = table.fixed(_by_node(table, order, chosen))
+    else:
+        length, cost, order, plan = np.inf, _least_times(table), [], (HOT, STEPS)
+    for _ in range(ROUNDS):
+        order = _OneEach(cost, rules, table.ends).improved(order, *plan, rng)
+        before, plan = length, (WARM, FEW_STEPS)
+        length, chosen = table.best_configurations(table.way(order))
+        if length > before - LEAST_GAIN:
+            break
+        cost = table.fixed(_by_node(table, order, chosen))
+    if not rules.allow(order):
+        return np.inf, (), ()
+    return length, tuple(order), tuple(chosen)
+
+
+def _by_node(table: LegTable, order: Sequence[int], chosen: Sequence[int]) -> list[int]:
+    """Configurations by node, of those along an order."""
+    at = np.zeros(len(table.nodes), dtype=int)
+    at[table.way(order)] = chosen
+    return at.tolist()
+
+
+def _least_times(table: LegTable) -> Array:
+    """Least times between nodes, over a few configurations of each."""
+    n = len(table.nodes)
+    least = np.zeros((n, n))
+    few = [rows[:8] for rows in table.nodes]
+    for i in range(n):
+        for j in range(i + 1, n):
+            found = table.factor * np.min(table.times.matrix(few[i], few[j]))
+            least[i, j] = least[j, i] = found
+    return least
+
+
+class _OneEach:
+    """Orders of nodes with one configuration each.
+
+    Args:
+        cost: Times between the nodes, shape (m, m); the start is node 0.
+        rules: Orders that are allowed.
+        ends: Whether the last node is the end.
+    """
+
+    def __init__(self, cost: Array, rules: Rules, ends: bool) -> None:
+        n = rules.count
+        cost = np.where(np.isfinite(cost), cost, FORBIDDEN)
+        if not ends:
+            # An end that is reached from anywhere in no time.
+            cost = np.pad(cost, ((0, 1), (0, 1)))
+        for i, allowed in rules.then.items():
+            others = [j + 1 for j in range(n) if j not in allowed]
+            cost[i + 1, [*others, n + 1]] = FORBIDDEN
+        self.cost, self.n = cost, n
+        inner = cost[1 : n + 1, 1 : n + 1]
+        self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
+        # By node those that have to come before it, and after it.
+        needs = [{i + 1 for i in needed} for needed in rules.all_needs]
+        self.earlier: list[set[int]] = [set(), *needs]
+        self.later: list[set[int]] = [set() for _ in range(n + 1)]
+        for node, before in enumerate(self.earlier):
+            for other in before:
+                self.later[other].add(node)
+
+    def length(self, way: Sequence[int]) -> float:
+        """Time of a way over nodes, from the start to the end."""
+        return float(np.sum(self.cost[way[:-1], way[1:]]))
+
+    def improved(
+        self, order: Sequence[int], hot: float, steps: int, rng: np.random.Generator
+    ) -> list[int]:
+        """A shorter order of the stations, or the same.
+
+        Args:
+            order: The stations in their order; those that lack are put in first.
+            hot: Temperature at the beginning, as a share of the mean leg.
+            steps: Number of stretches taken out, for each station.
+            rng: Random numbers.
+        """
+        way = [0, *(k + 1 for k in order), self.n + 1]
+        lacking = sorted({*range(1, self.n + 1)} - {*way})
+        self._put_in(way, rng.permutation(lacking).tolist())
+        best, length = way, self.length(way)
+        least, mean = length, min(length, FORBIDDEN) / (self.n + 1)
+        for step in range(steps * self.n if self.n > 1 else 0):
+            check()
+            out = self._stretches(way, rng)
+            other = [node for node in way if node not in out]
+            over = rng.random((len(out), len(way))) < PASSED_OVER
+            self._put_in(other, rng.permutation(sorted(out)).tolist(), over)
+            now = self.length(other)
+            share = step / (steps * self.n)
+            temperature = mean * hot * (COLD / hot) ** share
+            if now < length - temperature * np.log(1.0 - rng.random()):
+                way, length = other, now
+                if length < least - LEAST_GAIN:
+                    best, least = way, length
+        return [node - 1 for node in best[1:-1]]
+
+    def _stretches(self, way: Sequence[int], rng: np.random.Generator) -> set[int]:
+        """Nodes of a way to be taken out: stretches of it near to one of them."""
+        most = int(rng.integers(1, min(self.n, TAKEN_OUT) + 1))
+        size = int(rng.integers(1, most + 1))
+        place = {node: k for k, node in enumerate(way)}
+        out: set[int] = set()
+        for node in self.near[rng.integers(self.n)].tolist():
+            if len(out) >= most:
+                break
+            if node not in out:
+                first = max(1, place[node] - int(rng.integers(size)))
+                out.update(way[first : min(first + size, len(way) - 1)])
+        return out
+
+    def _put_in(
+        self, way: list[int], nodes: Sequence[int], over: BoolArray | None = None
+    ) -> None:
+        """Put nodes into a way, each where it costs least of the places allowed."""
+        for number, node in enumerate(nodes):
+            here = np.array(way)
+            before, after = here[:-1], here[1:]
+            D = self.cost
+            more = D[before, node] + D[node, after] - D[before, after]
+            if over is not None:
+                more = more + FORBIDDEN * over[number, : more.size]
+            first, last = 0, more.size
+            for k, other in enumerate(way):
+                if other in self.earlier[node]:
+                    first = k
+                elif other in self.later[node]:
+                    last = min(last, k)
+            way.insert(first + int(np.argmin(more[first:last])) + 1, node)
