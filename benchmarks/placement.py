@@ -26,7 +26,7 @@ import numpy as np
 import pinocchio as pin
 
 import tominpmp as tm
-from tominpmp.cell.placement.moves import Moves
+from tominpmp.cell.placement import Moves
 
 COLUMNS = ("example", "T_before", "T_grid", "T", "plans_grid", "plans_equal", "plans")
 QUICK: dict[str, Any] = {"intervals": 20, "starts": 1, "refine": None}

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from tominpmp.bounds.least_time import OneWay, Ramp
-from tominpmp.cell.tours.joint_times import JointTimes
-from tominpmp.cell.tours.leg_table import LegTable
+from tominpmp.cell.tours.leg_times import JointTimes, LegTable
+from tominpmp.cell.tours.lower_bound import _one_tree
 from tominpmp.cell.tours.orders import Found, exact_order, search_order
 from tominpmp.cell.tours.station import Rules, Station, checked_stations
-from tominpmp.cell.tours.tour_bound import _one_tree
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 

@@ -12,10 +12,10 @@ import pytest
 import tests.sample_arms as arms
 import tominpmp as tm
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.direct_motion import direct_motion
-from tominpmp.cell.tours.joint_times import JointTimes
+from tominpmp.cell.tours.leg_times import JointTimes
+from tominpmp.cell.tours.legs import direct_motion
+from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.station import Rules
-from tominpmp.cell.tours.tour_bound import tour_bound
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot import Robot
 from tominpmp.verification import verify

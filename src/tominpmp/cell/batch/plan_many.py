@@ -14,15 +14,18 @@ from tominpmp.arrays import Record
 from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.cell.batch.outcome import Outcome
-from tominpmp.cell.batch.packing import Packed, Robots, pack, unpack
 from tominpmp.cell.batch.task import (
     LOST,
     Item,
+    Packed,
+    Robots,
     Settings,
     Start,
     item_of,
+    pack,
     ready,
     run_packed,
+    unpack,
 )
 from tominpmp.checks import flag, instance, number, whole, wrong
 from tominpmp.description.paths import checked_path

@@ -3,6 +3,11 @@
 Goals on frames leave several: the arm can reach around, and a drill may be turned about
 its axis in any way. Some are found from random starts, others from those of neighbours,
 so that the arm can go on as it is.
+
+Configurations are improved for a given order, as spins and reaches are not on a grid:
+near the configuration of each station others are tried, those nearest to where the arm
+comes from and goes to, half way between, and some at random. The best of all stations
+together are found by dynamic programming, and the next ones are looked for nearer by.
 """
 
 from __future__ import annotations
@@ -11,13 +16,132 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.cell.tours.goal_rows import GoalRows
+from tominpmp.cell.tours.leg_times import LegTable
+from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal, Scales
+from tominpmp.goals.targets import FrameTarget, frame_target
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
+from tominpmp.robot import Robot
 from tominpmp.stopping import check
+
+
+class GoalRows:
+    """Residuals of goals at configurations, each with its own goal.
+
+    Poses, directions and positions are taken as exact, without their tolerances; what
+    they lack is a turn and a shift that would bring the frame there, to first order.
+
+    Attributes:
+        robot: The robot.
+        goals: The goals.
+        rows: Numbers of a residual; shorter ones are filled up with zeros.
+    """
+
+    def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
+        self.robot, self.goals = robot, tuple(goals)
+        self.kinematics = RobotKinematics(robot)
+        self._placements = Placements(robot.model)
+        targets = [frame_target(goal) for goal in goals]
+        self._together = np.array([target is not None for target in targets])
+        zero = np.zeros(robot.n)
+        found = zip(goals, targets, strict=True)
+        others = (goal for goal, target in found if target is None)
+        sizes = [g.place(self.kinematics, zero).value.size for g in others]
+        self.rows = max([6, *sizes])
+        nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
+        known = [target or nothing for target in targets]
+        self._places = np.stack([target.place for target in known])
+        self._turns = np.stack([target.turn for target in known])
+        self._counts = np.stack([target.counts for target in known])
+        self._posed = np.array([target.posed for target in known])
+        self._names = np.array([str(goal.frame_name) for goal in goals])
+
+    def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
+        """Evaluate residuals.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            which: Index of the goal of each, shape (m,).
+
+        Returns:
+            Residuals, shape (m, rows) [rad or m], and their Jacobians, shape (m, rows,
+            n).
+        """
+        value = np.zeros((len(q), self.rows))
+        jacobian = np.zeros((len(q), self.rows, self.robot.n))
+        together = np.flatnonzero(self._together[which])
+        if together.size:
+            found = self._frames(q[together], which[together])
+            value[together, :6], jacobian[together, :6] = found
+        for i in np.flatnonzero(~self._together[which]).tolist():
+            goal = self.goals[which[i]]
+            lack, by_q = goal.place_residual(self.kinematics, q[i])
+            value[i, : lack.size], jacobian[i, : lack.size] = lack, by_q
+        return value, jacobian
+
+    def _frames(self, q: Array, which: IntArray) -> tuple[Array, Array]:
+        """Residuals of goals on frames."""
+        model, robot = self.robot.model, self.robot
+        placed = self._placements.joints(robot.expand(q))
+        value = np.zeros((len(q), 6))
+        jacobian = np.zeros((len(q), 6, robot.n))
+        names = self._names[which]
+        for name in np.unique(names).tolist():
+            mine = np.flatnonzero(names == name)
+            frame = model.frames[robot.frame_id(name)]
+            joint, there = int(frame.parentJoint), frame.placement
+            R, t = placed[0][mine], placed[1][mine]
+            rotation = R[:, joint] @ np.array(there.rotation)
+            origin = t[:, joint] + R[:, joint] @ np.array(there.translation)
+            lack = self._lack(rotation, origin, which[mine])
+            carried = self._carried(R, t, joint, origin)
+            counts = self._counts[which[mine]]
+            value[mine] = -np.einsum("mij,mj->mi", counts, lack)
+            jacobian[mine] = counts @ carried
+        return value, jacobian
+
+    def _lack(self, rotation: Array, origin: Array, which: IntArray) -> Array:
+        """Turn [rad] and shift [m] to the goal, shape (m, 6)."""
+        out = np.zeros((len(rotation), 6))
+        out[:, 3:] = self._places[which] - origin
+        turns, posed = self._turns[which], self._posed[which]
+        for i in np.flatnonzero(posed).tolist():
+            out[i, :3] = pin.log3(turns[i] @ rotation[i].T)
+        pointed = ~posed
+        now = np.einsum("mij,mj->mi", rotation[pointed], turns[pointed, 0])
+        out[pointed, :3] = _turns_between(now, turns[pointed, 1])
+        return out
+
+    def _carried(self, R: Array, t: Array, joint: int, origin: Array) -> Array:
+        """Jacobian of a frame, turn above shift, shape (m, 6, n)."""
+        model = self.robot.model
+        out = np.zeros((len(R), 6, model.nv))
+        for j in model.supports[joint]:
+            if not j:
+                continue
+            slide, turn, column = self._placements.axes(j)
+            axis = R[:, j] @ turn
+            out[:, :3, column] = axis
+            out[:, 3:, column] = np.cross(axis, origin - t[:, j]) + R[:, j] @ slide
+        S = self.robot.expansion_matrix
+        return out if S is None else out @ S
+
+
+def _turns_between(a: Array, b: Array) -> Array:
+    """Rotation vectors that turn unit vectors into others, shapes (m, 3) [rad]."""
+    normal = np.cross(a, b)
+    sine = np.linalg.norm(normal, axis=1)
+    angle = np.arctan2(sine, np.sum(a * b, axis=1))
+    # To the opposite any way is as short.
+    opposite = (sine < 1e-9) & (angle > 1.0)
+    normal[opposite] = np.cross(a[opposite], np.roll(a[opposite], 1, axis=1) + 0.1)
+    length = np.where(opposite, np.linalg.norm(normal, axis=1), sine)
+    return np.asarray(normal * (angle / np.maximum(length, 1e-300))[:, None])
+
 
 STEPS = 40
 # Residual that counts as none [m, rad], and that of steps that are given up.
@@ -352,3 +476,109 @@ def distinct(rows: Array) -> Array:
             continue
         kept.append(i)
     return rows[kept]
+
+
+# Rounds unless others are asked for; random trials of a station in each, and the radius
+# of the first ones [rad].
+ROUNDS = 24
+TRIALS = 4
+RADIUS = 0.4
+# Shrinking of the radius where a round brings less than this share of the time.
+SHRINK, LITTLE = 0.6, 2e-3
+SMALLEST = 2e-3
+
+
+def refined(
+    configurations: Configurations,
+    table: LegTable,
+    nodes: Sequence[int],
+    way: Sequence[Array],
+    rng: np.random.Generator,
+    rounds: int = ROUNDS,
+) -> list[Array]:
+    """Improve the configurations of a tour in a given order.
+
+    Args:
+        configurations: What is allowed at stations.
+        table: Estimates of the times of legs.
+        nodes: The nodes of the tour in their order.
+        way: Their configurations, shape (n,) each.
+        rng: Random numbers.
+        rounds: How often better ones are looked for.
+
+    Returns:
+        Configurations of all places.
+    """
+    goals = configurations.goals
+    stations = [table.station(node) for node in nodes]
+    open_ones = [
+        k
+        for k, g in enumerate(stations)
+        if g is not None and goals[g].configuration is None
+    ]
+    way, radius = [np.array(q) for q in way], RADIUS
+    if not open_ones:
+        return way
+    before = np.inf
+    for _ in range(rounds):
+        way, now = _round(
+            configurations, table, nodes, way, stations, open_ones, radius, rng
+        )
+        if now > before * (1.0 - LITTLE):
+            radius *= SHRINK
+        if radius < SMALLEST:
+            break
+        before = now
+    return way
+
+
+def _round(
+    configurations: Configurations,
+    given: LegTable,
+    order: Sequence[int],
+    way: list[Array],
+    stations: Sequence[int | None],
+    open_ones: Sequence[int],
+    radius: float,
+    rng: np.random.Generator,
+) -> tuple[list[Array], float]:
+    """Try other configurations of all places, and take the best of them."""
+    starts, places = [], []
+    for k in open_ones:
+        around = [way[k - 1]]
+        if k + 1 < len(way):
+            around += [way[k + 1], 0.5 * (way[k - 1] + way[k + 1])]
+        else:
+            around += [way[k - 1]]
+        here = way[k]
+        # No farther than the radius, so that the arm does not fold elsewhere.
+        reach = [here + _cut(q - here, 2.0 * radius) for q in around]
+        random = here + radius * rng.uniform(-1.0, 1.0, (TRIALS, here.size))
+        rows = np.concatenate([np.stack(reach), random])
+        starts.append(rows)
+        places.append(np.full(len(rows), k))
+    q, place = np.concatenate(starts), np.concatenate(places)
+    which = np.array([stations[k] for k in place.tolist()], dtype=np.int64)
+    q, good = configurations.projected(q, which)
+    q, place = q[good], place[good]
+    nodes = [row[None] for row in way]
+    for k in open_ones:
+        nodes[k] = np.concatenate([nodes[k], q[place == k]])
+    while True:
+        table = given.along(order, nodes)
+        duration, chosen = table.best_configurations(range(len(nodes)))
+        # Whether they are clear is asked of those that would be taken.
+        bad = [
+            (k, c)
+            for k, c in enumerate(chosen)
+            if c and not configurations.free(nodes[k][c : c + 1], stations[k])[0]
+        ]
+        if not bad:
+            return [nodes[k][c] for k, c in enumerate(chosen)], duration
+        for k, c in bad:
+            nodes[k] = np.delete(nodes[k], c, axis=0)
+
+
+def _cut(step: Array, most: float) -> Array:
+    longest = float(np.max(np.abs(step), initial=0.0))
+    return step if longest <= most else step * (most / longest)

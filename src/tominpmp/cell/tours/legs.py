@@ -1,4 +1,10 @@
-"""Legs of a tour: motions from one configuration to the next, each verified."""
+"""Legs of a tour: motions from one configuration to the next, each verified.
+
+A direct motion is one that the joints make on their own: every joint speeds up, runs
+and slows down so that all arrive together, in the least time that limits of speed and
+acceleration allow. Where torques and obstacles do not forbid it, which a replay tells,
+it is the fastest there is, and no planning is needed.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +16,9 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import LowerBound
-from tominpmp.cell.tours.direct_motion import direct_motion
+from tominpmp.cell.tours.leg_times import JointTimes, Leg, LegTable
 from tominpmp.cell.tours.station import Station
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 from tominpmp.options import Options
@@ -21,8 +28,76 @@ from tominpmp.problem import Problem
 from tominpmp.segments import Segment, known_names
 from tominpmp.solution import Solution
 from tominpmp.status import Status
+from tominpmp.stopping import Stop, check, seconds_left
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import verify
+
+# Ways below this are none [rad or m], and shares of the duration that are the same.
+NO_WAY = 1e-9
+SAME = 1e-9
+
+
+def direct_motion(problem: Problem) -> Trajectory | None:
+    """Make the fastest motion that limits of speed and acceleration allow.
+
+    Args:
+        problem: A problem from rest to a configuration at rest.
+
+    Returns:
+        The motion, with a constant acceleration on each interval; None where it would
+        jump in velocity, or accelerations may not jump, or there is no way to go.
+    """
+    limits, goal = problem.motion_limits, problem.goal.configuration
+    if goal is None or problem.segments or (limits is not None and limits.continuous):
+        return None
+    times, way = JointTimes.of(problem), goal - problem.q_start
+    far = np.abs(way)
+    moves = far > NO_WAY
+    T = float(times.between(problem.q_start, goal))
+    sudden = moves & ~np.isfinite(times.acceleration)
+    if not np.any(moves) or np.any(sudden) or not 0.0 < T < np.inf:
+        return None
+    ramp = _ramps(times, far, T)
+    t = np.unique(np.concatenate([[0.0, T], ramp, T - ramp]))
+    t = t[np.append(True, np.diff(t) > SAME * T)]
+    t[-1] = T
+    speed = way / (T - ramp)
+    q, v = _states(t, T, ramp, speed)
+    q += problem.q_start
+    q[-1] = goal
+    middle = 0.5 * (t[1:] + t[:-1])[:, None]
+    a = np.where(middle < ramp, 1.0, np.where(middle > T - ramp, -1.0, 0.0))
+    a = a * speed / ramp
+    dynamics = RobotDynamics(problem.robot).inverse
+    joints = problem.robot.joint_names
+    motion = Trajectory(joints, t, q, v, np.zeros_like(q), a=a)
+    return motion.with_torques(dynamics)
+
+
+def _ramps(times: JointTimes, far: Array, T: float) -> Array:
+    """How long each joint speeds up, shape (n,) [s]: all alike if that is possible.
+
+    Then the way is a straight line. The longer the ramp, the less acceleration it
+    takes, up to half of the duration.
+    """
+    run = np.where(np.isfinite(times.velocity), far / times.velocity, 0.0)
+    own = np.minimum(T - run, 0.5 * T)
+    common = float(np.min(own))
+    needed = far / (common * (T - common))
+    if np.all(needed <= times.acceleration * (1.0 + 1e-9)):
+        return np.full_like(far, common)
+    return np.asarray(own)
+
+
+def _states(t: Array, T: float, ramp: Array, speed: Array) -> tuple[Array, Array]:
+    """Ways and velocities at times, shapes (m, n)."""
+    t = t[:, None]
+    first = np.minimum(t, ramp)
+    run = np.clip(t - ramp, 0.0, T - 2.0 * ramp)
+    last = np.clip(t - (T - ramp), 0.0, ramp)
+    way = 0.5 * first**2 / ramp + run + last - 0.5 * last**2 / ramp
+    return way * speed, (first - last) / ramp * speed
+
 
 # Instants of a direct motion at which obstacles are looked for first.
 CHECKS = 24
@@ -256,3 +331,107 @@ class LegPlanner:
         base = self.problem
         last = segments[-1].goal
         return replace(base, q_start=q[0], goal=last, segments=segments)
+
+
+@dataclass(eq=False)
+class KnownLegs:
+    """What is known of legs, and how more is found out.
+
+    Attributes:
+        table: Times of the legs, which are written down there.
+        planner: Plans the legs.
+        motions: Motions of the legs that were replayed or planned.
+        detours: What blocked legs have taken, as shares of their direct times.
+    """
+
+    table: LegTable
+    planner: LegPlanner
+    motions: dict[Leg, Solution] = field(default_factory=dict)
+    detours: list[float] = field(default_factory=list)
+    _looked_at: set[Leg] = field(default_factory=set)
+    _unverified: dict[Leg, Trajectory] = field(default_factory=dict)
+
+    def _ends(self, leg: Leg) -> tuple[int | None, int | None, Array, Array]:
+        """Stations where a leg begins and ends, and the configurations there."""
+        begin, end = self.table.station(leg[0]), self.table.station(leg[2])
+        return begin, end, *self.table.rows(leg)
+
+    def resting(self, leg: Leg) -> bool:
+        """Whether the arm is at rest at both ends of a leg."""
+        return bool(self.table.rests[leg[0]] and self.table.rests[leg[2]])
+
+    def direct(self, leg: Leg) -> bool:
+        """Look for the direct motion of a leg; False where its way is found blocked."""
+        check()
+        if leg in self._looked_at or leg in self.table.known or not self.resting(leg):
+            return True
+        self._looked_at.add(leg)
+        if self.stays(leg):
+            self.table.learn(leg, 0.0)
+            return True
+        found = self.planner.direct(*self._ends(leg))
+        if isinstance(found, Trajectory):
+            self._unverified[leg] = found
+            self.table.learn(leg, found.duration)
+        elif not found:
+            self.table.block_way(leg)
+        return bool(found)
+
+    def verified(self, leg: Leg) -> bool:
+        """Replay the direct motion of a leg; False where that is not all right."""
+        motion = self._unverified.pop(leg, None)
+        if motion is None:
+            return True
+        found = self.planner.verified(*self._ends(leg), motion)
+        if found is None:
+            self.table.forget(leg)
+            self.table.block_way(leg)
+            return False
+        self.motions[leg] = found
+        return True
+
+    def stays(self, leg: Leg) -> bool:
+        """Whether a leg leads nowhere."""
+        begin, end = self.table.rows(leg)
+        return float(np.max(np.abs(begin - end), initial=0.0)) < NO_WAY
+
+    def seconds(self, leg: Leg) -> float:
+        """Time of a leg that is not known yet, infinite where there is no motion."""
+        if leg not in self._looked_at:
+            self.direct(leg)
+        if leg in self.table.known and self.verified(leg):
+            return self.table.known[leg]
+        found = self.planned(leg)
+        if found is None or not found.success:
+            return np.inf
+        self.motions[leg] = found
+        if self.table.is_blocked(leg):
+            least = float(self.table.times.between(*self.table.rows(leg)))
+            self.detours.append(found.T / least)
+        return found.T
+
+    def planned(self, leg: Leg) -> Solution | None:
+        """Plan a leg; None where it is not possible at all."""
+        self.limit_time()
+        found = self.planner.leg(*self._ends(leg))
+        if found is not None and found.status is Status.INTERRUPTED:
+            raise Stop(True)
+        if found is not None and not found.success:
+            self.planner.errors.append(found.message)
+        return found
+
+    def limit_time(self) -> None:
+        """Give what is planned next the time that is left."""
+        left = seconds_left()
+        if np.isfinite(left):
+            options = replace(self.planner.options, max_planning_time=left)
+            self.planner.options = options
+
+    def factor(self) -> float:
+        """How much longer legs take than by the estimates of the joints."""
+        ratios = []
+        for leg, seconds in self.table.known.items():
+            guess = float(self.table.times.between(*self.table.rows(leg)))
+            if guess > 0.0 and np.isfinite(seconds):
+                ratios.append(seconds / guess)
+        return max(1.0, float(np.median(ratios))) if ratios else 1.0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.joining import joined
+from tominpmp.cell.tours.cycle import joined
 from tominpmp.cell.tours.station import Station
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.problem import Problem
@@ -137,7 +137,7 @@ class Tour:
         Raises:
             ProblemError: If there is no tour, or a motion has no multipliers.
         """
-        from tominpmp.cell.tours.held_back import cycle_sensitivities
+        from tominpmp.cell.tours.cycle import cycle_sensitivities
 
         self._motion()  # there has to be one
         arrivals = [(visit.station, visit.arrival) for visit in self.visits]
