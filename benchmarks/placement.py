@@ -64,7 +64,7 @@ def on_grid(
     for x in itertools.product(*rows):
         total = 0.0
         try:
-            problems = moves.problems(tasks, np.array(x))
+            problems = [*map(moves.mover(np.array(x)), tasks)]
         except tm.TominpmpError:
             continue
         for problem in problems:

@@ -8,7 +8,7 @@ the plans of a step begin with the motions of the last one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import minimize
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.blas_threads import on_one_thread
@@ -85,25 +86,18 @@ class Moves:
         twist[[COORDINATES.index(name) for name in self.names]] = x
         return twist
 
-    def problems(self, tasks: Sequence[Problem], x: Array) -> list[Problem]:
-        """The tasks with what is moved where it is to be.
+    def mover(self, x: Array) -> Callable[[Problem], Problem]:
+        """What puts that which is moved in a task where it is to be.
 
         Raises:
-            TominpmpError: If one of them cannot be: a start that collides, say.
+            TominpmpError: If a task cannot be: a start that collides, say.
         """
-        return [make() for make in self.each(tasks, x)]
-
-    def each(
-        self, tasks: Sequence[Problem], x: Array
-    ) -> Iterator[Callable[[], Problem]]:
-        """The same, made one by one by functions: so it is known which cannot be."""
         move = self.placement(x)
         if self.what == BASE:
             # Tasks share a robot, whose meshes are read once.
             robot = robot_at(self.robot, move)
-            return (partial(replace, task, robot=robot) for task in tasks)
-        by = np.array(move.translation)
-        return (partial(self._with_moved, task, by) for task in tasks)
+            return lambda task: replace(task, robot=robot)
+        return partial(self._with_moved, by=np.array(move.translation))
 
     def _with_moved(self, task: Problem, by: Array) -> Problem:
         if self.what == GOALS:
@@ -354,7 +348,9 @@ class _Search:
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Go downhill until nothing is gained."""
         span = high - low
-        best = first = self._first(np.zeros(low.size))
+        best = self._at(np.zeros(low.size))
+        assert best is not None  # noqa: S101 (or it was raised)
+        T_before = best.T
         radius, curvature = FIRST, np.zeros((low.size, low.size))
         while self.plans + len(self._tasks) <= most_plans and radius > LEAST:
             box = (
@@ -364,7 +360,7 @@ class _Search:
             x, promised = _step(best, curvature, *box)
             if promised < ENOUGH * best.T:
                 break
-            found = self._try(x, best)
+            found = self._at(x, best)
             if found is None or found.T >= best.T:
                 radius *= SHRINK
                 if found is not None:
@@ -379,58 +375,41 @@ class _Search:
             values=frozen_array(best.x),
             placement=self._moves.placement(best.x),
             T=best.T,
-            T_before=first.T,
+            T_before=T_before,
             plans=self.plans,
             trials=tuple(self.trials),
             solutions=best.solutions,
         )
 
-    def _first(self, x: Array) -> _Point:
-        """Where it begins.
+    def _at(self, x: Array, former: _Point | None = None) -> _Point | None:
+        """Plan all tasks at a placement; None if one has no motion there.
 
         Raises:
-            ProblemError: If a task has no motion there.
+            ProblemError: If a task has none where the search begins: at no former one.
         """
-        count = len(self._tasks)
-        problems = list[Problem]()
-        for number, move in enumerate(self._moves.each(self._tasks, x)):
-            with _of_task(number, count):
-                problems.append(move())
-        solutions = []
-        for number, problem in enumerate(problems):
-            self.plans += 1
-            with _of_task(number, count):
-                found = plan(problem, self._options)
-            if not found.success:
-                raise ProblemError(
-                    f"tasks: number {number + 1} of {count} has no motion where the "
-                    f"placement begins: {found.message}",
-                    f"tasks[{number}]",
-                )
-            solutions.append(found)
-        return self._point(x, solutions)
-
-    def _try(self, x: Array, former: _Point) -> _Point | None:
-        """Plan all tasks at a placement; None if one has no motion there."""
+        count, solutions = len(self._tasks), list[Solution]()
         try:
-            problems = self._moves.problems(self._tasks, x)
+            move, problems = self._moves.mover(x), list[Problem]()
+            for number, task in enumerate(self._tasks):
+                with _of_task(number, count):
+                    problems.append(move(task))
+            for number, problem in enumerate(problems):
+                self.plans += 1
+                start = None if former is None else former.solutions[number]
+                with _of_task(number, count):
+                    found = plan(problem, self._options, start)
+                if not found.success:
+                    raise ProblemError(
+                        f"tasks: number {number + 1} of {count} has no motion where "
+                        f"the placement begins: {found.message}",
+                        f"tasks[{number}]",
+                    )
+                solutions.append(found)
         except TominpmpError:
+            if former is None:
+                raise
             self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
             return None
-        solutions = []
-        for problem, before in zip(problems, former.solutions, strict=True):
-            self.plans += 1
-            try:
-                found = plan(problem, self._options, before)
-            except TominpmpError:
-                found = None
-            if found is None or not found.success:
-                self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
-                return None
-            solutions.append(found)
-        return self._point(x, solutions)
-
-    def _point(self, x: Array, solutions: list[Solution]) -> _Point:
         T = float(self._weights @ np.array([item.T for item in solutions]))
         slopes = [self._moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
@@ -440,26 +419,20 @@ class _Search:
 def _step(
     point: _Point, curvature: Array, low: Array, high: Array
 ) -> tuple[Array, float]:
-    """Least value of a convex quadratic within a box, by one coordinate at a time.
+    """Least value of a convex quadratic within a box.
 
     Returns:
         Where it is, and what it promises.
     """
-    d = np.zeros(point.x.size)
-    lower, upper = low - point.x, high - point.x
-    for _ in range(200):
-        before = d.copy()
-        for k in range(d.size):
-            slope = point.slope[k] + curvature[k] @ d
-            if curvature[k, k] > 0.0:
-                d[k] -= slope / curvature[k, k]
-            elif slope != 0.0:
-                d[k] = lower[k] if slope > 0.0 else upper[k]
-            d[k] = min(max(d[k], lower[k]), upper[k])
-        if np.max(np.abs(d - before)) < 1e-9:
-            break
-    promised = -(point.slope @ d + 0.5 * d @ curvature @ d)
-    return point.x + d, float(promised)
+    slope, here = point.slope, point.x
+    found = minimize(
+        lambda d: (slope @ d + 0.5 * d @ curvature @ d, slope + curvature @ d),
+        np.zeros(here.size),
+        jac=True,
+        bounds=np.stack([low - here, high - here], axis=1),
+        method="L-BFGS-B",
+    )
+    return np.clip(here + found.x, low, high), -float(found.fun)
 
 
 def _updated(curvature: Array, new: _Point, old: _Point) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
@@ -17,15 +18,12 @@ from tominpmp.cell.batch.outcome import Outcome
 from tominpmp.cell.batch.task import (
     LOST,
     Item,
-    Packed,
-    Robots,
     Settings,
     Start,
     item_of,
     pack,
     ready,
     run_packed,
-    unpack,
 )
 from tominpmp.checks import flag, instance, number, whole, wrong
 from tominpmp.description.paths import checked_path
@@ -190,7 +188,6 @@ class _Batch:
 
     def __init__(self, executor: Executor, settings: Settings) -> None:
         self._executor, self._settings = executor, settings
-        self._robots = Robots()
 
     def outcomes(
         self, items: Iterator[Item], starts: dict[int, Start] | None = None
@@ -200,11 +197,11 @@ class _Batch:
         sent: dict[int, Item] = {}
         bad: list[Outcome] = []
 
-        def work() -> Iterator[tuple[int, Packed]]:
+        def work() -> Iterator[tuple[int, bytes]]:
             for item in items:
                 what = item, self._settings, known.get(item.index)
                 try:
-                    packed = pack(what, self._robots)
+                    packed = pack(what)
                 except Exception as error:  # whatever the caller's object does
                     reason = f"the problem cannot be sent: {brief(str(error), 300)}"
                     bad.append(_lost(item, "BROKEN", reason))
@@ -218,7 +215,7 @@ class _Batch:
             if result is None:
                 yield _lost(item, LOST, "the process that planned it was killed, twice")
             else:
-                yield unpack(result, self._robots)
+                yield pickle.loads(result)
         yield from _emptied(bad)
 
     def in_rounds(self, items: Iterator[Item]) -> Iterator[Outcome]:

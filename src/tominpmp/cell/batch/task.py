@@ -1,8 +1,8 @@
 """One plan of a batch, in whatever process it is made.
 
-Thousands of problems share a few robots. A robot is pickled once and told by a digest
-of that; a process that has it already neither unpickles it nor reads its meshes again.
-Nothing that depends on a problem is kept with it.
+Thousands of problems share a few robots. A robot is pickled once; a process that has
+it already neither unpickles it nor reads its meshes again. Nothing that depends on a
+problem is kept with it.
 """
 
 from __future__ import annotations
@@ -35,98 +35,45 @@ from tominpmp.trajectory import Trajectory
 
 # Robots that a process keeps.
 MOST_ROBOTS = 16
+# These by what they are pickled to, the one used last at the end.
+_kept: OrderedDict[bytes, Robot] = OrderedDict()
 
 
-@dataclass(frozen=True)
-class Packed:
-    """An object, pickled.
-
-    Attributes:
-        content: The object without the robots in it.
-        robots: These, pickled, by their digests.
-    """
-
-    content: bytes
-    robots: dict[str, bytes]
+def _keep(content: bytes, robot: Robot) -> None:
+    _kept[content] = robot
+    _kept.move_to_end(content)
+    while len(_kept) > MOST_ROBOTS:
+        _kept.popitem(last=False)
 
 
-class Robots:
-    """The robots that this process knows, by their digests, both ways."""
-
-    def __init__(self) -> None:
-        self._by_digest: OrderedDict[str, tuple[Robot, bytes]] = OrderedDict()
-        self._digest_of: dict[int, str] = {}
-
-    def digest(self, robot: Robot) -> str:
-        """The digest of a robot, which is known from now on."""
-        found = self._digest_of.get(id(robot))
-        if found is not None:
-            return found
-        content = pickle.dumps(robot, protocol=pickle.HIGHEST_PROTOCOL)
-        digest = hashlib.sha256(content).hexdigest()
-        self._keep(digest, robot, content)
-        return digest
-
-    def pickled(self, digest: str) -> bytes:
-        """A robot that is known, pickled."""
-        return self._by_digest[digest][1]
-
-    def of(self, digest: str, content: bytes) -> Robot:
-        """The robot of a digest, unpickled if it is not known."""
-        if digest not in self._by_digest:
-            self._keep(digest, pickle.loads(content), content)
-        self._by_digest.move_to_end(digest)
-        return self._by_digest[digest][0]
-
-    def _keep(self, digest: str, robot: Robot, content: bytes) -> None:
-        self._by_digest[digest] = robot, content
-        # It is kept, so that its number stays its own.
-        self._digest_of[id(robot)] = digest
-        while len(self._by_digest) > MOST_ROBOTS:
-            _, (old, _) = self._by_digest.popitem(last=False)
-            self._digest_of.pop(id(old), None)
+def _robot(content: bytes) -> Robot:
+    """The robot of a pickle, which is read once."""
+    robot = _kept.get(content)
+    robot = pickle.loads(content) if robot is None else robot
+    _keep(content, robot)
+    return robot
 
 
 class _Pickler(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, robots: Robots) -> None:
-        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
-        self._robots = robots
-        self.used: dict[str, bytes] = {}
-
-    def persistent_id(self, item: Any) -> str | None:
-        """The digest of a robot; nothing of anything else."""
+    def reducer_override(self, item: Any) -> Any:
+        """Robots as their pickles, of which each process reads one once."""
         if not isinstance(item, Robot):
-            return None
-        digest = self._robots.digest(item)
-        self.used[digest] = self._robots.pickled(digest)
-        return digest
+            return NotImplemented
+        known = [content for content, robot in _kept.items() if robot is item]
+        content = known[0] if known else pickle.dumps(item)
+        _keep(content, item)
+        return _robot, (content,)
 
 
-class _Unpickler(pickle.Unpickler):
-    def __init__(self, packed: Packed, robots: Robots) -> None:
-        super().__init__(io.BytesIO(packed.content))
-        self._packed, self._robots = packed, robots
-
-    def persistent_load(self, digest: str) -> Robot:
-        """The robot of a digest."""
-        return self._robots.of(digest, self._packed.robots[digest])
-
-
-def pack(item: Any, robots: Robots) -> Packed:
+def pack(item: Any) -> bytes:
     """Pickle an object.
 
     Raises:
         Exception: If there is something in it that cannot be pickled.
     """
     file = io.BytesIO()
-    pickler = _Pickler(file, robots)
-    pickler.dump(item)
-    return Packed(file.getvalue(), pickler.used)
-
-
-def unpack(packed: Packed, robots: Robots) -> Any:
-    """The object again."""
-    return _Unpickler(packed, robots).load()
+    _Pickler(file, protocol=pickle.HIGHEST_PROTOCOL).dump(item)
+    return file.getvalue()
 
 
 BROKEN, LOST = "BROKEN", "LOST"
@@ -272,7 +219,7 @@ def _problem(given: Any, options: Options, own: bool) -> tuple[Problem, Options]
     )
 
 
-def kept(item: Item, found: Ready, settings: Settings) -> Outcome | None:
+def former(item: Item, found: Ready, settings: Settings) -> Outcome | None:
     """The result of a former run, if there is one of this very problem."""
     if settings.folder is None or found.problem is None or not found.digest:
         return None
@@ -297,9 +244,9 @@ def planned(
         outcome = Outcome.failed(*about, BROKEN, found.reason)
     else:
         began = None if start is None or found.problem.segments else start
-        former = {} if began is None else {"start": began.motion}
+        begin = {} if began is None else {"start": began.motion}
         try:
-            solution = plan(found.problem, found.options, **former)
+            solution = plan(found.problem, found.options, **begin)
             outcome = Outcome.of(
                 solution, *about, None if began is None else began.index
             )
@@ -312,21 +259,19 @@ def planned(
     return replace(outcome, path=path)
 
 
-_robots = Robots()
 _watched: set[int] = set()
 
 
-def run_packed(packed: Packed) -> Packed:
+def run_packed(packed: bytes) -> bytes:
     """In a process of a batch: plan what was sent, and send the outcome.
 
     What is sent is an item, the settings and a motion to begin with.
     """
-    item, settings, start = unpack(packed, _robots)
+    item, settings, start = pickle.loads(packed)
     if os.getpid() != settings.parent and settings.parent not in _watched:
         _watched.add(settings.parent)
         if hasattr(os, "getppid") and os.getppid() == settings.parent:
             end_with(settings.parent)
     began_with = None if start is None else start.index
     found = ready(item, settings, began_with)
-    outcome = kept(item, found, settings) or planned(item, found, settings, start)
-    return pack(outcome, _robots)
+    return pack(former(item, found, settings) or planned(item, found, settings, start))

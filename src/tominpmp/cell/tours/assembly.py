@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.legs import DIRECT, KnownLegs, LegPlanner
+from tominpmp.cell.tours.legs import DIRECT, Legs
 from tominpmp.cell.tours.station import Station
 from tominpmp.cell.tours.tour import Tour, Visit
 from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
@@ -117,14 +116,10 @@ class Assembly:
     """Makes a tour of a way through its nodes.
 
     Attributes:
-        problem: Robot, obstacles and limits.
-        stations: The stations.
         legs: What is known of the legs.
     """
 
-    problem: Problem
-    stations: tuple[Station, ...]
-    legs: KnownLegs
+    legs: Legs
 
     def tour(self, nodes: Sequence[int], chosen: Sequence[int], status: Status) -> Tour:
         """Put the motions of a way together.
@@ -139,13 +134,13 @@ class Assembly:
             for node, c in zip(nodes, chosen, strict=True)
         ]
         motions: list[Solution] = []
-        robot, period = self.problem.robot, self.legs.planner.options.control_period
+        robot, period = self.legs.problem.robot, self.legs.options.control_period
         halts, visits, place = [Halt(robot, 0.0, period)], list[Visit](), 0
         for last in self._stops(nodes):
             run = slice(place, last + 1)
             found = self._run(nodes[run], chosen[run], place, configurations[run])
             if found is None:
-                return failed(self.problem, self.stations, self.legs.planner)
+                return failed(self.legs)
             if not found:
                 # It is there already.
                 visits += halts[-1].visit(self._at(nodes[last]), configurations[last])
@@ -162,21 +157,21 @@ class Assembly:
             place = last
         message = self._message(status, len(visits))
         return Tour(
-            self.problem,
-            self.stations,
+            self.legs.problem,
+            self.legs.stations,
             status,
             message,
             tuple(visit.station for visit in visits),
             tuple(visits),
             tuple(motions),
             direct=sum(m.message.endswith(DIRECT) for m in motions),
-            legs_planned=self.legs.planner.planned,
+            legs_planned=self.legs.planned,
             stays=tuple(halt.stay for halt in halts),
         )
 
     def _at(self, node: int) -> Station | None:
         station = self.legs.table.station(node)
-        return None if station is None else self.stations[station]
+        return None if station is None else self.legs.stations[station]
 
     def _stops(self, nodes: Sequence[int]) -> list[int]:
         """Places at which motions end: stops, and some between if these are rare."""
@@ -201,13 +196,9 @@ class Assembly:
             leg = (nodes[0], chosen[0], nodes[1], chosen[1])
             if self.legs.stays(leg):
                 return []
-            found = self.legs.motions.get(leg) or self.legs.planned(leg)
-            if found is None or not found.success:
-                return None
-            return [(found, [place + 1])]
-        self.legs.limit_time()
-        stations = [self.legs.table.station(node) for node in nodes]
-        passing = self.legs.planner.passing(stations, q)
+            found = self.legs.motion(leg)
+            return None if found is None else [(found, [place + 1])]
+        passing = self.legs.passing(nodes, q)
         if passing is not None:
             return [(passing, list(range(place + 1, place + len(nodes))))]
         legs: list[tuple[Solution, list[int]]] = []
@@ -225,20 +216,18 @@ class Assembly:
         return f"{what} over {stations} was found, each motion of it verified."
 
 
-def failed(
-    problem: Problem, stations: tuple[Station, ...], planner: LegPlanner
-) -> Tour:
+def failed(legs: Legs) -> Tour:
     """What is returned where no tour was found."""
     reason = (
         "no order of the stations keeps what was said of it (after, then, precedence)"
     )
-    if planner.errors:
-        reason = f"of the legs, {planner.errors[-1]}"
+    if legs.errors:
+        reason = f"of the legs, {legs.errors[-1]}"
     text = f"{Status.INFEASIBLE.value} No tour was found: {reason}"
     return Tour(
-        problem,
-        stations,
+        legs.problem,
+        legs.stations,
         Status.INFEASIBLE,
         text.rstrip(".") + ".",
-        legs_planned=planner.planned,
+        legs_planned=legs.planned,
     )

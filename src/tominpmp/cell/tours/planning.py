@@ -24,7 +24,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.cell.tours.assembly import Assembly, failed
 from tominpmp.cell.tours.configurations import Configurations, refined
 from tominpmp.cell.tours.leg_times import JointTimes, Leg, LegTable
-from tominpmp.cell.tours.legs import KnownLegs, LegPlanner
+from tominpmp.cell.tours.legs import Legs, carrying
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
 from tominpmp.cell.tours.station import Rules, Station, called, checked_stations
@@ -90,7 +90,7 @@ class TourSearch:
     options: Options
     configurations: Configurations
     table: LegTable
-    legs: KnownLegs
+    legs: Legs
     rng: np.random.Generator
     exact: bool = False
 
@@ -112,12 +112,18 @@ class TourSearch:
         """
         rng = np.random.default_rng(options.seed)
         times = JointTimes.of(problem)
-        planner = LegPlanner(problem, stations, options)
+        # What may touch on the way to any other station may touch on leaving.
+        touch = [pair for station in stations for pair in station.may_touch]
+        leaving = {
+            k: carrying(problem, station.payload, touch)
+            for k, station in enumerate(stations)
+            if station.payload is not None
+        }
         finder = Configurations(
             problem,
             tuple(station.goal for station in stations),
             times.weights,
-            planner.leaving,
+            leaving,
         )
         found = finder.search(count, rng)
         for number, rows in enumerate(found):
@@ -135,7 +141,7 @@ class TourSearch:
             nodes.append(np.asarray(problem.goal.configuration)[None])
             rests.append(True)
         table = LegTable(nodes, rests, times, ends)
-        legs = KnownLegs(table, planner)
+        legs = Legs(problem, stations, options, table)
         return cls(problem, stations, rules, options, finder, table, legs, rng, exact)
 
     def run(self) -> Tour:
@@ -164,9 +170,9 @@ class TourSearch:
             if best is None:
                 raise
         if best is None:
-            return failed(self.problem, self.stations, self.legs.planner)
+            return failed(self.legs)
         order, chosen = best[1]
-        legs = Assembly(self.problem, self.stations, self.legs)
+        legs = Assembly(self.legs)
         return legs.tour(self.table.way(order), chosen, status)
 
     # -- order and configurations ------------------------------------------------------
