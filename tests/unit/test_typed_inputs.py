@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import tominpmp as tm
+from tominpmp.scene.obstacles import Placed
 from tools.type_check_documents import readme_module
 
 RECORDS = [
@@ -41,16 +42,22 @@ def test_constructors_are_as_they_are_told(name: str) -> None:
         # Arrays as they are kept would be too little to take.
         assert all("Array" not in str(a.annotation) for a in arguments) or name in KEPT
         return
-    plain, named = found.args.args[1:], found.args.kwonlyargs
-    assert [a.arg for a in plain + named] == [a.name for a in arguments]
+    plain = [a.arg for a in found.args.args[1:]]
+    # Keywords that all obstacles have are said once.
+    shared = list(Placed.__annotations__) if found.args.kwarg else []
+    if found.args.kwarg is not None:
+        assert ast.unparse(found.args.kwarg.annotation or found) == "Unpack[Placed]"
+    named = shared + [a.arg for a in found.args.kwonlyargs]
+    assert plain + named == [a.name for a in arguments]
     keyword_only = [a.name for a in arguments if a.kind is a.KEYWORD_ONLY]
-    assert [a.arg for a in named] == keyword_only
+    assert named == keyword_only
     optional = [a.name for a in arguments if a.default is not a.empty]
     count = len(found.args.defaults)
-    given = [a.arg for a in plain[len(plain) - count :]] if count else []
+    given = plain[len(plain) - count :] if count else []
+    given += shared
     given += [
         a.arg
-        for a, d in zip(named, found.args.kw_defaults, strict=True)
+        for a, d in zip(found.args.kwonlyargs, found.args.kw_defaults, strict=True)
         if d is not None
     ]
     assert given == optional

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, BoolArray, array_or_nan
 from tominpmp.checks import number, wrong
-from tominpmp.inputs import PoseLike, RotationLike, VectorLike
-from tominpmp.scene.motion import Motion
-from tominpmp.scene.obstacles import Obstacle
+from tominpmp.scene.obstacles import Obstacle, Placed
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 # More cells than these would take minutes.
 MAX_CELLS = 2_500
@@ -45,12 +45,10 @@ class HeightField(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             heights: ArrayLike,
             size: ArrayLike,
             base: float | None = ...,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -122,11 +120,9 @@ class OcTree(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             points: ArrayLike,
             resolution: float,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +13,11 @@ from tominpmp.arrays import Array, IntArray, array_or_nan, frozen_array, real_ar
 from tominpmp.checks import choice, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import SceneError, brief
-from tominpmp.inputs import PoseLike, RotationLike, VectorLike
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
-from tominpmp.scene.motion import Motion
-from tominpmp.scene.obstacles import Obstacle
+from tominpmp.scene.obstacles import Obstacle, Placed
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 # Coordinates beyond this are a mistake [m].
 FARTHEST = 1e6
@@ -56,14 +56,12 @@ class Mesh(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             path: str | Path | None = ...,
             vertices: ArrayLike = ...,
             triangles: ArrayLike = ...,
             scale: ArrayLike = ...,
             convex: Literal["auto", "hull", "none"] = ...,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:

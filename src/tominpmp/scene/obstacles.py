@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -34,8 +34,19 @@ from tominpmp.scene.motion import (
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 # Names appear in messages [characters].
 LONGEST_NAME = 255
+
+
+class Placed(TypedDict, total=False):
+    """What every obstacle may be given, for type checkers; see :class:`Obstacle`."""
+
+    position: VectorLike | PoseLike
+    rotation: RotationLike | None
+    motion: Motion | Callable[[float], Any] | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,14 +72,7 @@ class Obstacle(Record):
 
     if TYPE_CHECKING:
 
-        def __init__(
-            self,
-            name: str,
-            *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
-        ) -> None: ...
+        def __init__(self, name: str, **given: Unpack[Placed]) -> None: ...
 
     def __post_init__(self) -> None:
         """Check name, position, rotation and motion."""
@@ -201,10 +205,8 @@ class Sphere(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             radius: float,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -229,10 +231,8 @@ class Box(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             size: VectorLike,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -262,11 +262,9 @@ class Cylinder(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             radius: float,
             length: float,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -293,11 +291,9 @@ class Capsule(Obstacle):
             self,
             name: str,
             *,
-            position: VectorLike | PoseLike = ...,
-            rotation: RotationLike | None = ...,
-            motion: Motion | Callable[[float], Any] | None = ...,
             radius: float,
             length: float,
+            **given: Unpack[Placed],
         ) -> None: ...
 
     def __post_init__(self) -> None:
