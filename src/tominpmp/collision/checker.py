@@ -9,12 +9,12 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import JOINTS, array
-from tominpmp.collision.assembly import Assembly
-from tominpmp.collision.bodies import Approximation, Body, Geometry, approximations
+from tominpmp.collision.bodies import Body, Geometry, scene_bodies
 from tominpmp.collision.contact import Contact, Derivatives
 from tominpmp.collision.moving_obstacles import MovingObstacles
-from tominpmp.collision.narrow import Guard, NarrowPhase
+from tominpmp.collision.narrow import Guard
 from tominpmp.collision.query import Count, DistanceQuery
+from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
@@ -78,19 +78,28 @@ class CollisionChecker:
         self._guard: tuple[float | Array, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
-            _ = self._parts  # they are all asked for, by whatever is planned
+            _ = self._query  # its pairs are all asked for, by whatever is planned
 
     @cached_property
-    def _parts(self) -> Assembly:
-        return Assembly.of(
-            self.robot,
-            self.scene,
-            self._obstacles,
-            self.self_collision,
-            self.geometry,
-            self.cut,
-            self.may_touch,
-        )
+    def links(self) -> tuple[Body, ...]:
+        """Shapes of the links."""
+        if not (self.self_collision or len(self.scene)):
+            return ()
+        return links_of(self.robot, self.geometry, self.cut)
+
+    @cached_property
+    def _query(self) -> DistanceQuery:
+        model = self.robot.model
+        bodies = [*self.links, *scene_bodies(self.scene, model.njoints)]
+        pairs = scene_pairs(bodies, len(self.links))
+        if self.self_collision:
+            own = own_pairs(self.robot, self.geometry, self.cut)
+            pairs = (
+                np.concatenate([pairs[0], own[0]]),
+                np.concatenate([pairs[1], own[1]]),
+            )
+        pairs = without(self.may_touch, bodies, pairs)
+        return DistanceQuery(model, bodies, pairs, self._obstacles)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is built again."""
@@ -134,25 +143,12 @@ class CollisionChecker:
 
         A link has a pair for each of its convex pieces.
         """
-        return self._parts.pairs
+        return self._query.pairs
 
-    @property
+    @cached_property
     def obstacle_pairs(self) -> int:
         """How many of the pairs are with obstacles."""
-        return self._parts.obstacle_pairs
-
-    @property
-    def links(self) -> tuple[Body, ...]:
-        """Shapes of the links."""
-        return self._parts.links
-
-    @property
-    def _narrow(self) -> NarrowPhase:
-        return self._parts.narrow
-
-    @property
-    def _query(self) -> DistanceQuery:
-        return self._parts.query
+        return int(np.count_nonzero(self._query.second >= len(self.links)))
 
     @property
     def count(self) -> Count:
@@ -172,9 +168,7 @@ class CollisionChecker:
     @property
     def moving_pairs(self) -> BoolArray:
         """Which pairs are with an obstacle that moves, shape (pairs,)."""
-        return np.asarray(
-            self._parts.joint[self._parts.second] >= self._obstacles.first
-        )
+        return self._query.moving_pairs
 
     @cached_property
     def lone_joints(self) -> IntArray:
@@ -183,7 +177,7 @@ class CollisionChecker:
         That of the first link of an arm to an obstacle at rest, for one; -1 where none
         or several do, or the time.
         """
-        moves = self._parts.moves
+        moves = self._query.moves
         if self.robot.expansion_matrix is not None:
             moves = moves @ (self.robot.expansion_matrix != 0.0)
         alone = (moves.sum(axis=1) == 1) & ~self.moving_pairs
@@ -220,7 +214,9 @@ class CollisionChecker:
         if not self.pairs:
             return out
         for i, row in enumerate(self.robot.expand(q)):
-            out[i] = self._narrow.all(row, 0.0 if times is None else float(times[i]))
+            out[i] = self._query.narrow.all(
+                row, 0.0 if times is None else float(times[i])
+            )
         return out
 
     def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
@@ -270,7 +266,7 @@ class CollisionChecker:
         # A sampler asks ten thousands of times with the very same margin.
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
-            self._guard = margin, self._narrow.guard(limit)
+            self._guard = margin, Guard(self._query.narrow, limit)
         return self._guard[1].is_free(self.robot.expand(q), time)
 
     def derivatives_at(
@@ -302,7 +298,7 @@ class CollisionChecker:
         if times is None:
             times = np.zeros(q.shape[0])
         rows = self.robot.expand(q)
-        gradients, rates = self._parts.derivatives(rows, instants, pairs, times)
+        gradients, rates = self._query.derivatives(rows, instants, pairs, times)
         return Derivatives(self.robot.reduce_tangent(gradients), rates)
 
     def witnesses(self, q: Array, pairs: IntArray, times: Array) -> tuple[Array, Array]:
@@ -319,7 +315,7 @@ class CollisionChecker:
             shape (k, 3).
         """
         rows, instants = self.robot.expand(q), np.arange(len(pairs))
-        normal, points = self._parts.witnesses(rows, instants, pairs, times)
+        normal, points = self._query.witnesses(rows, instants, pairs, times)
         return normal, points[1]
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
@@ -332,12 +328,7 @@ class CollisionChecker:
         Returns:
             Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
         """
-        return self._parts.obstacle_speeds(begin, end)
-
-    @property
-    def approximations(self) -> tuple[Approximation, ...]:
-        """How far the convex pieces of the links are from their meshes."""
-        return approximations(self.robot)
+        return self._query.obstacle_speeds(begin, end)
 
     def margins(self, margin: float) -> Array:
         """A margin by pair, shape (pairs,) [m].

@@ -45,6 +45,11 @@ class NarrowPhase:
 
     Answers do not depend on former queries: each begins anew. To begin where the one
     before it ended is no faster, along a motion either.
+
+    Attributes:
+        model: The model.
+        data: Its data.
+        geometry: The bodies and the pairs, for Pinocchio.
     """
 
     def __init__(
@@ -70,11 +75,20 @@ class NarrowPhase:
             )
         for one, other in zip(first.tolist(), second.tolist(), strict=True):
             geometry.addCollisionPair(pin.CollisionPair(one, other))
-        self._model, self._data = model, model.createData()
-        self._geometry = geometry
+        self.model, self.data, self.geometry = model, model.createData(), geometry
         self._first, self._second = first, second
-        self._shifter = Shifter(geometry, bodies, model.njoints, obstacles)
         self._results = _results(geometry)
+        self._obstacles = obstacles
+        self._moving = [
+            (
+                geometry.geometryObjects[index],
+                body.joint - model.njoints,
+                body.placement,
+            )
+            for index, body in enumerate(bodies)
+            if body.joint >= model.njoints
+        ]
+        self._time: float | None = None
 
     def place(
         self, q: Array, time: float = 0.0, obstacles: tuple[Array, Array] | None = None
@@ -88,48 +102,54 @@ class NarrowPhase:
                 (count, 3), where they are known already; asking for many instants at
                 once is faster.
         """
-        check()
-        self._shifter.shift(time, obstacles)
+        self.shift(time, obstacles)
         pin.updateGeometryPlacements(
-            self._model, self._data, self._geometry, self._results, q
+            self.model, self.data, self.geometry, self._results, q
         )
+
+    def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
+        """Put obstacles that move where they are at a time [s]; see ``place``."""
+        check()
+        if self._obstacles is None or not self._moving or time == self._time:
+            return
+        R, p = self._obstacles.placements(np.array([time])) if known is None else known
+        R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
+        placements = [pin.SE3(*place) for place in zip(R, p, strict=True)]
+        for item, number, offset in self._moving:
+            item.placement = placements[number] * offset
+        self._time = time
 
     def all(self, q: Array, time: float = 0.0) -> Array:
         """Signed distances of all pairs at a configuration of the model [m]."""
-        check()
-        self._shifter.shift(time)
-        pin.computeDistances(self._model, self._data, self._geometry, self._results, q)
+        self.shift(time)
+        pin.computeDistances(self.model, self.data, self.geometry, self._results, q)
         out = np.array([r.min_distance for r in self._results.distanceResults])
         for index in np.flatnonzero(np.abs(out) > FAILED).tolist():
-            out[index] = self._query_loosely(index).min_distance
+            out[index] = self._measure(index).min_distance
         return out
 
     def distances(self, pairs: Sequence[int]) -> list[float]:
         """Signed distances of some pairs [m]."""
-        geometry, results = self._geometry, self._results
-        compute, distances = pin.computeDistance, []
-        for index in pairs:
-            distance = compute(geometry, results, index).min_distance
-            if abs(distance) > FAILED:
-                distance = self._query_loosely(index).min_distance
-            distances.append(distance)
-        return distances
+        return [self._measure(index).min_distance for index in pairs]
 
     def witnesses(self, pairs: Sequence[int]) -> Witnesses:
         """Where some pairs come closest; a normal is found for all of them."""
-        geometry, results = self._geometry, self._results
-        distances, normals, first, second = [], [], [], []
+        found = []
         for index in pairs:
+            result = self._measure(index)
+            points = result.getNearestPoint1(), result.getNearestPoint2()
+            found.append((result.min_distance, self._normal(index, result), *points))
+        return Witnesses(*map(np.array, zip(*found, strict=True)))
+
+    def _measure(self, index: int) -> Any:
+        """Result of a pair; of one that failed, with the tolerances that Coal takes."""
+        geometry, results = self.geometry, self._results
+        result = pin.computeDistance(geometry, results, index)
+        if abs(result.min_distance) > FAILED:
+            results.distanceRequests[index] = coal.DistanceRequest()
             result = pin.computeDistance(geometry, results, index)
-            if abs(result.min_distance) > FAILED:
-                result = self._query_loosely(index)
-            distances.append(result.min_distance)
-            normals.append(self._normal(index, result))
-            first.append(result.getNearestPoint1())
-            second.append(result.getNearestPoint2())
-        return Witnesses(
-            np.array(distances), np.array(normals), np.array(first), np.array(second)
-        )
+            results.distanceRequests[index] = _request(coal.DistanceRequest())
+        return result
 
     def overlaps(self, q: Array, trace: float = 0.0) -> list[bool]:
         """Which pairs overlap at a configuration of the model, or nearly do.
@@ -141,20 +161,9 @@ class NarrowPhase:
         for request in self._results.collisionRequests:
             request.security_margin = trace
         pin.computeCollisions(
-            self._model, self._data, self._geometry, self._results, q, False
+            self.model, self.data, self.geometry, self._results, q, False
         )
         return [result.isCollision() for result in self._results.collisionResults]
-
-    def guard(self, margin: Array) -> Guard:
-        """A check that all pairs keep margins, shape (pairs,) [m]."""
-        return Guard(self._model, self._data, self._geometry, margin, self._shifter)
-
-    def _query_loosely(self, index: int) -> Any:
-        """Result of a pair that failed, with the tolerances that Coal takes."""
-        self._results.distanceRequests[index] = coal.DistanceRequest()
-        result = pin.computeDistance(self._geometry, self._results, index)
-        self._results.distanceRequests[index] = _request(coal.DistanceRequest())
-        return result
 
     def _normal(self, index: int, result: Any) -> Array:
         """Unit normal of a pair after a query, from the first body to the second."""
@@ -195,37 +204,6 @@ def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
     return results
 
 
-class Shifter:
-    """Puts obstacles that move where they are at a time."""
-
-    def __init__(
-        self,
-        geometry: pin.GeometryModel,
-        bodies: Sequence[Body],
-        first: int,
-        obstacles: MovingObstacles | None,
-    ) -> None:
-        self._geometry, self._obstacles = geometry, obstacles
-        self._parts = [
-            (index, body.joint - first, body.placement)
-            for index, body in enumerate(bodies)
-            if body.joint >= first
-        ]
-        self._time: float | None = None
-
-    def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Go to a time [s], for which the placements may be known."""
-        if self._obstacles is None or not self._parts or time == self._time:
-            return
-        R, p = self._obstacles.placements(np.array([time])) if known is None else known
-        R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
-        placements = [pin.SE3(*place) for place in zip(R, p, strict=True)]
-        for index, number, offset in self._parts:
-            item = self._geometry.geometryObjects[index]
-            item.placement = placements[number] * offset
-        self._time = time
-
-
 class Guard:
     """Whether all pairs keep certain margins, as their distances tell.
 
@@ -233,29 +211,23 @@ class Guard:
     margin, and the first pair below it ends the query.
     """
 
-    def __init__(
-        self,
-        model: pin.Model,
-        data: pin.Data,
-        geometry: pin.GeometryModel,
-        margin: Array,
-        shifter: Shifter,
-    ) -> None:
-        self._model, self._data, self._shifter = model, data, shifter
-        self._results = _results(geometry)
+    def __init__(self, narrow: NarrowPhase, margin: Array) -> None:
+        """Make it for margins by pair, shape (pairs,) [m]."""
+        self._narrow = narrow
+        self._results = _results(narrow.geometry)
         for request, value in zip(
             self._results.collisionRequests, margin.tolist(), strict=True
         ):
             request.security_margin = value
         # The plain list of boxes: trees cost more to keep than they save here.
         self._manager = pin.BroadPhaseManager_NaiveCollisionManager(
-            model, geometry, self._results
+            narrow.model, narrow.geometry, self._results
         )
 
     def is_free(self, q: Array, time: float = 0.0) -> bool:
         """Whether the margins are kept at a configuration of the model."""
-        check()
-        self._shifter.shift(time)
+        narrow = self._narrow
+        narrow.shift(time)
         return not pin.computeCollisions(
-            self._model, self._data, self._manager, q, True
+            narrow.model, narrow.data, self._manager, q, True
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -16,10 +16,7 @@ from tominpmp.collision.bodies import (
     part_link,
     robot_bodies,
 )
-from tominpmp.collision.broad import BroadPhase
-from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.collision.placements import Placements
 from tominpmp.collision.query import DistanceQuery
 from tominpmp.robot import Robot
 
@@ -38,13 +35,14 @@ TRIES = 50
 UNLIMITED = np.pi
 
 
-def scene_pairs(bodies: Sequence[Body], links: int) -> tuple[IntArray, IntArray]:
+# First and second bodies of pairs, shape (pairs,) each.
+Pairs = tuple[IntArray, IntArray]
+
+
+def scene_pairs(bodies: Sequence[Body], links: int) -> Pairs:
     """Pair each of the first bodies, if it moves, with each of the rest."""
     moving = [i for i in range(links) if bodies[i].joint]
-    others = range(links, len(bodies))
-    first = np.array([i for _ in others for i in moving], dtype=np.int64)
-    second = np.array([k for k in others for _ in moving], dtype=np.int64)
-    return first, second
+    return _indices([(i, k) for k in range(links, len(bodies)) for i in moving])
 
 
 def links_of(
@@ -68,7 +66,7 @@ def links_of(
 
 def own_pairs(
     robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
-) -> tuple[IntArray, IntArray]:
+) -> Pairs:
     """Pair the links of a robot with each other, and with what is fixed to its base.
 
     Left out are the pairs that the semantic description disables (if it disables any),
@@ -83,10 +81,9 @@ def own_pairs(
     if ("pairs", geometry, cut) not in known:
         bodies = links_of(robot, geometry, cut)
         left_out = known["left out", geometry]
-        known["pairs", geometry, cut] = _without(
-            left_out, bodies, *_candidates(robot, bodies)
-        )
-    found: tuple[IntArray, IntArray] = known["pairs", geometry, cut]
+        pairs = without(left_out, bodies, _candidates(robot, bodies))
+        known["pairs", geometry, cut] = pairs
+    found: Pairs = known["pairs", geometry, cut]
     return found
 
 
@@ -108,16 +105,10 @@ def links_touching(
         by names.
     """
     rows, bodies = robot.expand(q), links_of(robot, "hull")
-    first, second = _named(bodies, wanted)
-    query = DistanceQuery(
-        Placements(robot.model),
-        BroadPhase(bodies, first, second),
-        NarrowPhase(robot.model, bodies, first, second),
-        MovingObstacles((), robot.model.njoints),
-    )
+    query = DistanceQuery(robot.model, bodies, _named(bodies, wanted))
     overlap = query.distances(rows, 0.0) < 0.0
     meshes, found = robot_bodies(robot, "mesh"), {}
-    for names, columns in _columns(bodies, first, second).items():
+    for names, columns in _columns(bodies, (query.first, query.second)).items():
         instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
         if not instants.size:
             continue
@@ -138,23 +129,18 @@ def _known(robot: Robot) -> dict[tuple[Any, ...], Any]:
     return found
 
 
-def _candidates(robot: Robot, bodies: Sequence[Body]) -> tuple[IntArray, IntArray]:
+def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
     """All pairs of links but those that the robot's files say may touch."""
     disabled = set() if robot.srdf is None else set(robot.srdf.disabled_pairs)
     carriers = {body.joint for body in bodies}
-    candidates = []
-    for i, one in enumerate(bodies):
-        for k in range(i + 1, len(bodies)):
-            other = bodies[k]
-            if one.joint == other.joint:
-                continue
+
+    def watched(one: Body, other: Body) -> bool:
+        if disabled:
             names = min(one.name, other.name), max(one.name, other.name)
-            if names in disabled:
-                continue
-            if not disabled and _neighbours(robot, one.joint, other.joint, carriers):
-                continue
-            candidates.append((i, k) if one.joint else (k, i))
-    return _indices(candidates)
+            return names not in disabled
+        return not _neighbours(robot, one.joint, other.joint, carriers)
+
+    return _moving_pairs(bodies, watched)
 
 
 def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
@@ -193,72 +179,63 @@ def _shares(
     robot: Robot, bodies: Sequence[Body], wanted: set[frozenset[str]] | None
 ) -> dict[frozenset[str], float]:
     """Share of random configurations at which links overlap, by their names."""
-    if wanted is None:
-        first, second = _candidates(robot, bodies)
-    else:
-        first, second = _named(bodies, wanted)
-    return _overlapping(robot, bodies, first, second) if first.size else {}
+    watched = wanted is None
+    pairs = _candidates(robot, bodies) if watched else _named(bodies, wanted or ())
+    if not pairs[0].size:
+        return {}
+    narrow = NarrowPhase(robot.model, bodies, *pairs)
+    overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
+    return {
+        name: float(np.mean(np.any(overlaps[:, chosen], axis=1)))
+        for name, chosen in _columns(bodies, pairs).items()
+    }
 
 
-def _named(
-    bodies: Sequence[Body], wanted: Collection[frozenset[str]]
-) -> tuple[IntArray, IntArray]:
-    """Pairs of bodies with certain names that move against each other.
+def _named(bodies: Sequence[Body], wanted: Collection[frozenset[str]]) -> Pairs:
+    """Pairs of bodies with certain names that move against each other."""
+    return _moving_pairs(
+        bodies, lambda one, other: frozenset((one.name, other.name)) in wanted
+    )
+
+
+def _moving_pairs(
+    bodies: Sequence[Body], watched: Callable[[Body, Body], bool]
+) -> Pairs:
+    """Pairs of bodies that move against each other, of those that are watched.
 
     The first bodies of the pairs move.
     """
-    found = [
-        (i, k) if one.joint else (k, i)
-        for (i, one), (k, other) in combinations(enumerate(bodies), 2)
-        if one.joint != other.joint and frozenset((one.name, other.name)) in wanted
-    ]
-    return _indices(found)
+    return _indices(
+        [
+            (i, k) if one.joint else (k, i)
+            for (i, one), (k, other) in combinations(enumerate(bodies), 2)
+            if one.joint != other.joint and watched(one, other)
+        ]
+    )
 
 
-def _indices(pairs: Sequence[tuple[int, int]]) -> tuple[IntArray, IntArray]:
+def _indices(pairs: Sequence[tuple[int, int]]) -> Pairs:
     both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return both[:, 0], both[:, 1]
 
 
-def _columns(
-    bodies: Sequence[Body], first: IntArray, second: IntArray
-) -> dict[frozenset[str], list[int]]:
+def _columns(bodies: Sequence[Body], pairs: Pairs) -> dict[frozenset[str], list[int]]:
     """Which pairs of bodies are of the same links, by their names."""
     columns: dict[frozenset[str], list[int]] = {}
-    for index, (i, k) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        columns.setdefault(frozenset((bodies[i].name, bodies[k].name)), []).append(
-            index
-        )
+    for index, both in enumerate(zip(*pairs, strict=True)):
+        columns.setdefault(frozenset(bodies[i].name for i in both), []).append(index)
     return columns
 
 
-def _without(
-    left_out: frozenset[frozenset[str]],
-    bodies: Sequence[Body],
-    first: IntArray,
-    second: IntArray,
-) -> tuple[IntArray, IntArray]:
-    """The pairs of bodies that are not of links that are left out."""
+def without(
+    left_out: frozenset[frozenset[str]], bodies: Sequence[Body], pairs: Pairs
+) -> Pairs:
+    """The pairs of bodies whose names are not among those that are left out."""
     if not left_out:
-        return first, second
-    kept = [
-        index
-        for index, (i, k) in enumerate(zip(first, second, strict=True))
-        if frozenset((bodies[i].name, bodies[k].name)) not in left_out
-    ]
-    return first[kept], second[kept]
-
-
-def _overlapping(
-    robot: Robot, bodies: Sequence[Body], first: IntArray, second: IntArray
-) -> dict[frozenset[str], float]:
-    """Share of random configurations at which links overlap, by their names."""
-    narrow = NarrowPhase(robot.model, bodies, first, second)
-    overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
-    return {
-        name: float(np.mean(np.any(overlaps[:, chosen], axis=1)))
-        for name, chosen in _columns(bodies, first, second).items()
-    }
+        return pairs
+    columns = _columns(bodies, pairs)
+    dropped = [k for names in left_out for k in columns.get(names, ())]
+    return np.delete(pairs[0], dropped), np.delete(pairs[1], dropped)
 
 
 def _configurations(robot: Robot) -> Array:
