@@ -285,7 +285,7 @@ def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
         Reader(
             "srdf.srdf",
             SRDF.encode(),
-            lambda p: read_srdf(p, ["base", "l1", "l2", "l3"], ["j1", "j2"]),
+            lambda p: read_srdf(p, arm.description),
             robot,
         ),
         Reader("scenario.toml", TOML.encode(), tm.load_scenario, scenario),

@@ -21,12 +21,12 @@ from tominpmp.arrays import Array, array_or_nan
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import robot_bodies
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.description.assembly import joined
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import check_gravity
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import build_model, configured_model, expansion
 from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.tree import joined
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.inputs import plain_vector, split_pose
 from tominpmp.motion_limits import MotionLimits
@@ -61,7 +61,10 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     """
     robots, bases = _checked_parts(parts)
     world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
-    description = joined({k: (robots[k].description, bases[k]) for k in robots})
+    description = joined(
+        {part: (robot.description, bases[part]) for part, robot in robots.items()},
+        {part: list(robot.model.names)[1:] for part, robot in robots.items()},
+    )
     locked = {
         f"{part}/{joint}": position
         for part, robot in robots.items()

@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.checks import instance, number, text, wrong
-from tominpmp.description.assembly import LinkParts, Shape, carrying_link, with_link
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.urdf import UrdfDescription
+from tominpmp.description.tree import LinkDescription, Shape, UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
 from tominpmp.inputs import VectorLike, vector
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
@@ -143,14 +142,16 @@ def attach(
             "already; expected another name",
             "payload.name",
         )
-    link = carrying_link(description, payload.frame)
+    link = description.carrying_link(payload.frame)
     if link is None:
         raise FrameNotFound(payload.frame, names)
     inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
     shapes = tuple(_shape(item) for item in payload.geometry)
-    parts = LinkParts(payload.name, payload.mass, payload.com, inertia, shapes)
-    described = with_link(description, parts, link)
-    described = replace(described, attached=(*description.attached, payload))
+    inertia = frozen_array(inertia)
+    carried = LinkDescription(
+        payload.name, payload.mass, payload.com, inertia, shapes, shapes
+    )
+    described = description.with_link(carried, link, payload)
     if srdf is None or not srdf.disabled_pairs:
         return described, srdf
     beside = _links_beside(model, geometry, int(model.getBodyId(link)))
@@ -185,15 +186,12 @@ def _links_beside(
 
 
 def _shape(item: Obstacle) -> Shape:
-    placement = pin.SE3(np.array(item.rotation), np.array(item.position))
-    if isinstance(item, Box):
-        return Shape("box", {"size": item.size.tolist()}, placement)
+    placement = pin.SE3(np.array(item.rotation), np.array(item.position)).homogeneous
+    place, kind = frozen_array(placement), type(item).__name__.lower()
     if isinstance(item, Mesh):
         file = str(Path(str(item.path)).absolute())
-        return Shape("mesh", {"scale": item.scale.tolist()}, placement, file)
-    sizes = {
-        key: [float(getattr(item, key))]
-        for key in ("radius", "length")
-        if hasattr(item, key)
-    }
-    return Shape(type(item).__name__.lower(), sizes, placement)
+        return Shape(kind, tuple(item.scale.tolist()), place, file)
+    if isinstance(item, Box):
+        return Shape(kind, tuple(item.size.tolist()), place)
+    given = (getattr(item, key, None) for key in ("radius", "length"))
+    return Shape(kind, tuple(float(size) for size in given if size is not None), place)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Record
 from tominpmp.checks import instance
 from tominpmp.combined_robots import base_placement, combine_robots
-from tominpmp.description.assembly import stack_parts
+from tominpmp.description.joint_values import stack_parts
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import (

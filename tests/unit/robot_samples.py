@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.description.urdf import UrdfDescription, read_urdf
+from tominpmp.description.tree import UrdfDescription
+from tominpmp.description.urdf import read_urdf
 from tominpmp.robot import Robot, load_robot
 
 LIMIT = '<limit lower="-1" upper="2" effort="10" velocity="3"/>'

@@ -22,8 +22,10 @@ from robot_samples import (
 from tominpmp.description import xml_reader
 from tominpmp.description.files import find_robot
 from tominpmp.description.linkage import Linkage
+from tominpmp.description.model import build_model
 from tominpmp.description.srdf import read_srdf
-from tominpmp.description.urdf import Mimic, read_urdf
+from tominpmp.description.tree import Mimic
+from tominpmp.description.urdf import read_urdf
 from tominpmp.exceptions import JointNotFound, OptionsError, RobotLoadError
 
 # Files that are none
@@ -178,7 +180,7 @@ def test_continuous_joint_has_no_position_limits(tmp_path: Path) -> None:
     description = read(tmp_path, one_joint(kind="continuous"))
     (found,) = description.joints
     assert (found.lower, found.upper) == (-math.inf, math.inf)
-    assert "continuous" not in description.xml
+    assert build_model(description, {}).nq == 1
 
 
 def test_limits_left_out(tmp_path: Path) -> None:
@@ -226,8 +228,7 @@ def test_remains_of_other_tools_are_left_out(tmp_path: Path) -> None:
     )
     description = read(tmp_path, text)
     assert [found.name for found in description.joints] == ["j1"]
-    assert "gazebo" not in description.xml
-    assert "soft_lower_limit" not in description.xml
+    assert build_model(description, {}).nq == 1
 
 
 def test_colours_of_one_name_remain_different(tmp_path: Path) -> None:
@@ -238,10 +239,9 @@ def test_colours_of_one_name_remain_different(tmp_path: Path) -> None:
         )
 
     inside = INERTIAL + visual("1 0 0 1") + visual("0 1 0 1") + visual("no colour")
-    xml = read(tmp_path, robot(link("a", inside))).xml
-    assert 'name="a 0"><color rgba="1.0 0.0 0.0 1.0"' in xml
-    assert 'name="a 1"><color rgba="0.0 1.0 0.0 1.0"' in xml
-    assert xml.count("<color") == 2
+    (found,) = read(tmp_path, robot(link("a", inside))).bodies
+    colours = [shape.colour for shape in found.visuals]
+    assert colours == [(1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), None]
 
 
 # Joints that are not free
@@ -306,7 +306,7 @@ def test_srdf(tmp_path: Path) -> None:
       <disable_collisions link1="l1" link2="tool"/>
     </robot>"""
     path = write(tmp_path, text, "sample.srdf")
-    found = read_srdf(path, ["l1", "l2"], ["j1", "j2"])
+    found = read_srdf(path, read(tmp_path, chain("", "")))
     assert found.disabled_pairs == (("l1", "l2"),)
     assert found.group_states == {"home": {"j1": 0.5, "j2": -1.0}}
     assert found.path == path
@@ -335,4 +335,4 @@ def test_srdf(tmp_path: Path) -> None:
 def test_wrong_srdf(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text, "sample.srdf")
     with pytest.raises(RobotLoadError, match=message):
-        read_srdf(path, ["l1"], ["j1"])
+        read_srdf(path, read(tmp_path, one_joint()))

@@ -26,11 +26,8 @@ from robot_samples import (
 )
 
 from tominpmp.description.model import build_geometry, build_model
-from tominpmp.description.urdf import (
-    Mimic,
-    read_parsed,
-    read_urdf,
-)
+from tominpmp.description.tree import Mimic
+from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.description.xml_reader import MAX_TEXT
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
 from tominpmp.robot import load_robot

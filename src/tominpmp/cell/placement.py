@@ -22,8 +22,6 @@ from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.combined_robots import base_placement
-from tominpmp.description.assembly import on_base
-from tominpmp.description.model import build_model, configured_model
 from tominpmp.exceptions import ProblemError, TominpmpError, brief, told_of
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
@@ -50,11 +48,8 @@ def robot_at(robot: Robot, base: Any) -> Robot:
         ProblemError: If an argument is of another type.
     """
     instance(robot, Robot, "robot")
-    description = on_base(robot.description, base_placement(robot.name, base, "base"))
-    plain = build_model(description, robot.locked_joints)
-    ties = robot.expansion_matrix, robot.expansion_offset
-    model = configured_model(plain, robot._table(), robot.gravity, *ties)
-    return replace(robot, model=model, description=description)
+    placement = base_placement(robot.name, base, "base")
+    return robot._rebuilt(description=robot.description.on_base(placement))
 
 
 @dataclass(frozen=True, eq=False)

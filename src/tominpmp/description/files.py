@@ -17,6 +17,9 @@ from tominpmp.exceptions import RobotLoadError, brief
 # Where the wheel of example-robot-data puts its files, below a prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 
+# Characters of a path that a message shows.
+LONGEST_PATH = 400
+
 # Names that the example-robot-data loaders know and that are not simply the name of a
 # URDF file, or whose SRDF file is called otherwise: name -> folder, URDF, SRDF.
 _EXAMPLE_ALIASES: dict[str, tuple[str, str, str | None]] = {

@@ -1,37 +1,44 @@
-"""Models of Pinocchio, written as the description that a URDF file would give.
+"""Models of Pinocchio, taken as the description that a URDF file would give.
 
 All that follows (locked joints, payloads, several robots in one, copies in other
 processes) knows descriptions only. Placements, inertias and limits are those of the
-model to rounding; the order of its joints is kept.
+model to rounding; the order of its joints is kept. Shapes that no file holds, and those
+that URDF does not know, become meshes that the description carries itself.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, tostring
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
-from tominpmp.description.geometry_shapes import add_shapes
+from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.urdf import JointDescription, Mimic, UrdfDescription
-from tominpmp.description.urdf_syntax import (
+from tominpmp.description.tree import (
+    JointDescription,
+    LinkDescription,
+    Mimic,
+    Shape,
+    UrdfDescription,
+    fixed_joint,
     fresh_name,
-    write_inertia,
-    write_numbers,
-    write_origin,
 )
 from tominpmp.description.xml_reader import MAX_NUMBER
 from tominpmp.exceptions import RobotLoadError, brief
 
 # Two placements that differ by less are one [m, rad].
 SAME = 1e-12
+# Corners of what is round and becomes a mesh.
+CORNERS = 48
+
+# Triangles: corners (k, 3), and indices of three of them each (m, 3).
+Triangles = tuple[Array, IntArray]
 
 
 @dataclass(frozen=True)
@@ -70,74 +77,87 @@ def describe_model(
             or a shape is none that a link can have.
     """
     path = Path(f"<pinocchio.Model {model.name}>")
-    writer = _Writer(model, path)
-    root = writer.robot()
-    meshes: dict[str, bytes] = {}
-    for geometry, tag in ((collision, "collision"), (visual, "visual")):
-        if geometry is not None:
-            meshes |= add_shapes(root, tag, geometry, writer.placed, path)
+    reader = _Reader(model, path)
+    links = reader.links()
+    for geometry, kind in ((collision, "collisions"), (visual, "visuals")):
+        for item in () if geometry is None else geometry.geometryObjects:
+            name, placement = reader.placed(item)
+            shape = _shape(item, placement, path)
+            if kind == "visuals" and not (item.meshPath and not item.overrideMaterial):
+                colour = np.clip(item.meshColor, 0.0, 1.0).tolist()
+                shape = replace(shape, colour=tuple(colour))
+            more: Any = {kind: (*getattr(links[name], kind), shape)}
+            links[name] = replace(links[name], **more)
     gravity = tuple(np.asarray(model.gravity.linear).tolist())
     description = UrdfDescription(
         name=model.name or "robot",
-        xml=tostring(root, encoding="unicode"),
-        links=tuple(link.get("name", "") for link in root.iter("link")),
-        joints=tuple(writer.joints),
+        bodies=tuple(links.values()),
+        tree=(*reader.joints, *reader.fixed),
         gravity=gravity,
         path=path,
         package_dirs=tuple(package_dirs),
-        order=tuple(joint.name for joint in writer.joints),
-        meshes=tuple(meshes.items()),
+        order=tuple(joint.name for joint in reader.joints),
     )
     return DescribedModel(
-        description, _semantics(writer, collision, path), _uneven_efforts(writer)
+        description, _semantics(reader, collision, path), _uneven_efforts(reader)
     )
 
 
-class _Writer:
-    """Writes the links and joints of a model as elements of a URDF file."""
+class _Reader:
+    """Links and joints of a model."""
 
     def __init__(self, model: pin.Model, path: Path) -> None:
         self.model, self.path = model, path
         self.data = model.createData()
         self.q = pin.neutral(model)
         pin.forwardKinematics(model, self.data, self.q)
-        self.joints = [self._describe(j) for j in range(1, model.njoints)]
         self._joint_names = set(model.names)
         self._links: set[str] = set()
         #: Link of each frame, by its index.
         self.link_of: dict[int, str] = {}
+        axes = [self._axis(j) for j in range(1, model.njoints)]
         self.main = [self._main_link(j) for j in range(model.njoints)]
+        self.joints = [self._describe(j, axis) for j, axis in enumerate(axes, 1)]
+        self.fixed: list[JointDescription] = []
 
     def _fail(self, message: str) -> None:
         raise RobotLoadError(f"{self.path}: {message}", self.path)
 
     # -- joints ------------------------------------------------------------------------
 
-    def _describe(self, index: int) -> JointDescription:
+    def _describe(self, index: int, axis: Array) -> JointDescription:
         """Kind, limits and losses of a joint."""
         model, joint = self.model, self.model.joints[index]
-        name = str(model.names[index])
-        self._axis(index)
+        kind = self._kind(index)
+        found = JointDescription(
+            str(model.names[index]),
+            kind,
+            self.main[model.parents[index]],
+            self.main[index],
+            frozen_array(model.jointPlacements[index].homogeneous),
+            frozen_array(axis),
+            -math.inf,
+            math.inf,
+            math.inf,
+            math.nan,
+        )
         if joint.nv == 0:
-            leader, ratio, offset = self._mimic(index)
-            kind = self._kind(index)
-            nothing = (-math.inf, math.inf, math.inf, math.nan, 0.0, 0.0)
-            return JointDescription(name, kind, *nothing, Mimic(leader, ratio, offset))
+            return replace(found, mimic=Mimic(*self._mimic(index, axis)))
         v = joint.idx_v
         # On two numbers, cosine and sine, it turns without end.
         bounded = joint.nq == 1
         lower = _limit(model.lowerPositionLimit[joint.idx_q]) if bounded else -math.inf
         upper = _limit(model.upperPositionLimit[joint.idx_q]) if bounded else math.inf
-        return JointDescription(
-            name,
-            self._kind(index) if bounded else "continuous",
-            lower,
-            upper,
-            _limit(model.velocityLimit[v]),
-            _limit(min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))),
-            float(model.damping[v]),
-            float(model.friction[v]),
-            None,
+        effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
+        return replace(
+            found,
+            kind=kind if bounded else "continuous",
+            lower=lower,
+            upper=upper,
+            velocity=_limit(model.velocityLimit[v]),
+            effort=_limit(effort),
+            damping=float(model.damping[v]),
+            friction=float(model.friction[v]),
             armature=float(model.armature[v]),
         )
 
@@ -159,7 +179,7 @@ class _Writer:
         axis = motion[:3, 0] + motion[3:, 0]
         return np.asarray(axis / np.linalg.norm(axis))
 
-    def _mimic(self, index: int) -> tuple[str, float, float]:
+    def _mimic(self, index: int, axis: Array) -> tuple[str, float, float]:
         """Leader, ratio and offset of a joint that follows another."""
         place = list(self.model.mimicking_joints).index(index)
         leader = str(self.model.names[self.model.mimicked_joints[place]])
@@ -167,7 +187,7 @@ class _Writer:
         ratio = float(np.linalg.norm(np.asarray(self.data.joints[index].S)))
         moved = pin.log6(self.data.joints[index].M)
         travel = moved.angular if self._kind(index) == "revolute" else moved.linear
-        return leader, ratio, float(np.asarray(travel) @ self._axis(index))
+        return leader, ratio, float(np.asarray(travel) @ axis)
 
     # -- links -------------------------------------------------------------------------
 
@@ -184,30 +204,17 @@ class _Writer:
     def _link_name(self, name: str) -> str:
         return fresh_name(name, self._links)
 
-    def robot(self) -> Element:
-        """The robot element, with links, joints and frames, without shapes."""
-        root = Element("robot", name=self.model.name or "robot")
-        for joint, name in enumerate(self.main):
-            link = SubElement(root, "link", name=name)
-            if joint:
-                _inertial(link, self.model.inertias[joint])
-        for joint in range(1, self.model.njoints):
-            self._add_joint(root, joint)
-        self._add_frames(root)
-        return root
+    def links(self) -> dict[str, LinkDescription]:
+        """The links by their names, without shapes: of the joints, then of frames."""
+        links = {self.main[0]: LinkDescription(self.main[0])}
+        for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
+            com, inertia = frozen_array(own.lever), frozen_array(own.inertia)
+            links[name] = LinkDescription(name, float(own.mass), com, inertia)
+        self._add_frames()
+        of_frames = (joint.child for joint in self.fixed)
+        return links | {name: LinkDescription(name) for name in of_frames}
 
-    def _add_joint(self, root: Element, index: int) -> None:
-        described = self.joints[index - 1]
-        kind = "revolute" if described.kind == "continuous" else described.kind
-        element = SubElement(root, "joint", name=described.name, type=kind)
-        parent = self.main[self.model.parents[index]]
-        _fix(element, parent, self.main[index], self.model.jointPlacements[index])
-        axis = SubElement(element, "axis")
-        write_numbers(axis, "xyz", self._axis(index).tolist())
-        # Placeholders: who reads this takes the limits from the descriptions.
-        SubElement(element, "limit", effort="1", velocity="1", lower="-1", upper="1")
-
-    def _add_frames(self, root: Element) -> None:
+    def _add_frames(self) -> None:
         """Add a link for every further frame, fixed to the one of its joint."""
         frames = self.model.frames
         kinds = pin.FrameType
@@ -228,10 +235,9 @@ class _Writer:
                 named = frame.name
             link = self._link_name(str(frame.name))
             self.link_of[index] = link
-            SubElement(root, "link", name=link)
             name = fresh_name(str(named or f"{frame.name}_fixed"), self._joint_names)
-            element = SubElement(root, "joint", name=name, type="fixed")
-            _fix(element, self.main[frame.parentJoint], link, frame.placement)
+            parent = self.main[frame.parentJoint]
+            self.fixed.append(fixed_joint(name, parent, link, frame.placement))
 
     def placed(self, item: pin.GeometryObject) -> tuple[str, pin.SE3]:
         """Link that a shape belongs to, and its placement shape_to_link."""
@@ -247,47 +253,64 @@ def _limit(value: float) -> float:
     return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else float(value)
 
 
-def _inertial(link: Element, inertia: pin.Inertia) -> None:
-    inertial = SubElement(link, "inertial")
-    origin = SubElement(inertial, "origin")
-    write_numbers(origin, "xyz", np.asarray(inertia.lever).tolist())
-    write_inertia(inertial, inertia.mass, np.asarray(inertia.inertia))
+def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape:
+    """A shape of a link.
+
+    Raises:
+        RobotLoadError: If it is none that a link can have.
+    """
+    solid, place = item.geometry, frozen_array(placement.homogeneous)
+    kind, file = type(solid).__name__, Path(item.meshPath)
+    if kind == "Box":
+        edges = 2.0 * np.asarray(solid.halfSide)
+        return Shape("box", tuple(edges.ravel().tolist()), place)
+    if kind == "Sphere":
+        return Shape("sphere", (float(solid.radius),), place)
+    if kind in ("Cylinder", "Capsule"):
+        sizes = float(solid.radius), 2.0 * float(solid.halfLength)
+        return Shape(kind.lower(), sizes, place)
+    if kind.startswith("BVHModel") and item.meshPath and file.is_file():
+        scale = tuple(np.asarray(item.meshScale).tolist())
+        return Shape("mesh", scale, place, str(file.absolute()))
+    triangles = _triangles(solid)
+    if triangles is None:
+        raise RobotLoadError(
+            f"{path}: the shape {brief(item.name)} is a {kind}, expected a box, "
+            "sphere, cylinder, capsule, cone, ellipsoid, mesh or convex one",
+            path,
+        )
+    corners, faces = frozen_array(triangles[0]), triangles[1]
+    return Shape("mesh", (1.0, 1.0, 1.0), place, "", corners, faces)
 
 
-def _fix(element: Element, parent: str, child: str, placement: pin.SE3) -> None:
-    write_origin(element, placement)
-    SubElement(element, "parent", link=parent)
-    SubElement(element, "child", link=child)
-
-
-def _uneven_efforts(writer: _Writer) -> dict[str, tuple[float, float]]:
+def _uneven_efforts(reader: _Reader) -> dict[str, tuple[float, float]]:
     found = {}
-    for described, joint in zip(writer.joints, writer.model.joints[1:], strict=True):
+    for described, joint in zip(reader.joints, reader.model.joints[1:], strict=True):
         if joint.nv == 1:
-            low = float(writer.model.lowerEffortLimit[joint.idx_v])
-            high = float(writer.model.upperEffortLimit[joint.idx_v])
+            low = float(reader.model.lowerEffortLimit[joint.idx_v])
+            high = float(reader.model.upperEffortLimit[joint.idx_v])
             if low != -high and max(-low, high) <= MAX_NUMBER:
                 found[described.name] = low, high
     return found
 
 
 def _semantics(
-    writer: _Writer, collision: pin.GeometryModel | None, path: Path
+    reader: _Reader, collision: pin.GeometryModel | None, path: Path
 ) -> SemanticDescription | None:
     """What an SRDF file would say of the model."""
     states: dict[str, dict[str, float]] = {}
-    for item in writer.model.referenceConfigurations:
-        states[str(item.key())] = _positions(writer, np.asarray(item.data()))
-    pairs = () if collision is None else _left_out(writer, collision)
+    for item in reader.model.referenceConfigurations:
+        states[str(item.key())] = _positions(reader, np.asarray(item.data()))
+    pairs = () if collision is None else _left_out(reader, collision)
     if not pairs and not states:
         return None
     return SemanticDescription(pairs, states, path)
 
 
-def _positions(writer: _Writer, q: Array) -> dict[str, float]:
+def _positions(reader: _Reader, q: Array) -> dict[str, float]:
     """Positions by joint name in a configuration of the model."""
     found = {}
-    for described, joint in zip(writer.joints, writer.model.joints[1:], strict=True):
+    for described, joint in zip(reader.joints, reader.model.joints[1:], strict=True):
         if joint.nv == 1:
             part = q[joint.idx_q : joint.idx_q + joint.nq]
             angle = math.atan2(part[-1], part[0]) if joint.nq == 2 else float(part[0])
@@ -296,14 +319,14 @@ def _positions(writer: _Writer, q: Array) -> dict[str, float]:
 
 
 def _left_out(
-    writer: _Writer, collision: pin.GeometryModel
+    reader: _Reader, collision: pin.GeometryModel
 ) -> tuple[tuple[str, str], ...]:
     """Pairs of links that the collision pairs leave out; none if they say nothing.
 
     Without any pair, and with all that there can be, nobody has chosen.
     """
     items = list(collision.geometryObjects)
-    links = [writer.placed(item)[0] for item in items]
+    links = [reader.placed(item)[0] for item in items]
     watched = {
         tuple(sorted((links[pair.first], links[pair.second])))
         for pair in collision.collisionPairs
@@ -316,3 +339,45 @@ def _left_out(
     if not watched or every <= watched:
         return ()
     return tuple(sorted((one, other) for one, other in every - watched))
+
+
+def _triangles(solid: Any) -> Triangles | None:
+    """Triangles of a shape, which they enclose where it is round; None if unknown."""
+    kind = type(solid).__name__
+    if kind.startswith("BVHModel"):
+        faces = [solid.tri_indices(i) for i in range(solid.num_tris)]
+        return np.array(solid.vertices()), np.array([[f[0], f[1], f[2]] for f in faces])
+    if kind.startswith("Convex"):
+        return _hull(np.array(solid.points()))
+    turn = 2.0 * np.pi * (np.arange(CORNERS) + 0.5) / CORNERS
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) / np.cos(np.pi / CORNERS)
+    if kind == "Cone":
+        base = np.full((CORNERS, 1), -solid.halfLength)
+        top = [[0.0, 0.0, solid.halfLength]]
+        return _hull(np.vstack([np.hstack([solid.radius * ring, base]), top]))
+    if kind == "Ellipsoid":
+        tilt = np.linspace(0.0, np.pi, CORNERS // 2 + 1)[:, None, None]
+        # Outwards, so that the faces and not the corners touch it.
+        ball = np.concatenate(
+            [
+                np.sin(tilt) * ring,
+                np.broadcast_to(np.cos(tilt), (tilt.size, CORNERS, 1)),
+            ],
+            axis=2,
+        ).reshape(-1, 3)
+        ball /= np.cos(np.pi / CORNERS)
+        return _hull(ball * np.asarray(solid.radii))
+    return None
+
+
+def _hull(points: Array) -> Triangles:
+    """Triangles of the convex hull of points."""
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    corners = points[hull.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0.0
+    faces = hull.simplices.astype(np.int64)
+    faces[inward] = faces[inward][:, ::-1]
+    return points, faces

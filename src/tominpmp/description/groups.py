@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import Element
 
-from tominpmp.description.urdf import JointDescription
+from tominpmp.description.tree import JointDescription, UrdfDescription
 from tominpmp.description.xml_reader import XmlContext
 from tominpmp.exceptions import OptionsError, brief, warn_caller
 
@@ -75,37 +75,31 @@ class JointGroups:
         return " ".join({"left": "l", "right": "r"}.get(w, w) for w in words)
 
 
-def read_groups(
-    root: Element,
-    path: Path,
-    links: Collection[str],
-    joints: Collection[str],
-    xml: str | None,
-) -> JointGroups:
-    """Read the groups of an SRDF file, whose URDF file says how links hang together.
+def read_groups(root: Element, path: Path, description: UrdfDescription) -> JointGroups:
+    """Read the groups of an SRDF file.
+
+    Args:
+        root: The root element of the file.
+        path: The file, for messages.
+        description: The robot.
 
     Raises:
         RobotLoadError: If a group lacks its name or holds itself.
     """
-    tree = fromstring(xml) if xml else root
-    return _Reader(root, XmlContext(path), set(links), list(joints), tree).read()
+    return _Reader(root, XmlContext(path), description).read()
 
 
 class _Reader:
     """Joints of groups that may hold joints, links, chains and other groups."""
 
     def __init__(
-        self,
-        root: Element,
-        context: XmlContext,
-        links: set[str],
-        joints: list[str],
-        tree: Element,
+        self, root: Element, context: XmlContext, description: UrdfDescription
     ) -> None:
         self.root, self.context = root, context
-        self.links, self.order = links, joints
-        self.above = _joints_above(tree)
-        self.fixed = {joint for joint, _ in self.above.values()} - set(joints)
+        self.description, self.links = description, set(description.links)
+        self.order = [joint.name for joint in description.joints]
+        self.carrying = {joint.child: joint.name for joint in description.tree}
+        self.known = set(self.carrying.values())
         self.virtual = {
             joint.get("name", ""): joint.get("type", "fixed")
             for joint in root.findall("virtual_joint")
@@ -142,13 +136,13 @@ class _Reader:
             if element.tag == "joint":
                 joint = self._known(self.context.text(element, "name", where))
                 found.add(joint)
-                if joint not in {*self.order, *self.fixed, *self.virtual}:
+                if joint not in {*self.known, *self.virtual}:
                     unknown.append(joint)
             elif element.tag == "link":
                 link = self.context.text(element, "name", where)
                 if link not in self.links:
                     unknown.append(link)
-                found |= {self.above[link][0]} if link in self.above else set()
+                found |= {self.carrying[link]} if link in self.carrying else set()
             elif element.tag == "chain":
                 base, tip = (
                     self.context.text(element, f"{end}_link", where)
@@ -156,7 +150,7 @@ class _Reader:
                 )
                 unknown += [link for link in (base, tip) if link not in self.links]
                 if {base, tip} <= self.links:
-                    found |= _path(self.above, base) ^ _path(self.above, tip)
+                    found |= self.description.joints_between(base, tip)
             elif element.tag == "group":
                 inner = self.context.text(element, "name", where)
                 if inner not in self.elements:
@@ -170,33 +164,7 @@ class _Reader:
     def _known(self, joint: str) -> str:
         """A joint; some files put the name of the robot before it."""
         short = joint.rpartition("/")[2]
-        known = {*self.order, *self.fixed}
-        return short if joint not in known and short in known else joint
-
-
-def _joints_above(tree: Element) -> dict[str, tuple[str, str]]:
-    """Joint above each link of a URDF file, and the link above that."""
-    above = {}
-    for joint in tree.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is not None and child is not None:
-            link = parent.get("link", "")
-            above[child.get("link", "")] = joint.get("name", ""), link
-    return above
-
-
-def _path(above: Mapping[str, tuple[str, str]], link: str) -> set[str]:
-    """Joints from the root to a link."""
-    joints = set()
-    while link in above:
-        joint, link = above[link]
-        joints.add(joint)
-    return joints
-
-
-def carrying_joints(xml: str, link: str) -> set[str]:
-    """Joints from the root to a link, fixed ones among them; none if it is unknown."""
-    return _path(_joints_above(fromstring(xml)), link)
+        return short if joint not in self.known and short in self.known else joint
 
 
 #: Name of a group, names of joints, or the first and the last link of a chain.
@@ -206,21 +174,19 @@ Group: TypeAlias = "str | Sequence[str]"
 def group_locks(
     groups: JointGroups,
     states: Mapping[str, Mapping[str, float]],
-    joints: Sequence[JointDescription],
+    description: UrdfDescription,
     group: Group,
     locked: Mapping[str, float],
-    xml: str = "<robot/>",
 ) -> dict[str, float]:
     """Find where the joints outside a group are locked.
 
     Args:
         groups: The groups.
         states: Group states of the SRDF file, which say where joints rest.
-        joints: All joints that can move.
+        description: The robot.
         group: Name of the group; of a link, for the chain from the base to it; names of
             joints, or of the links before and at the end of a chain.
         locked: Positions of joints that the caller locks [rad or m].
-        xml: The description, which says how links hang together.
 
     Returns:
         Positions by name of those, and of all joints outside the group: where a group
@@ -229,14 +195,15 @@ def group_locks(
     Raises:
         OptionsError: If there is no such group, or it has no joint.
     """
-    found = _asked_for(groups, joints, group, xml)
+    found = _asked_for(groups, description, group)
+    joints = description.joints
     outside = [j for j in joints if j.name not in found.joints and not j.mimic]
     resting = {joint.name: rest_position(joint, states) for joint in outside}
     return resting | dict(locked)
 
 
 def _asked_for(
-    groups: JointGroups, joints: Sequence[JointDescription], group: Group, xml: str
+    groups: JointGroups, description: UrdfDescription, group: Group
 ) -> JointGroup:
     """The group of a name, or one made of the joints that are meant."""
     name = groups.find(group) if isinstance(group, str) else None
@@ -248,7 +215,7 @@ def _asked_for(
             )
         warn_of_group(name, found)
         return found
-    own = _without_name(joints, group, xml)
+    own = _without_name(description, group)
     if own is None:
         raise OptionsError(_no_group(groups, group), "group")
     if not own.joints:
@@ -256,23 +223,20 @@ def _asked_for(
     return own
 
 
-def _without_name(
-    joints: Sequence[JointDescription], group: object, xml: str
-) -> JointGroup | None:
+def _without_name(description: UrdfDescription, group: object) -> JointGroup | None:
     """Joints that are named, or of a chain of links; None if neither."""
-    order = [joint.name for joint in joints]
-    above = _joints_above(fromstring(xml))
-    links = {*above, *(link for _, link in above.values())}
+    order = [joint.name for joint in description.joints]
+    links = set(description.links)
     inside: set[str] | None = None
     names: list[Any] = []
     if isinstance(group, str):
-        inside = _path(above, group) if group in links else None
+        inside = description.joints_above(group) if group in links else None
     elif isinstance(group, Sequence | set | frozenset):
         names = [item for item in group if isinstance(item, str)]
         if len(names) == len(group) and names and {*names} <= {*order}:
             inside = set(names)
         elif len(names) == len(group) == 2 and {*names} <= links:
-            inside = _path(above, names[0]) ^ _path(above, names[1])
+            inside = description.joints_between(*names)
     if inside is None:
         return None
     return JointGroup(tuple(joint for joint in order if joint in inside))

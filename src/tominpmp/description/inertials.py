@@ -7,13 +7,12 @@ frames without mass, as of tools and bases, do no harm.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import warn_caller
 
 # Moments below this share of mass times a square metre are none.
@@ -28,15 +27,13 @@ TOGETHER = 1e-2
 MOST = 5
 
 
-def warn_of_inertia(model: pin.Model, xml: str, path: Path) -> None:
+def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     """Warn of moving joints that carry links without mass, or of none that can be.
 
     Frames between joints in one place need no mass.
     """
     shaped = {
-        link.get("name", "")
-        for link in ElementTree.fromstring(xml).iter("link")
-        if link.find("visual") is not None or link.find("collision") is not None
+        link.name for link in description.bodies if link.collisions or link.visuals
     }
     every = range(1, model.njoints)
     found = impossible_bodies(model) | {
@@ -46,7 +43,7 @@ def warn_of_inertia(model: pin.Model, xml: str, path: Path) -> None:
     }
     if found:
         told = listed([found[joint] for joint in every if joint in found])
-        warn_caller(f"{path}: {told}: mend the <inertial> elements")
+        warn_caller(f"{description.path}: {told}: mend the <inertial> elements")
 
 
 def listed(faults: Sequence[str]) -> str:

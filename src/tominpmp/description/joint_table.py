@@ -19,7 +19,7 @@ from tominpmp.description.joint_values import (
     override,
 )
 from tominpmp.description.linkage import Linkage
-from tominpmp.description.urdf import JointDescription, Mimic
+from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import ProblemError, RobotLoadError, brief, warn_caller
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan, real_array
-from tominpmp.exceptions import JointNotFound, OptionsError, brief
+from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError, brief
+from tominpmp.inputs import by_joint, in_order
 
 #: One value for all joints, one for each in joint order, or some by joint name.
 JointValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
@@ -137,3 +138,46 @@ def check_gravity(gravity: ArrayLike) -> Array:
             "gravity",
         )
     return vector
+
+
+def _part_row(values: object, joints: Sequence[str], part: str) -> Array:
+    """Values of the joints of one robot, which may be given by their own names."""
+    named = by_joint(values)
+    if named is None:
+        return real_array(values)
+    own = [joint.removeprefix(f"{part}/") for joint in joints]
+    return in_order(named, own, part)
+
+
+def stack_parts(
+    joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
+) -> Array:
+    """Put values of the joints of several robots into one array.
+
+    The names of the joints have that of their robot before each.
+
+    Raises:
+        ProblemError: If a robot is missing or unknown, or a length is wrong.
+    """
+    known = ", ".join(names) or "none; it was not combined from several"
+    for name in (*values, *names):
+        if name not in names or name not in values:
+            state = "given" if name not in names else "missing"
+            raise ProblemError(
+                f"values for {brief(name)} are {state}; the robots are: {known}", name
+            )
+    out = np.empty(len(joints))
+    for name in names:
+        rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
+        try:
+            given = _part_row(values[name], [joints[i] for i in rows], name)
+        except ValueError:
+            given = np.empty((0, 0))
+        if given.shape != (len(rows),):
+            raise ProblemError(
+                f"{name} has shape {given.shape}, expected {len(rows)} numbers, one "
+                f"for each of: {', '.join(joints[i] for i in rows)}",
+                name,
+            )
+        out[rows] = given
+    return out

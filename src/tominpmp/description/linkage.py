@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tominpmp.arrays import real_number
-from tominpmp.description.urdf import JointDescription, Mimic
+from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,

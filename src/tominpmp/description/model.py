@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
-from xml.etree.ElementTree import fromstring, tostring
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -22,8 +21,13 @@ from tominpmp.description.inertials import (
 )
 from tominpmp.description.joint_table import JointTable, example_values
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
-from tominpmp.description.urdf import Mimic, UrdfDescription
-from tominpmp.description.urdf_syntax import read_axis, read_origin, write_origin
+from tominpmp.description.tree import (
+    JointDescription,
+    LinkDescription,
+    Mimic,
+    Shape,
+    UrdfDescription,
+)
 from tominpmp.exceptions import RobotLoadError, warn_caller
 
 # No link is so large [m]; a mesh in millimetres is.
@@ -37,14 +41,80 @@ MIN_SCALED_INERTIA = 1e-10
 
 INERTIA_SAMPLES = 5
 
+# Axes that differ by less are one, as they are to Pinocchio.
+SAME_AXIS = 1e-12
+# Joints about or along an axis of their own frame, which Pinocchio computes faster.
+TURNING = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+SLIDING = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+# Colour of shapes to which a description gives none, as Pinocchio has it.
+GREY = (0.9, 0.9, 0.9, 1.0)
+
 
 def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pin.Model:
     """Build the kinematics and inertia of a description, with joints locked [rad or m].
 
-    Raises:
-        RobotLoadError: If Pinocchio refuses the description.
+    Joints and frames are in the order that Pinocchio gives those of a URDF file: depth
+    first, joints of one link by their names. A locked joint is a fixed one. (Pinocchio
+    itself looks for frames by their names alone where it locks joints, and fails where
+    a link has the name of a joint.)
     """
-    return _parsed(description, _with_fixed(description.xml, locked))
+    links = {link.name: link for link in description.bodies}
+    on_link: dict[str, list[JointDescription]] = {}
+    for joint in sorted(description.tree, key=lambda joint: joint.name, reverse=True):
+        on_link.setdefault(joint.parent, []).append(joint)
+    model, kinds = pin.Model(), pin.FrameType
+    model.name = description.name
+    root, here = description.root, pin.SE3.Identity()
+    inertia = _inertia(links[root])
+    body = model.addFrame(pin.Frame(root, 0, 0, here, kinds.BODY, inertia))
+    waiting = [(joint, body) for joint in on_link.get(root, ())]
+    while waiting:
+        joint, above = waiting.pop()
+        index = int(model.frames[above].parentJoint)
+        place = model.frames[above].placement * pin.SE3(joint.placement)
+        inertia = _inertia(links[joint.child])
+        if joint.kind == "fixed" or joint.name in locked:
+            if joint.name in locked:
+                place = place * _motion(joint, locked[joint.name])
+            frame = model.addFrame(
+                pin.Frame(joint.name, index, above, place, kinds.FIXED_JOINT, inertia)
+            )
+        else:
+            index = model.addJoint(index, _joint_model(joint), place, joint.name)
+            frame, place = model.addJointFrame(index, above), pin.SE3.Identity()
+            model.appendBodyToJoint(index, inertia, place)
+        body = model.addBodyFrame(joint.child, index, place, frame)
+        waiting += [(below, body) for below in on_link.get(joint.child, ())]
+    return model
+
+
+def _inertia(link: LinkDescription) -> pin.Inertia:
+    """Inertia of a link, also one that no body has: that is told of later."""
+    inertia = pin.Inertia.Zero()
+    inertia.mass, inertia.lever, inertia.inertia = (
+        link.mass or 0.0,
+        link.com,
+        link.inertia,
+    )
+    return inertia
+
+
+def _joint_model(joint: JointDescription) -> Any:
+    slides = joint.kind == "prismatic"
+    for axis, kind in zip(np.eye(3), SLIDING if slides else TURNING, strict=True):
+        if np.allclose(joint.axis, axis, rtol=0.0, atol=SAME_AXIS):
+            return kind()
+    if slides:
+        return pin.JointModelPrismaticUnaligned(joint.axis)
+    return pin.JointModelRevoluteUnaligned(joint.axis)
+
+
+def _motion(joint: JointDescription, position: float) -> pin.SE3:
+    """What a joint at a position [rad or m] adds to its placement."""
+    way = position * joint.axis
+    if joint.kind == "prismatic":
+        return pin.SE3(np.eye(3), way)
+    return pin.SE3(pin.exp3(way), np.zeros(3))
 
 
 def build_geometry(
@@ -55,15 +125,66 @@ def build_geometry(
     Raises:
         RobotLoadError: If a mesh cannot be read.
     """
-    with ExitStack() as stack:
-        xml = description.xml
-        if description.meshes:
-            folder = stack.enter_context(TemporaryDirectory(prefix="tominpmp-"))
-            xml = _with_files(description, Path(folder))
-        geometry = _read_geometry(description, _with_fixed(xml, locked), kind)
-    if kind == pin.GeometryType.COLLISION:
+    geometry, load = pin.GeometryModel(), cache(_read_mesh)
+    links = {link.name: link for link in description.bodies}
+    collides = kind == pin.GeometryType.COLLISION
+    for index, frame in enumerate(build_model(description, locked).frames):
+        if frame.type != pin.FrameType.BODY:
+            continue
+        link = links[frame.name]
+        for number, shape in enumerate(link.collisions if collides else link.visuals):
+            try:
+                solid = _solid(shape, load)
+            except Exception as error:  # whatever a mesh reader may raise
+                raise RobotLoadError(
+                    f"{description.path}: the geometry cannot be read: "
+                    f"{_message(error)}",
+                    description.path,
+                ) from error
+            colour = np.array(GREY if shape.colour is None else shape.colour)
+            item = pin.GeometryObject(
+                f"{link.name}_{number}",
+                int(frame.parentJoint),
+                index,
+                frame.placement * pin.SE3(shape.placement),
+                solid,
+                shape.file,
+                np.array(shape.sizes if shape.kind == "mesh" else np.ones(3)),
+                shape.colour is not None,
+                colour,
+                shape.texture,
+            )
+            geometry.addGeometryObject(item)
+    if collides:
         _warn_of_units(geometry, description.path)
     return geometry
+
+
+def _solid(shape: Shape, load: Any) -> Any:
+    """The shape as Coal has it."""
+    if shape.kind == "box":
+        return coal.Box(*shape.sizes)
+    if shape.kind == "sphere":
+        return coal.Sphere(*shape.sizes)
+    if shape.kind == "cylinder":
+        return coal.Cylinder(*shape.sizes)
+    if shape.kind == "capsule":
+        return coal.Capsule(*shape.sizes)
+    if shape.corners is None or shape.faces is None:
+        return load(shape.file, shape.sizes)
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(shape.faces), len(shape.corners))
+    mesh.addVertices(np.ascontiguousarray(shape.corners))
+    mesh.addTriangles(np.ascontiguousarray(shape.faces))
+    mesh.endModel()
+    return mesh
+
+
+def _read_mesh(file: str, scale: tuple[float, ...]) -> Any:
+    path = Path(file)
+    if path.suffix.lower() in MAY_REPEAT:
+        check_expanded(path, path.read_bytes())
+    return coal.MeshLoader().load(file, np.array(scale))
 
 
 def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
@@ -82,74 +203,9 @@ def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
             return
 
 
-def _with_files(description: UrdfDescription, folder: Path) -> str:
-    """The text of a description with the meshes that it carries in a folder."""
-    root = fromstring(description.xml)
-    carried = dict(description.meshes)
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        if name in carried:
-            file = folder / name.rpartition(":")[2]
-            file.write_bytes(carried[name])
-            mesh.set("filename", str(file))
-    return tostring(root, encoding="unicode")
-
-
-def _read_geometry(
-    description: UrdfDescription, xml: str, kind: pin.GeometryType
-) -> pin.GeometryModel:
-    model = _parsed(description, xml)
-    tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
-    meshes = fromstring(xml).iterfind(f"link/{tag}/geometry/mesh")
-    try:
-        for file in {Path(mesh.get("filename", "")) for mesh in meshes}:
-            if file.suffix.lower() in MAY_REPEAT:
-                check_expanded(file, file.read_bytes())
-        return pin.buildGeomFromUrdfString(model, xml, kind)
-    except Exception as error:  # whatever a mesh reader may raise
-        raise RobotLoadError(
-            f"{description.path}: the geometry cannot be read: {_message(error)}",
-            description.path,
-        ) from error
-
-
-def _parsed(description: UrdfDescription, xml: str) -> pin.Model:
-    try:
-        return pin.buildModelFromXML(xml)
-    except Exception as error:  # depends on the version of Pinocchio
-        raise RobotLoadError(
-            f"{description.path}: Pinocchio refuses it: {_message(error)}",
-            description.path,
-        ) from error
-
-
 def _message(error: Exception) -> str:
     """One line of what a C++ library says, without the place in its sources."""
     return " ".join(str(error).rpartition("message:")[2].split())
-
-
-def _with_fixed(xml: str, locked: Mapping[str, float]) -> str:
-    """The text of a description with joints fixed at positions [rad or m].
-
-    Pinocchio's own way, by a model with all joints, fails where a link has the name of
-    a joint: it looks for frames by their names alone.
-    """
-    if not locked:
-        return xml
-    root = fromstring(xml)
-    for joint in root.iterfind("joint"):
-        position = locked.get(joint.get("name", ""))
-        if position is None:
-            continue
-        place, way = read_origin(joint), position * read_axis(joint)
-        motion = pin.SE3.Identity()
-        if joint.get("type") == "prismatic":
-            motion.translation = way
-        else:
-            motion.rotation = pin.exp3(way)
-        joint.set("type", "fixed")
-        write_origin(joint, place * motion)
-    return tostring(root, encoding="unicode")
 
 
 def sticks(model: pin.Model, q: Array) -> Array:
@@ -239,7 +295,9 @@ def configured_model(
     model.lowerPositionLimit = ends.min(axis=0) + offset
     model.upperPositionLimit = ends.max(axis=0) + offset
     model.velocityLimit = np.abs(scaled(table.velocity))
+    model.lowerVelocityLimit = -model.velocityLimit
     model.effortLimit = alone(np.abs(table.effort).max(axis=1))
+    model.lowerEffortLimit = -model.effortLimit
     model.damping = alone(table.damping)
     model.armature = alone(table.armature)
     model.friction = alone(table.friction)
@@ -289,7 +347,7 @@ def check_inertia(
             least = float(np.diag(mass)[singular].min())
             raise RobotLoadError(
                 f"{path}: {' and '.join(joints)} can move without any inertia"
-                f"{_without_inertia(model, joints, least, description.xml)}, so that "
+                f"{_without_inertia(model, joints, least, description)}, so that "
                 "any torque would accelerate them without bound: give "
                 f"armature={example_values(joints)} [kg m^2 or kg], or mend the "
                 "<inertial> elements",
@@ -319,14 +377,13 @@ def _check_bodies(
 
 
 def _without_inertia(
-    model: pin.Model, joints: Sequence[str], least: float, xml: str
+    model: pin.Model,
+    joints: Sequence[str],
+    least: float,
+    description: UrdfDescription,
 ) -> str:
     """Which bodies of joints lack inertia, or how little they have, in brackets."""
-    given = {
-        link.get("name", "")
-        for link in fromstring(xml).iter("link")
-        if link.find("inertial") is not None
-    }
+    given = {link.name for link in description.bodies if link.mass is not None}
     indices = [int(model.getJointId(name)) for name in joints]
     lacking = [k for k in indices if not given.intersection(links_of(model, k))]
     if lacking:

@@ -27,7 +27,8 @@ from tominpmp.description.files import (
 )
 from tominpmp.description.from_pinocchio import DescribedModel, describe_model
 from tominpmp.description.srdf import SemanticDescription, read_semantics
-from tominpmp.description.urdf import UrdfDescription, read_parsed, read_urdf
+from tominpmp.description.tree import UrdfDescription
+from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.exceptions import RobotLoadError, brief
 
 # How names in the package robot_descriptions end.

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 from tominpmp.arrays import record_line
 from tominpmp.description.groups import JointGroups, read_groups
 from tominpmp.description.paths import checked_path
-from tominpmp.description.urdf import UrdfDescription
+from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.xml_reader import XmlContext, parse_xml, read_xml
 from tominpmp.exceptions import RobotLoadError, warn_caller
 
@@ -83,11 +83,7 @@ class SemanticDescription:
 
 
 def read_srdf(
-    path: Path,
-    links: Collection[str],
-    joints: Collection[str],
-    xml: str | None = None,
-    text: bytes | None = None,
+    path: Path, description: UrdfDescription, text: bytes | None = None
 ) -> SemanticDescription:
     """Read an SRDF file, or a text with its name.
 
@@ -106,12 +102,13 @@ def read_srdf(
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
         warn_caller(f"{path}: not read: {names}")
-    disabled = _disabled_pairs(root, context, links)
+    joints = [joint.name for joint in description.joints]
+    disabled = _disabled_pairs(root, context, description.links)
     return SemanticDescription(
         tuple(disabled),
         _group_states(root, context, joints),
         path,
-        read_groups(root, path, links, joints, xml),
+        read_groups(root, path, description),
         _rotor_inertias(root, context),
         tuple(pair for pair, reason in disabled.items() if reason == NEVER),
     )
@@ -193,10 +190,8 @@ def read_semantics(
     """
     if path is None:
         return None
-    joints = [joint.name for joint in description.joints]
-    known = description.links, joints, description.xml
     if isinstance(path, str) and path.lstrip().startswith("<"):
         text = path.lstrip().encode("utf-8", "replace")
-        return read_srdf(Path("<text of an SRDF file>"), *known, text)
+        return read_srdf(Path("<text of an SRDF file>"), description, text)
     file = checked_path(path, "srdf", RobotLoadError).absolute()
-    return read_srdf(file, *known)
+    return read_srdf(file, description)

@@ -1,14 +1,8 @@
 """Reading URDF files into a form that parses the same way everywhere.
 
 The file is guarded and checked (:mod:`~tominpmp.description.urdf_syntax`), parsed by
-yourdfpy and written anew, with nothing but what kinematics and geometry need: parsers
-print about the remains of simulators, differ in how they take missing attributes, and
-report any mistake as "no valid URDF". In the new text
-
-- every mesh is an absolute path of a file that exists,
-- a continuous joint is a revolute one, so that it is one angle,
-- mimic joints are ordinary joints: who follows whom is said by
-  :class:`JointDescription`, as are limits and damping.
+yourdfpy, and becomes a tree of links and joints (:mod:`~tominpmp.description.tree`), in
+which every mesh is an absolute path of a file that exists.
 
 Capsules may be given as ``<capsule radius="" length=""/>``, or as a cylinder named in
 Pinocchio's extension ``<collision_checking><capsule name=""/></collision_checking>``;
@@ -19,8 +13,8 @@ element gives a gravity [m/s^2] other than the usual one along -z.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -28,8 +22,15 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
-from tominpmp.arrays import record_line
-from tominpmp.description.links import simplified_links
+from tominpmp.arrays import Array, frozen_array
+from tominpmp.description.files import LONGEST_PATH, resolve_resource
+from tominpmp.description.tree import (
+    JointDescription,
+    LinkDescription,
+    Mimic,
+    Shape,
+    UrdfDescription,
+)
 from tominpmp.description.urdf_keys import warn_of_unread
 from tominpmp.description.urdf_syntax import checked_copy
 from tominpmp.description.xml_reader import (
@@ -38,93 +39,12 @@ from tominpmp.description.xml_reader import (
     parse_xml,
     read_xml,
 )
-from tominpmp.exceptions import brief
+from tominpmp.exceptions import brief, shortened, warn_caller
 
-
-@dataclass(frozen=True)
-class Mimic:
-    """A joint that follows another: q = multiplier * q_leader + offset.
-
-    Attributes:
-        leader: Name of the joint that is followed.
-        multiplier: Ratio of the two positions.
-        offset: Position while the leader is at zero [rad or m].
-    """
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class JointDescription:
-    """A joint that can move, as the URDF file has it; a limit not given is NaN.
-
-    Attributes:
-        name: Name.
-        kind: ``"revolute"``, ``"continuous"`` or ``"prismatic"``.
-        lower: Lower position limit [rad or m], infinite if continuous.
-        upper: Upper position limit [rad or m].
-        velocity: Velocity limit [rad/s or m/s].
-        effort: Effort limit [N m or N].
-        damping: Viscous friction [N m s/rad or N s/m].
-        friction: Dry friction [N m or N].
-        mimic: The joint that it follows, if it does.
-        acceleration: Largest acceleration, or deceleration [rad/s^2 or m/s^2]; infinite
-            if none is given.
-        jerk: Largest jerk [rad/s^3 or m/s^3]; infinite if none is given.
-        armature: Rotor inertia seen at the joint [kg m^2 or kg].
-    """
-
-    name: str
-    kind: str
-    lower: float
-    upper: float
-    velocity: float
-    effort: float
-    damping: float
-    friction: float
-    mimic: Mimic | None
-    acceleration: float = math.inf
-    jerk: float = math.inf
-    armature: float = 0.0
-
-
-@dataclass(frozen=True)
-class UrdfDescription:
-    """A URDF file, checked.
-
-    Attributes:
-        name: Name of the robot.
-        xml: The description, written anew as the module says.
-        links: Names of the links.
-        joints: Joints that can move, in the order of the file.
-        gravity: Gravity [m/s^2], if the file gives one.
-        path: The file.
-        package_dirs: Folders given for ``package://``.
-        parts: Names of the robots that it was put together from; mostly none.
-        attached: What was fixed to its links after it was read, in that order.
-        order: Names of the joints in the order that arrays have; empty for that of
-            Pinocchio's model of the description.
-        meshes: Meshes that no file holds, as STL files, with the names that the
-            description has for them.
-    """
-
-    name: str
-    xml: str
-    links: tuple[str, ...]
-    joints: tuple[JointDescription, ...]
-    gravity: tuple[float, ...] | None
-    path: Path
-    package_dirs: tuple[Path, ...]
-    parts: tuple[str, ...] = ()
-    attached: tuple[Any, ...] = ()
-    order: tuple[str, ...] = ()
-    meshes: tuple[tuple[str, bytes], ...] = field(default=(), repr=False)
-
-    def __repr__(self) -> str:
-        """What it holds, on one line."""
-        return record_line(self)
+# A mesh beyond this would take minutes and gigabytes.
+MAX_MESH_BYTES = 512 * 2**20
+# Colour of what has a texture only.
+BLACK = (0.0, 0.0, 0.0, 1.0)
 
 
 def read_urdf(
@@ -179,61 +99,129 @@ def _read(
     links = _by_name(robot.links, "link", context)
     joints = _by_name(robot.joints, "joint", context)
     _check_tree(links, joints, context)
-    moving = tuple(
+    tree = [
         _describe_joint(joint, beyond.motion.get(name, {}), context)
         for name, joint in joints.items()
-        if joint.type != "fixed"
-    )
-    for described in moving:
+    ]
+    for described in tree:
         mimic = described.mimic
         if mimic is not None and mimic.leader not in joints:
             context.fail(
                 f"joint {described.name} follows {brief(mimic.leader)}, which is no "
                 "joint"
             )
-    # Limits are placeholders, for the parsers demand some.
-    limit = yourdfpy.Limit(effort=1.0, velocity=1.0, lower=-1.0, upper=1.0)
-    simple = yourdfpy.Robot(
-        robot.name,
-        simplified_links(list(links.values()), context, folders),
-        [_simplified_joint(joint, limit, context) for joint in joints.values()],
-    )
-    writer = yourdfpy.URDF(
-        simple, filename_handler=yourdfpy.filename_handler_null, **only_text
-    )
+    found = _Links(context, folders, beyond.capsules).read(links.values())
     return UrdfDescription(
         name=robot.name,
-        xml=_with_capsules(writer.write_xml_string(), beyond.capsules),
-        links=tuple(links),
-        joints=moving,
+        bodies=found,
+        tree=tuple(tree),
         gravity=beyond.gravity,
         path=context.path,
         package_dirs=tuple(folders),
     )
 
 
-def _with_capsules(xml: bytes, capsules: Mapping[str, Sequence[int]]) -> str:
-    """Say which cylinders are capsules, as Pinocchio reads it."""
-    root = fromstring(xml)
-    for link in root.iter("link"):
-        own = capsules.get(link.get("name", ""), ())
-        checking = SubElement(link, "collision_checking") if own else link
-        for i in own:
-            SubElement(checking, "capsule", name=str(i))
-    return tostring(root, encoding="unicode")
+class _Links:
+    """Links of those of yourdfpy, with meshes that are there.
+
+    Meshes to look at that are not there are left out, with a warning: motions are the
+    same without them. Those to collide with have to be there.
+    """
+
+    def __init__(
+        self,
+        context: XmlContext,
+        folders: Sequence[Path],
+        capsules: Mapping[str, Sequence[int]],
+    ) -> None:
+        self.context, self.folders, self.capsules = context, folders, capsules
+        self.unseen: list[str] = []
+
+    def read(self, links: Iterable[Any]) -> tuple[LinkDescription, ...]:
+        found = tuple(self._link(link) for link in links)
+        if self.unseen:
+            others = len(self.unseen) - 1
+            more = f" and {others} more" if others else ""
+            warn_caller(
+                f"{self.context.path}: not shown, as their meshes are not there: "
+                f"{self.unseen[0]}{more}; folders that hold packages are given in "
+                "package_dirs"
+            )
+        return found
+
+    def _link(self, link: Any) -> LinkDescription:
+        collisions, visuals = [], []
+        for i, item in enumerate(link.collisions):
+            where = f"link {link.name}, collision {i + 1}"
+            shape = self._shape(item, where)
+            if i in self.capsules.get(link.name, ()):
+                shape = replace(shape, kind="capsule")
+            collisions.append(shape)
+        for i, item in enumerate(link.visuals):
+            where, mesh = f"link {link.name}, visual {i + 1}", item.geometry.mesh
+            if mesh is not None and self._find(mesh.filename)[0] is None:
+                self.unseen.append(f"{where} ({shortened(repr(mesh.filename))})")
+            else:
+                visuals.append(self._coloured(self._shape(item, where), item.material))
+        shapes = tuple(collisions), tuple(visuals)
+        if link.inertial is None:
+            return LinkDescription(link.name, collisions=shapes[0], visuals=shapes[1])
+        own, axes = link.inertial, _placement(link.inertial.origin)
+        turn, moments = axes[:3, :3], own.inertia
+        inertia = np.zeros((3, 3)) if moments is None else turn @ moments @ turn.T
+        com, tensor = frozen_array(axes[:3, 3]), frozen_array(inertia)
+        return LinkDescription(link.name, float(own.mass), com, tensor, *shapes)
+
+    def _find(self, name: str) -> tuple[Path | None, tuple[Path, ...]]:
+        """A file that the description refers to, and the paths tried."""
+        return resolve_resource(name, self.context.path, self.folders)
+
+    def _shape(self, item: Any, where: str) -> Shape:
+        """A shape; a mesh with the absolute path of its file."""
+        placement, geometry = _placement(item.origin), item.geometry
+        if geometry.box is not None:
+            return Shape("box", _sizes(geometry.box.size), placement)
+        if geometry.sphere is not None:
+            return Shape("sphere", _sizes(geometry.sphere.radius), placement)
+        rod, mesh = geometry.cylinder, geometry.mesh
+        if rod is not None:
+            return Shape("cylinder", _sizes([rod.radius, rod.length]), placement)
+        path, tried = self._find(mesh.filename)
+        if path is None:
+            remedy = "; give the folder that holds the package in package_dirs"
+            package = mesh.filename.startswith(("package://", "model://"))
+            self.context.fail(
+                f"{where}: the mesh {shortened(repr(mesh.filename))} is not there; "
+                "tried "
+                + ", ".join(shortened(str(place), LONGEST_PATH) for place in tried)
+                + (remedy if package else "")
+            )
+        if path.stat().st_size > MAX_MESH_BYTES:
+            self.context.fail(
+                f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes"
+            )
+        scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3)
+        return Shape("mesh", _sizes(scale), placement, str(path.absolute()))
+
+    def _coloured(self, shape: Shape, material: Any) -> Shape:
+        """Colour and texture; these are looks, so a texture not found is left out."""
+        if material is None:
+            return shape
+        texture, path = material.texture, None
+        if texture is not None:
+            path = self._find(texture.filename)[0]
+        if material.color is None and path is None:
+            return shape
+        colour = BLACK if material.color is None else _sizes(material.color.rgba)
+        return replace(shape, colour=colour, texture="" if path is None else str(path))
 
 
-def _simplified_joint(joint: Any, limit: Any, context: XmlContext) -> Any:
-    """A joint as every parser reads it: its motion is said elsewhere."""
-    if joint.type == "fixed":
-        return replace(joint, axis=None)
-    norm = np.linalg.norm(joint.axis)
-    if norm < 1e-6:
-        axis = tuple(joint.axis.tolist())
-        context.fail(f"joint {joint.name}: the axis {axis} has no direction")
-    kind = "revolute" if joint.type == "continuous" else joint.type
-    axis = joint.axis / norm
-    return replace(joint, type=kind, axis=axis, limit=limit, dynamics=None)
+def _placement(matrix: Any) -> Array:
+    return frozen_array(np.eye(4) if matrix is None else matrix)
+
+
+def _sizes(values: Any) -> tuple[float, ...]:
+    return tuple(np.ravel(values).astype(float).tolist())
 
 
 def _check_root(root: Element, context: XmlContext) -> None:
@@ -297,9 +285,12 @@ def _check_tree(
 def _describe_joint(
     joint: Any, motion: Mapping[str, float], context: XmlContext
 ) -> JointDescription:
-    """Limits, friction and leader of a joint that can move."""
+    """A joint, with limits, friction and leader if it can move."""
     where = f"joint {joint.name}"
     kind = joint.type
+    ends = joint.parent, joint.child, _placement(joint.origin)
+    if kind == "fixed":
+        return JointDescription(joint.name, kind, *ends)
     if kind in ("floating", "planar"):
         context.fail(
             f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
@@ -307,6 +298,9 @@ def _describe_joint(
         )
     if kind not in ("revolute", "continuous", "prismatic"):
         context.fail(f"{where} has the unknown type {brief(kind)}")
+    axis, norm = tuple(joint.axis.tolist()), np.linalg.norm(joint.axis)
+    if norm < 1e-6:
+        context.fail(f"{where}: the axis {axis} has no direction")
     lower, upper, velocity, effort = (
         _limit(getattr(joint.limit, name, None))
         for name in ("lower", "upper", "velocity", "effort")
@@ -328,6 +322,8 @@ def _describe_joint(
     return JointDescription(
         joint.name,
         kind,
+        *ends,
+        frozen_array(joint.axis / norm),
         lower,
         upper,
         velocity,

@@ -14,10 +14,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-import numpy as np
-import pinocchio as pin
-
-from tominpmp.arrays import Array
 from tominpmp.description.xml_reader import XmlContext, to_number
 
 # The parsers recurse into the tree; humanoids have some hundred links.
@@ -98,55 +94,9 @@ class Beyond:
     motion: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
-def fresh_name(name: str, taken: set[str]) -> str:
-    """A name that is not taken yet, and takes it."""
-    number, found = 2, name
-    while found in taken:
-        found, number = f"{name}_{number}", number + 1
-    taken.add(found)
-    return found
-
-
 def write_numbers(element: Element, attribute: str, values: Iterable[float]) -> None:
     """Write numbers so that every parser reads exactly them."""
     element.set(attribute, " ".join(repr(float(value)) for value in values))
-
-
-def read_origin(element: Element) -> pin.SE3:
-    """The placement of a joint or shape of a description that was written anew."""
-    origin = element.find("origin")
-    if origin is None:
-        return pin.SE3.Identity()
-    xyz, rpy = (_numbers(origin, name) for name in ("xyz", "rpy"))
-    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-
-
-def read_axis(joint: Element) -> Array:
-    """The unit axis of a joint of a description that was written anew, shape (3,)."""
-    axis = joint.find("axis")
-    return np.array([1.0, 0.0, 0.0]) if axis is None else _numbers(axis, "xyz")
-
-
-def _numbers(element: Element, attribute: str) -> Array:
-    return np.array(element.get(attribute, "0 0 0").split(), dtype=float)
-
-
-def write_origin(element: Element, placement: pin.SE3) -> None:
-    """Write a placement, exact to rounding also where the pitch is a right angle."""
-    for origin in element.findall("origin"):
-        element.remove(origin)
-    origin = SubElement(element, "origin")
-    write_numbers(origin, "xyz", placement.translation.tolist())
-    write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement.rotation))
-
-
-def write_inertia(inertial: Element, mass: float, tensor: Array) -> None:
-    """Write a mass [kg], and its moments [kg m^2], shape (3, 3)."""
-    write_numbers(SubElement(inertial, "mass"), "value", [mass])
-    moments = SubElement(inertial, "inertia")
-    for i, one in enumerate("xyz"):
-        for k in range(i, 3):
-            write_numbers(moments, f"i{one}{'xyz'[k]}", [float(tensor[i, k])])
 
 
 def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:

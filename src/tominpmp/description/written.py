@@ -1,18 +1,26 @@
 """Writing descriptions as URDF and SRDF files that give them back.
 
-What :mod:`~tominpmp.description.urdf` keeps beside the text of a description (limits,
-friction, who follows whom, gravity) goes into it again, and so do groups, states and
-pairs of an SRDF file. Meshes that no file holds become files.
+Meshes that no file holds become files beside them.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Collection, Mapping
-from xml.etree.ElementTree import Element, SubElement, fromstring, indent, tostring
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import Array, IntArray
 from tominpmp.description.srdf import NEVER, SemanticDescription
-from tominpmp.description.urdf import JointDescription, UrdfDescription
+from tominpmp.description.tree import (
+    JointDescription,
+    LinkDescription,
+    Shape,
+    UrdfDescription,
+)
 from tominpmp.description.urdf_syntax import write_numbers
 
 # How a limit is written that is none; readers take numbers of this size for that.
@@ -32,48 +40,84 @@ def urdf_file(
     Returns:
         The file, and the meshes that are to lie beside it, by their names.
     """
-    root = fromstring(description.xml)
-    root.set("name", description.name)
-    _leave_out(root, without)
-    described = {joint.name: joint for joint in description.joints}
-    for element in root.findall("joint"):
-        joint = described.get(element.get("name", ""))
-        if joint is not None:
-            _say(element, joint)
-    for link in root.findall("link"):
-        if link.find("collision_checking") is not None:
-            # Capsules are named by their places.
-            for number, item in enumerate(link.findall("collision")):
-                item.set("name", str(number))
+    root, files = Element("robot", name=description.name), {}
+    for link in description.bodies:
+        if link.name not in without:
+            files.update(_add_link(root, link, stem))
+    for joint in description.tree:
+        if joint.child not in without:
+            _add_joint(root, joint)
     if description.gravity is not None:
         write_numbers(SubElement(root, "tominpmp"), "gravity", description.gravity)
-    carried, files = dict(description.meshes), {}
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        if name in carried:
-            file = f"{stem}_{name.rpartition(':')[2]}"
-            files[file] = carried[name]
-            mesh.set("filename", file)
     return _text(root), files
 
 
-def _leave_out(root: Element, links: Collection[str]) -> None:
-    """Remove links, and the joints that hold them."""
-    for link in root.findall("link"):
-        if link.get("name") in links:
-            root.remove(link)
-    for joint in root.findall("joint"):
-        child = joint.find("child")
-        if child is not None and child.get("link") in links:
-            root.remove(joint)
+def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, bytes]:
+    """Add a link, and return the meshes that no file holds."""
+    element, files = SubElement(root, "link", name=link.name), {}
+    if link.mass is not None:
+        inertial = SubElement(element, "inertial")
+        write_numbers(SubElement(inertial, "origin"), "xyz", link.com)
+        write_numbers(SubElement(inertial, "mass"), "value", [link.mass])
+        moments = SubElement(inertial, "inertia")
+        for i, k in zip(*np.triu_indices(3), strict=True):
+            write_numbers(moments, f"i{'xyz'[i]}{'xyz'[k]}", [link.inertia[i, k]])
+    for tag, shapes in (("collision", link.collisions), ("visual", link.visuals)):
+        for shape in shapes:
+            item = SubElement(element, tag)
+            _add_origin(item, shape.placement)
+            files.update(_add_shape(SubElement(item, "geometry"), shape, stem))
+            if shape.colour is not None:
+                material = SubElement(item, "material", name="")
+                write_numbers(SubElement(material, "color"), "rgba", shape.colour)
+                if shape.texture:
+                    SubElement(material, "texture", filename=shape.texture)
+    return files
 
 
-def _say(element: Element, joint: JointDescription) -> None:
-    """Say of a joint what its description has, in place of what stands for it."""
-    element.set("type", joint.kind)
-    for tag in ("limit", "dynamics", "mimic", "safety_controller"):
-        for old in element.findall(tag):
-            element.remove(old)
+def _add_shape(element: Element, shape: Shape, stem: str) -> dict[str, bytes]:
+    """Add a shape, and return its mesh if no file holds that."""
+    item = SubElement(element, shape.kind)
+    if shape.kind == "mesh":
+        write_numbers(item, "scale", shape.sizes)
+        item.set("filename", shape.file)
+        if shape.corners is None or shape.faces is None:
+            return {}
+        content = _stl(shape.corners, shape.faces)
+        file = f"{stem}_{hashlib.sha256(content).hexdigest()[:32]}.stl"
+        item.set("filename", file)
+        return {file: content}
+    if shape.kind == "box":
+        write_numbers(item, "size", shape.sizes)
+    else:
+        for name, size in zip(("radius", "length"), shape.sizes, strict=False):
+            write_numbers(item, name, [size])
+    return {}
+
+
+def _stl(corners: Array, faces: IntArray) -> bytes:
+    """A binary STL file of triangles."""
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("z", "<u2")])
+    rows = np.zeros(len(faces), dtype=record)
+    rows["corners"] = corners[faces]
+    return bytes(80) + len(faces).to_bytes(4, "little") + bytes(rows.tobytes())
+
+
+def _add_origin(element: Element, placement: Array) -> None:
+    """Add a placement, exact to rounding also where the pitch is a right angle."""
+    origin = SubElement(element, "origin")
+    write_numbers(origin, "xyz", placement[:3, 3])
+    write_numbers(origin, "rpy", pin.rpy.matrixToRpy(placement[:3, :3]))
+
+
+def _add_joint(root: Element, joint: JointDescription) -> None:
+    element = SubElement(root, "joint", name=joint.name, type=joint.kind)
+    _add_origin(element, joint.placement)
+    SubElement(element, "parent", link=joint.parent)
+    SubElement(element, "child", link=joint.child)
+    if joint.kind == "fixed":
+        return
+    write_numbers(SubElement(element, "axis"), "xyz", joint.axis)
     limit = SubElement(element, "limit")
     names = ["velocity", "effort", "acceleration", "jerk"]
     if joint.kind != "continuous":

@@ -144,7 +144,7 @@ def load_robot(
         motion_limits=given.motion_limits(published, joint_names),
     )
     check_inertia(robot.model, table, matrix, offset, given.description)
-    warn_of_inertia(robot.model, given.description.xml, urdf)
+    warn_of_inertia(robot.model, given.description)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
         warn_of_passive(given.semantics.groups.passive, motors)

@@ -15,9 +15,12 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, instance
-from tominpmp.description.assembly import stack_parts
 from tominpmp.description.joint_table import JointLimits, JointTable
-from tominpmp.description.joint_values import JointValues, check_gravity
+from tominpmp.description.joint_values import (
+    JointValues,
+    check_gravity,
+    stack_parts,
+)
 from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import (
     build_geometry,
@@ -28,7 +31,7 @@ from tominpmp.description.model import (
     sticks,
 )
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.urdf import UrdfDescription
+from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table

@@ -80,8 +80,7 @@ class RobotSource(RobotInput):
         said = self.semantics
         groups = JointGroups() if said is None else said.groups
         states = {} if said is None else said.group_states
-        xml = self.description.xml
-        locks = group_locks(groups, states, joints, group, locked_joints, xml)
+        locks = group_locks(groups, states, self.description, group, locked_joints)
         return Linkage.resolve(joints, locks)
 
     def other_values(

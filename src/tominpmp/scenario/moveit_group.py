@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 from tominpmp.description.fields import Field
 from tominpmp.description.groups import (
     JointGroup,
-    carrying_joints,
     rest_position,
     warn_of_group,
 )
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.urdf import JointDescription, UrdfDescription
+from tominpmp.description.tree import JointDescription, UrdfDescription
 from tominpmp.exceptions import brief, warn_caller
 
 # A joint that follows may be this far from where its leader puts it [rad or m].
@@ -107,7 +106,7 @@ def group_locks(
     if not moving:
         moving = goal_joints(request)
         for link in goal_links(request):
-            moving |= carrying_joints(description.xml, link)
+            moving |= description.joints_above(link)
     joints = description.joints
     outside = [j for j in joints if j.name not in moving and not j.mimic]
     if not group.joints and goal_links(request) and outside:

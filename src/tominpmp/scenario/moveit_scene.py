@@ -18,8 +18,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.description.fields import Field
-from tominpmp.description.files import resolve_resource
-from tominpmp.description.links import LONGEST_PATH
+from tominpmp.description.files import LONGEST_PATH, resolve_resource
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import (
