@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import TypeAlias
@@ -24,13 +26,13 @@ from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import check_gravity
 from tominpmp.description.linkage import Linkage
-from tominpmp.description.model import build_model, configured_model, expansion
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.inputs import plain_vector, split_pose
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
+from tominpmp.robot.robot import assembled
 from tominpmp.scene import Scene, is_rotation, rotation_matrix
 
 # Name, robot and where its base is: a placement base_to_world or a position [m].
@@ -70,26 +72,16 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         for part, robot in robots.items()
         for joint, position in robot.locked_joints.items()
     }
-    model = build_model(description, locked)
-    followers = Linkage.resolve(description.joints, locked).followers
-    joint_names, *ties = expansion(model, followers, description.order)
-    table = _joined_table(robots, joint_names)
-    robot = Robot(
+    robot = assembled(
         name=description.name,
-        model=configured_model(model, table, world, *ties),
-        joint_names=joint_names,
-        limits=table.limits(),
-        damping=table.damping,
-        armature=table.armature,
-        friction=table.friction,
-        gravity=world,
-        expansion_matrix=ties[0],
-        expansion_offset=ties[1],
-        locked_joints=locked,
-        srdf=_joined_semantics(robots, description.path),
         description=description,
-        motion_limits=_joined_motion_limits(robots, joint_names),
+        linkage=Linkage.resolve(description.joints, locked),
+        table_for=partial(_joined_table, robots),
+        gravity=world,
+        srdf=_joined_semantics(robots, description.path),
     )
+    limits = _joined_motion_limits(robots, robot.joint_names)
+    robot = replace(robot, motion_limits=limits)
     _check_bases(robot, bases)
     return robot
 

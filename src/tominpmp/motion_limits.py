@@ -292,3 +292,20 @@ class MotionLimits(Record):
         return (
             self.continuous or self.acceleration is not None or bool(self.effort_curves)
         )
+
+
+def limits_by_joint(
+    values: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
+) -> MotionLimits | None:
+    """Accelerations, jerks and torque rates of joints that move; None without any.
+
+    Args:
+        values: By quantity and joint name, as files and data sheets have them.
+        joint_names: Joints that move; values of others are left out.
+    """
+    found: dict[str, PerJoint] = {}
+    for quantity in UNITS:
+        own = {k: v for k, v in values.get(quantity, {}).items() if k in joint_names}
+        if own:
+            found[quantity] = own
+    return MotionLimits(**found) if found else None  # type: ignore[arg-type]

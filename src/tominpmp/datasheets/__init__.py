@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import OptionsError, brief
-from tominpmp.motion_limits import UNITS, MotionLimits
+from tominpmp.motion_limits import UNITS
 
 try:
     import tomllib
@@ -154,18 +153,6 @@ def published_values(
             "limits",
         )
     return sheet.by_joint(joint_names)
-
-
-def published_limits(
-    values: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
-) -> MotionLimits | None:
-    """Accelerations, jerks and torque rates of a sheet, of joints that move."""
-    found: dict[str, Any] = {}
-    for quantity in UNITS:
-        own = {k: v for k, v in values.get(quantity, {}).items() if k in joint_names}
-        if own:
-            found[quantity] = own
-    return MotionLimits(**found) if found else None
 
 
 @cache

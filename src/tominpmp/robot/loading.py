@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import pinocchio as pin
@@ -13,14 +14,8 @@ from tominpmp.description.groups import Group, warn_of_passive
 from tominpmp.description.inertials import warn_of_inertia
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import JointValues, check_gravity
-from tominpmp.description.model import (
-    build_model,
-    check_inertia,
-    configured_model,
-    expansion,
-)
-from tominpmp.exceptions import RobotLoadError
-from tominpmp.robot.robot import Robot
+from tominpmp.description.model import check_inertia
+from tominpmp.robot.robot import Robot, assembled
 from tominpmp.robot.sources import read_source
 
 #: A name, a path, a text, a ``pinocchio.Model`` (alone or with geometry), a
@@ -103,47 +98,40 @@ def load_robot(
     given = read_source(source, package_dirs, srdf, geometry)
     linkage = given.linkage(group, locked_joints)
     linkage.warn_of_limits(given.description.joints)
-    model = build_model(given.description, linkage.locked)
-    joint_names, matrix, offset = expansion(
-        model, linkage.followers, given.description.order
-    )
-    urdf = given.files.urdf
-    if not joint_names:
-        raise RobotLoadError(f"{urdf}: no joint is left that moves", urdf)
-    published = given.published(limits)
-    table = JointTable.from_description(joint_names, given.description.joints, linkage)
-    not_free = linkage.reasons()
-    table = table.overridden(not_free, **given.other_values(joint_names, published))
-    table = table.overridden(
-        not_free,
-        damping=damping,
-        armature=armature,
-        friction=friction,
-        effort=effort,
-        velocity=velocity,
-        position_lower=position_lower,
-        position_upper=position_upper,
-    )
-    table.check_complete(urdf)
+    published, urdf = given.published(limits), given.files.urdf
+    reasons = linkage.reasons()
+
+    def table_for(joint_names: tuple[str, ...]) -> JointTable:
+        table = JointTable.from_description(
+            joint_names, given.description.joints, linkage
+        )
+        table = table.overridden(reasons, **given.other_values(joint_names, published))
+        table = table.overridden(
+            reasons,
+            damping=damping,
+            armature=armature,
+            friction=friction,
+            effort=effort,
+            velocity=velocity,
+            position_lower=position_lower,
+            position_upper=position_upper,
+        )
+        table.check_complete(urdf)
+        return table
+
     own = given.description.gravity or DEFAULT_GRAVITY
-    checked = check_gravity(own if gravity is None else gravity)
-    robot = Robot(
+    robot = assembled(
         name=given.files.name or given.description.name,
-        model=configured_model(model, table, checked, matrix, offset),
-        joint_names=joint_names,
-        limits=table.limits(),
-        damping=table.damping,
-        armature=table.armature,
-        friction=table.friction,
-        gravity=checked,
-        expansion_matrix=matrix,
-        expansion_offset=offset,
-        locked_joints=linkage.locked,
-        srdf=given.semantics,
         description=given.description,
-        motion_limits=given.motion_limits(published, joint_names),
+        linkage=linkage,
+        table_for=table_for,
+        gravity=check_gravity(own if gravity is None else gravity),
+        srdf=given.semantics,
     )
-    check_inertia(robot.model, table, matrix, offset, given.description)
+    further = given.motion_limits(published, robot.joint_names)
+    robot = replace(robot, motion_limits=further)
+    table, ties = robot._table(), (robot.expansion_matrix, robot.expansion_offset)
+    check_inertia(robot.model, table, *ties, given.description)
     warn_of_inertia(robot.model, given.description)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -297,7 +297,7 @@ class Robot(Record):
             RobotLoadError: If the inertia becomes singular.
         """
         table = self._table().overridden(
-            Linkage.resolve(self.description.joints, self.locked_joints).reasons(),
+            self._linkage().reasons(),
             damping=damping,
             armature=armature,
             friction=friction,
@@ -307,17 +307,9 @@ class Robot(Record):
             position_upper=position_upper,
         )
         changed = check_gravity(self.gravity if gravity is None else gravity)
-        expansion_pair = self.expansion_matrix, self.expansion_offset
-        robot = replace(
-            self,
-            model=configured_model(self.model, table, changed, *expansion_pair),
-            limits=table.limits(),
-            damping=table.damping,
-            armature=table.armature,
-            friction=table.friction,
-            gravity=changed,
-        )
-        check_inertia(robot.model, table, *expansion_pair, self.description)
+        robot = self._rebuilt(table=table, gravity=changed)
+        ties = robot.expansion_matrix, robot.expansion_offset
+        check_inertia(robot.model, table, *ties, self.description)
         # Geometry does not depend on any of this; it need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -342,28 +334,11 @@ class Robot(Record):
         kept = {k: v for k, v in self.locked_joints.items() if k not in mimics}
         linkage = Linkage.resolve(joints, {**positions, **kept})
         linkage.warn_of_limits(joints)
-        plain = build_model(self.description, linkage.locked)
-        joint_names, *ties = expansion(plain, linkage.followers, self.description.order)
-        if not joint_names:
-            path = self.urdf_path
-            raise RobotLoadError(f"{path}: no joint is left that moves", path)
-        table = self._table().only(joint_names)
         limits = self.motion_limits
         if limits is not None:
-            limits = limits.renamed({k: k for k in joint_names}, self.joint_names)
-        return replace(
-            self,
-            model=configured_model(plain, table, self.gravity, *ties),
-            joint_names=joint_names,
-            limits=table.limits(),
-            damping=table.damping,
-            armature=table.armature,
-            friction=table.friction,
-            expansion_matrix=ties[0],
-            expansion_offset=ties[1],
-            locked_joints=linkage.locked,
-            motion_limits=limits,
-        )
+            kept_names = {k: k for k in self.joint_names if k not in linkage.locked}
+            limits = limits.renamed(kept_names, self.joint_names)
+        return self._rebuilt(linkage=linkage, motion_limits=limits)
 
     def with_payload(self, payload: Payload) -> Robot:
         """Make a robot that carries a body on one of its frames.
@@ -375,10 +350,7 @@ class Robot(Record):
         description, srdf = attach(
             payload, self.description, self.srdf, self.model, self.collision_model
         )
-        plain = build_model(description, self.locked_joints)
-        ties = self.expansion_matrix, self.expansion_offset
-        model = configured_model(plain, self._table(), self.gravity, *ties)
-        return replace(self, model=model, description=description, srdf=srdf)
+        return self._rebuilt(description=description, srdf=srdf)
 
     @property
     def payloads(self) -> tuple[Payload, ...]:
@@ -388,6 +360,24 @@ class Robot(Record):
     def _table(self) -> JointTable:
         given = self.limits, self.damping, self.armature, self.friction
         return JointTable.of_limits(self.joint_names, *given)
+
+    def _linkage(self) -> Linkage:
+        return Linkage.resolve(self.description.joints, self.locked_joints)
+
+    def _rebuilt(
+        self,
+        *,
+        linkage: Linkage | None = None,
+        table: JointTable | None = None,
+        **changes: Any,
+    ) -> Robot:
+        """The robot with fields changed, and the model that follows from them."""
+        kept = ("name", "description", "gravity", "srdf", "motion_limits")
+        values = {name: getattr(self, name) for name in kept} | changes
+        linkage = linkage or self._linkage()
+        table = table or self._table()
+        kept = ("name", "description", "gravity", "srdf", "motion_limits")
+        return assembled(linkage=linkage, table_for=table.only, **values)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -401,3 +391,45 @@ class Robot(Record):
             ProblemError: If a robot is missing or unknown, or a length is wrong.
         """
         return stack_parts(self.joint_names, self.parts, parts)
+
+
+def assembled(
+    *,
+    description: UrdfDescription,
+    linkage: Linkage,
+    table_for: Callable[[tuple[str, ...]], JointTable],
+    gravity: Array,
+    **values: Any,
+) -> Robot:
+    """Make a robot with the model that follows from its description.
+
+    Args:
+        description: Links and joints.
+        linkage: Which joints are locked, and which follow others.
+        table_for: Values of the joints that move freely, by their names.
+        gravity: Gravity in the world, shape (3,) [m/s^2].
+        **values: Its further fields.
+
+    Raises:
+        RobotLoadError: If no joint is left that moves.
+    """
+    plain = build_model(description, linkage.locked)
+    joint_names, *ties = expansion(plain, linkage.followers, description.order)
+    if not joint_names:
+        path = description.path
+        raise RobotLoadError(f"{path}: no joint is left that moves", path)
+    joints = table_for(joint_names)
+    return Robot(
+        model=configured_model(plain, joints, gravity, *ties),
+        joint_names=joint_names,
+        limits=joints.limits(),
+        damping=joints.damping,
+        armature=joints.armature,
+        friction=joints.friction,
+        gravity=gravity,
+        expansion_matrix=ties[0],
+        expansion_offset=ties[1],
+        locked_joints=linkage.locked,
+        description=description,
+        **values,
+    )

@@ -15,7 +15,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import ScenarioError, brief, warn_caller
-from tominpmp.motion_limits import MotionLimits
+from tominpmp.motion_limits import MotionLimits, limits_by_joint
 from tominpmp.robot import Robot, load_robot, read_source
 from tominpmp.samples import names
 
@@ -103,16 +103,9 @@ class MoveItLimits:
         """
         joint_names = names(joint_names)
         factor = self.acceleration_scaling if flag(scaled, "scaled") else 1.0
-        values: dict[str, Any] = {
-            "acceleration": {k: factor * v for k, v in self.acceleration.items()},
-            "jerk": dict(self.jerk),
-        }
-        found: dict[str, Any] = {}
-        for name, limits in values.items():
-            own = {k: v for k, v in limits.items() if k in joint_names}
-            if own:
-                found[name] = own
-        return MotionLimits(**found) if found else None
+        scaled_ones = {k: factor * v for k, v in self.acceleration.items()}
+        values = {"acceleration": scaled_ones, "jerk": self.jerk}
+        return limits_by_joint(values, joint_names)
 
     @property
     def joints(self) -> tuple[str, ...]:
