@@ -160,26 +160,9 @@ def _joined_table(
     robots: Mapping[str, Robot], joint_names: tuple[str, ...]
 ) -> JointTable:
     """Values of the joints of all robots, in the order of the joint names."""
-    names = [f"{part}/{joint}" for part, r in robots.items() for joint in r.joint_names]
-    order = [names.index(name) for name in joint_names]
-
-    def stacked(field: str) -> Array:
-        parts = (
-            getattr(r if hasattr(r, field) else r.limits, field)
-            for r in robots.values()
-        )
-        return np.concatenate(list(parts))[order]
-
-    return JointTable(
-        joint_names,
-        stacked("position_lower"),
-        stacked("position_upper"),
-        stacked("velocity"),
-        np.column_stack([stacked("effort_lower"), stacked("effort_upper")]),
-        stacked("damping"),
-        stacked("armature"),
-        stacked("friction"),
-    )
+    names = tuple(f"{part}/{k}" for part, r in robots.items() for k in r.joint_names)
+    tables = [robot._table() for robot in robots.values()]
+    return JointTable.stacked(names, tables).only(joint_names)
 
 
 def _joined_motion_limits(

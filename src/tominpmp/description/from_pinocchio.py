@@ -9,8 +9,8 @@ that URDF does not know, become meshes that the description carries itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -41,29 +41,12 @@ CORNERS = 48
 Triangles = tuple[Array, IntArray]
 
 
-@dataclass(frozen=True)
-class DescribedModel:
-    """What a model of Pinocchio says.
-
-    Attributes:
-        description: The model as a description.
-        semantics: Pairs of links that its collision geometry leaves out, and its
-            reference configurations, if it has any of them.
-        effort: Lower and upper effort limits [N m or N] by joint name, of joints where
-            they are not opposite.
-    """
-
-    description: UrdfDescription
-    semantics: SemanticDescription | None
-    effort: dict[str, tuple[float, float]] = field(default_factory=dict)
-
-
 def describe_model(
     model: pin.Model,
     collision: pin.GeometryModel | None = None,
     visual: pin.GeometryModel | None = None,
     package_dirs: Sequence[Path] = (),
-) -> DescribedModel:
+) -> tuple[UrdfDescription, SemanticDescription | None, Mapping[str, Any]]:
     """Describe a model of Pinocchio, with its geometry if it has any.
 
     Args:
@@ -71,6 +54,11 @@ def describe_model(
         collision: Shapes to collide with.
         visual: Shapes to look at.
         package_dirs: Folders given for packages, which are kept.
+
+    Returns:
+        The description; pairs of links that the collision geometry leaves out and
+        reference configurations, as an SRDF file has them, if there are any; lower and
+        upper effort limits [N m or N] by joint name where they are not opposite.
 
     Raises:
         RobotLoadError: If a joint has several degrees of freedom or turns and slides,
@@ -98,9 +86,7 @@ def describe_model(
         package_dirs=tuple(package_dirs),
         order=tuple(joint.name for joint in reader.joints),
     )
-    return DescribedModel(
-        description, _semantics(reader, collision, path), _uneven_efforts(reader)
-    )
+    return description, _semantics(reader, collision, path), _uneven_efforts(reader)
 
 
 class _Reader:

@@ -183,6 +183,18 @@ class JointTable:
                 check_order(option, table.position_lower, table.position_upper, names)
         return table
 
+    @classmethod
+    def stacked(
+        cls, joint_names: Sequence[str], tables: Sequence[JointTable]
+    ) -> JointTable:
+        """One table of several, whose joints get these names."""
+        columns = {
+            f.name: np.concatenate([getattr(table, f.name) for table in tables])
+            for f in fields(cls)
+            if f.name != "joint_names"
+        }
+        return cls(tuple(joint_names), **columns)
+
     def only(self, joint_names: Sequence[str]) -> JointTable:
         """Table of some of the joints, in the order of their names."""
         rows = [self.joint_names.index(name) for name in joint_names]

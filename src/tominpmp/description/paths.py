@@ -6,7 +6,13 @@ import os
 from collections.abc import Collection
 from pathlib import Path
 
-from tominpmp.exceptions import ProblemError, TominpmpError, brief
+from tominpmp.exceptions import (
+    ProblemError,
+    RobotLoadError,
+    ScenarioError,
+    TominpmpError,
+    brief,
+)
 
 # What file systems take [bytes]; beyond, they fail in ways of their own.
 LONGEST_NAME = 255
@@ -63,3 +69,31 @@ def checked_path(
     if issubclass(error, ProblemError):
         raise error(message, name)
     raise error(message)
+
+
+def read_bytes(
+    path: Path,
+    largest: int,
+    error: type[ScenarioError | RobotLoadError] = ScenarioError,
+) -> bytes:
+    """Read a file that is to be parsed, of at most so many bytes.
+
+    Raises:
+        TominpmpError: If it is not there, no file, too large, or cannot be read, of the
+            kind asked for.
+    """
+    try:
+        if path.is_dir():
+            raise error(f"{path} is a folder, expected a file", path)
+        if not path.exists():
+            raise error(f"there is no file {path}", path)
+        if not path.is_file():
+            raise error(f"{path} is no regular file", path)
+        size = path.stat().st_size
+        if size > largest:
+            raise error(
+                f"{path} has {size} bytes, more than the {largest} it may have", path
+            )
+        return path.read_bytes()
+    except (OSError, ValueError) as fault:
+        raise error(f"{path} cannot be read: {fault}", path) from fault

@@ -15,6 +15,7 @@ from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
+from tominpmp.description.paths import read_bytes
 from tominpmp.exceptions import RobotLoadError
 
 # The largest description of example-robot-data has 0.3 MB, 9000 elements, depth 7.
@@ -39,22 +40,7 @@ def read_xml(path: Path) -> Element:
         RobotLoadError: If the file cannot be read, is too large, is no XML, or declares
             a document type.
     """
-    try:
-        if path.is_dir():
-            raise RobotLoadError(f"{path} is a folder, expected a file", path)
-        if not path.is_file():
-            raise RobotLoadError(f"there is no file {path}", path)
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise RobotLoadError(
-                f"{path} has {size} bytes, more than the {MAX_BYTES} a robot "
-                "description may have",
-                path,
-            )
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise RobotLoadError(f"{path} cannot be read: {error}", path) from error
-    return parse_xml(content, path)
+    return parse_xml(read_bytes(path, MAX_BYTES, RobotLoadError), path)
 
 
 def parse_xml(content: bytes, path: Path) -> Element:

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import yaml
 
+from tominpmp.description.paths import read_bytes as read_bytes
 from tominpmp.exceptions import ScenarioError, brief
 
 MAX_BYTES = 64 * 2**20
@@ -36,29 +37,6 @@ _FLOAT = re.compile(
 _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!")
 
 
-def read_bytes(path: Path, largest: int = MAX_BYTES) -> bytes:
-    """Read a file that is to be parsed, of at most so many bytes.
-
-    Raises:
-        ScenarioError: If it is not there, no file, too large, or cannot be read.
-    """
-    try:
-        if path.is_dir():
-            raise ScenarioError(f"{path} is a folder, expected a file", path)
-        if not path.exists():
-            raise ScenarioError(f"there is no file {path}", path)
-        if not path.is_file():
-            raise ScenarioError(f"{path} is no regular file", path)
-        size = path.stat().st_size
-        if size > largest:
-            raise ScenarioError(
-                f"{path} has {size} bytes, more than the {largest} it may have", path
-            )
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise ScenarioError(f"{path} cannot be read: {error}", path) from error
-
-
 def read_yaml(path: Path) -> Any:
     """Read the only document of a YAML file.
 
@@ -70,7 +48,7 @@ def read_yaml(path: Path) -> Any:
         ScenarioError: If the file cannot be read, is no YAML, is too large or nests too
             deep, has a tag of its own, or names a key twice.
     """
-    return parse_yaml(read_bytes(path), path)
+    return parse_yaml(read_bytes(path, MAX_BYTES), path)
 
 
 def parse_yaml(content: bytes, path: Path) -> Any:

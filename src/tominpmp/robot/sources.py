@@ -161,13 +161,11 @@ def read_source(
     folders = check_folders(package_dirs)
     parts = _pinocchio_parts(source, geometry)
     if parts is not None:
-        described = describe_model(*parts, package_dirs=folders)
-        description, semantics = described.description, described.semantics
+        description, semantics, effort = describe_model(*parts, package_dirs=folders)
         files = RobotFiles(description.path, srdf=None)
         if srdf is not None:
             semantics = read_semantics(srdf, description)
-        values = {"effort": described.effort}
-        return RobotSource(files, description, semantics, values)
+        return RobotSource(files, description, semantics, {"effort": effort})
     if geometry is not None:
         raise RobotLoadError(
             f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"

@@ -147,7 +147,7 @@ def load_limited_robot(
         if isinstance(own, Mapping):
             present = {k: v for k, v in numbers.items() if k in free}
             values[key] = {**present, **own}
-    robot = load_robot(name_or_path, **arguments, **values)
+    robot = load_robot(source, **arguments, **values)
     further = moveit.motion_limits(robot.joint_names)
     if further is None:
         return robot
