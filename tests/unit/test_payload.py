@@ -199,3 +199,13 @@ def test_bad_values(values: dict[str, object], field: str) -> None:
     with pytest.raises(ProblemError, match=rf"^payload\.{field} ") as caught:
         Payload(**arguments)  # type: ignore[arg-type]
     assert caught.value.field == f"payload.{field}"
+
+
+def test_capsules_look_like_capsules(planar3r: Robot) -> None:
+    body = Payload(1.0, "tip", geometry=Capsule("c", radius=0.05, length=0.2))
+    arm = planar3r.with_payload(body)
+    for shapes in (arm.collision_model, arm.visual_model):
+        item = shapes.geometryObjects[-1]
+        assert item.name == "payload_0"
+        assert type(item.geometry).__name__ == "Capsule"
+        assert (item.geometry.radius, item.geometry.halfLength) == (0.05, 0.1)

@@ -337,3 +337,36 @@ def test_inertia_in_a_rotated_frame(tmp_path: Path) -> None:
     )
     # A quarter turn about x exchanges the moments about y and z.
     np.testing.assert_allclose(mass_matrix(arm, np.zeros(1)), [[0.2]], rtol=1e-12)
+
+
+def test_lower_limits_of_the_model_are_the_opposite_ones(tmp_path: Path) -> None:
+    arm = load(tmp_path, one_joint()).with_changes(effort=7.0, velocity=2.5)
+    assert arm.model.lowerEffortLimit.tolist() == [-7.0]
+    assert arm.model.upperEffortLimit.tolist() == [7.0]
+    assert arm.model.lowerVelocityLimit.tolist() == [-2.5]
+    assert arm.model.upperVelocityLimit.tolist() == [2.5]
+
+
+def test_robots_with_fixed_joints_and_capsules_are_pickled(tmp_path: Path) -> None:
+    shape = '<capsule radius="0.1" length="0.4"/>'
+    text = one_shape(shape).replace("</robot>", "") + (
+        link("tool", "") + joint("fix", "l1", "tool", "fixed", "") + "</robot>"
+    )
+    arm = load(tmp_path, text)
+    again = pickle.loads(pickle.dumps(arm))
+    assert again == arm
+    assert hash(again) == hash(arm)
+    (item,) = again.collision_model.geometryObjects
+    assert type(item.geometry).__name__ == "Capsule"
+
+
+def test_joints_of_a_link_are_in_the_order_of_their_names(tmp_path: Path) -> None:
+    parts = [link("base", "")]
+    for name in ("b", "a10", "a9", "Z"):
+        parts += [link(f"l{name}"), joint(name, "base", f"l{name}")]
+    parts += [link("tip"), joint("c", "la9", "tip")]
+    arm = load(tmp_path, robot(*parts))
+    assert arm.joint_names == ("Z", "a10", "a9", "c", "b")
+    expected = pin.buildModelFromXML(robot(*parts))
+    assert arm.joint_names == tuple(expected.names)[1:]
+    assert arm.frame_names == tuple(frame.name for frame in expected.frames)[1:]

@@ -57,10 +57,6 @@ class JointLimits(Record):
             sizes = {f.name: getattr(self, f.name).size for f in fields(self)}
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle so that the arrays stay read-only."""
-        return type(self), tuple(getattr(self, f.name) for f in fields(self))
-
 
 @dataclass(frozen=True, eq=False)
 class JointTable:

@@ -32,7 +32,7 @@ from tominpmp.description.tree import (
     UrdfDescription,
 )
 from tominpmp.description.urdf_keys import warn_of_unread
-from tominpmp.description.urdf_syntax import checked_copy
+from tominpmp.description.urdf_syntax import CAPSULE, MOTION, checked_copy
 from tominpmp.description.xml_reader import (
     MAX_NUMBER,
     XmlContext,
@@ -88,7 +88,10 @@ def _read(
     root: Element, context: XmlContext, folders: Sequence[Path]
 ) -> UrdfDescription:
     _check_root(root, context)
-    copy, beyond = checked_copy(root, context)
+    gravity, own = None, root.find("tominpmp")
+    if own is not None and "gravity" in own.attrib:
+        gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
+    copy = checked_copy(root, context)
     # Its import takes a second: only what reads a file needs it.
     import yourdfpy
 
@@ -99,8 +102,13 @@ def _read(
     links = _by_name(robot.links, "link", context)
     joints = _by_name(robot.joints, "joint", context)
     _check_tree(links, joints, context)
+    motion = {
+        joint.get("name", ""): {k: float(v) for k, v in limit.items() if k in MOTION}
+        for joint in copy.iter("joint")
+        for limit in joint.findall("limit")
+    }
     tree = [
-        _describe_joint(joint, beyond.motion.get(name, {}), context)
+        _describe_joint(joint, motion.get(name, {}), context)
         for name, joint in joints.items()
     ]
     for described in tree:
@@ -110,12 +118,12 @@ def _read(
                 f"joint {described.name} follows {brief(mimic.leader)}, which is no "
                 "joint"
             )
-    found = _Links(context, folders, beyond.capsules).read(links.values())
+    found = _Links(context, folders).read(links.values())
     return UrdfDescription(
         name=robot.name,
         bodies=found,
         tree=tuple(tree),
-        gravity=beyond.gravity,
+        gravity=gravity,
         path=context.path,
         package_dirs=tuple(folders),
     )
@@ -128,13 +136,8 @@ class _Links:
     same without them. Those to collide with have to be there.
     """
 
-    def __init__(
-        self,
-        context: XmlContext,
-        folders: Sequence[Path],
-        capsules: Mapping[str, Sequence[int]],
-    ) -> None:
-        self.context, self.folders, self.capsules = context, folders, capsules
+    def __init__(self, context: XmlContext, folders: Sequence[Path]) -> None:
+        self.context, self.folders = context, folders
         self.unseen: list[str] = []
 
     def read(self, links: Iterable[Any]) -> tuple[LinkDescription, ...]:
@@ -152,11 +155,9 @@ class _Links:
     def _link(self, link: Any) -> LinkDescription:
         collisions, visuals = [], []
         for i, item in enumerate(link.collisions):
-            where = f"link {link.name}, collision {i + 1}"
-            shape = self._shape(item, where)
-            if i in self.capsules.get(link.name, ()):
-                shape = replace(shape, kind="capsule")
-            collisions.append(shape)
+            shape = self._shape(item, f"link {link.name}, collision {i + 1}")
+            capsule = item.name == CAPSULE
+            collisions.append(replace(shape, kind="capsule") if capsule else shape)
         for i, item in enumerate(link.visuals):
             where, mesh = f"link {link.name}, visual {i + 1}", item.geometry.mesh
             if mesh is not None and self._find(mesh.filename)[0] is None:

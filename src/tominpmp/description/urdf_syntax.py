@@ -2,15 +2,14 @@
 
 yourdfpy reads what the specification has, but does not say which joint and which field
 is wrong, stumbles over the remains of other programs, and knows no capsules and no
-limits of acceleration and jerk. So it gets a copy that holds nothing but what it reads,
-in which every number is one; the rest is handed on beside it.
+limits of acceleration and jerk. So it gets a copy that holds nothing but what is read,
+in which every number is one.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -19,6 +18,8 @@ from tominpmp.description.xml_reader import XmlContext, to_number
 # The parsers recurse into the tree; humanoids have some hundred links.
 MAX_LINKS = 2000
 SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
+# How collision shapes are named in the copy that are capsules.
+CAPSULE = "capsule"
 # Limits that yourdfpy does not read.
 MOTION = ("acceleration", "deceleration", "jerk")
 
@@ -78,32 +79,13 @@ FORMS = {
 }
 
 
-@dataclass(frozen=True)
-class Beyond:
-    """What a file says that yourdfpy does not keep.
-
-    Attributes:
-        gravity: Gravity [m/s^2], if the file gives one.
-        capsules: Indices by link of the collision shapes that are capsules, which are
-            cylinders in the copy.
-        motion: Limits of acceleration, deceleration and jerk by joint, where given.
-    """
-
-    gravity: tuple[float, ...] | None
-    capsules: dict[str, list[int]] = field(default_factory=dict)
-    motion: dict[str, dict[str, float]] = field(default_factory=dict)
-
-
 def write_numbers(element: Element, attribute: str, values: Iterable[float]) -> None:
     """Write numbers so that every parser reads exactly them."""
     element.set(attribute, " ".join(repr(float(value)) for value in values))
 
 
-def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
-    """Copy what yourdfpy reads.
-
-    Returns:
-        The copy, and what is not in it.
+def checked_copy(root: Element, context: XmlContext) -> Element:
+    """Copy what is read, with capsules as cylinders that are named ``CAPSULE``.
 
     Raises:
         RobotLoadError: If something is missing, or is no number.
@@ -117,10 +99,6 @@ def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
             context.fail(
                 f"has {len(items)} {items[0].tag}s, at most {MAX_LINKS} are read"
             )
-    gravity, own = None, root.find("tominpmp")
-    if own is not None and "gravity" in own.attrib:
-        gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
-    beyond = Beyond(gravity)
     # Colours may be defined anywhere, and be used by their name.
     materials: dict[str, Element] = {}
     for element in root.iter("material"):
@@ -129,17 +107,13 @@ def checked_copy(root: Element, context: XmlContext) -> tuple[Element, Beyond]:
     copy = Element("robot", name=root.get("name", "").strip() or context.path.stem)
     for i, link in enumerate(links, 1):
         name = context.text(link, "name", f"link number {i}")
-        copy.append(_link(name, link, context, materials, beyond))
+        copy.append(_link(name, link, context, materials))
     for i, joint in enumerate(joints, 1):
         name = context.text(joint, "name", f"joint number {i}")
         kind = context.text(joint, "type", f"joint {name}")
         form = FORMS["fixed joint" if kind == "fixed" else "joint"]
-        new = _copied(joint, f"joint {name}", context, form)
-        copy.append(new)
-        for limit in new.findall("limit"):
-            given = {k: float(limit.attrib[k]) for k in MOTION if k in limit.attrib}
-            beyond.motion[name] = given
-    return copy, beyond
+        copy.append(_copied(joint, f"joint {name}", context, form))
+    return copy
 
 
 def _copied(
@@ -175,7 +149,6 @@ def _link(
     link: Element,
     context: XmlContext,
     materials: Mapping[str, Element],
-    beyond: Beyond,
 ) -> Element:
     copy = _copied(link, f"link {name}", context)
     for inertia in copy.iter("inertia"):
@@ -189,7 +162,7 @@ def _link(
             shape = _shape(old, where, context)
             named = shape.tag == "cylinder" and old.get("name") in capsules
             if tag == "collision" and (shape.tag == "capsule" or named):
-                beyond.capsules.setdefault(name, []).append(i)
+                new.set("name", CAPSULE)
             if shape.tag == "capsule":
                 shape.tag = "cylinder"
             SubElement(new, "geometry").append(shape)
