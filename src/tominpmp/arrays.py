@@ -167,6 +167,11 @@ class Record:
         """Name of the class, and what was given."""
         return record_line(self)
 
+    def _keep(self, **values: Any) -> None:
+        """Set fields of a record that is being made, to what is kept in them."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
     def _values(self) -> tuple[Any, ...]:
         """What is compared: the fields, with arrays as shapes and numbers."""
         values = (getattr(self, f.name) for f in fields(self) if f.compare)  # type: ignore[arg-type]

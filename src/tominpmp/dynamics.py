@@ -13,6 +13,7 @@ matrix S of the robot: the torque of the free joints is S^T times the torque of 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -109,7 +110,7 @@ class RobotDynamics:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the scratch data."""
-        return _restored, (self.robot, self.friction is not None)
+        return partial(type(self), dry=self.friction is not None), (self.robot,)
 
     @property
     def n(self) -> int:
@@ -149,15 +150,15 @@ class RobotDynamics:
         tau = self._smooth(q, v, a)
         return tau if self.friction is None else tau + self.friction * way
 
+    def _states(self, q: Array, v: Array, a: Array) -> Iterable[tuple[Array, ...]]:
+        """States of all joints of the model, one after the other."""
+        robot = self.robot
+        rates = robot.expand_tangent(v), robot.expand_tangent(a)
+        return zip(robot.expand(q), *rates, strict=True)
+
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data
-        rnea = pin.rnea
-        rows = zip(
-            robot.expand(q),
-            robot.expand_tangent(v),
-            robot.expand_tangent(a),
-            strict=True,
-        )
+        rnea, rows = pin.rnea, self._states(q, v, a)
         tau = np.array([rnea(model, data, *row) for row in _heeding(rows, len(q))])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
 
@@ -211,13 +212,7 @@ class RobotDynamics:
         tau = np.empty((m, nv))
         parts = np.empty((3, m, nv, nv))
         derivatives = pin.computeRNEADerivatives
-        rows = zip(
-            robot.expand(q),
-            robot.expand_tangent(v),
-            robot.expand_tangent(a),
-            strict=True,
-        )
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self._states(q, v, a)):
             derivatives(model, data, *row)
             tau[i] = data.tau
             parts[0, i], parts[1, i], parts[2, i] = data.dtau_dq, data.dtau_dv, data.M
@@ -323,10 +318,6 @@ class RobotDynamics:
         # The friction is a torque -D v: its derivative passes through the inverse mass.
         f_x[:, n:, n:] -= f_u[:, n:] * self.robot.damping
         return acceleration
-
-
-def _restored(robot: Robot, dry: bool) -> RobotDynamics:
-    return RobotDynamics(robot, dry=dry)
 
 
 def from_upper(matrices: Array) -> Array:

@@ -94,7 +94,19 @@ def closest(name: object, known: Sequence[str]) -> str:
     return f" (did you mean {' or '.join(names)}?)" if names else ""
 
 
-class FrameNotFound(TominpmpError):
+class _NotFound(TominpmpError):
+    """Something that was named is not among what there is."""
+
+    _sentence = ""
+
+    def __init__(self, name: str, available: Sequence[str]) -> None:
+        near, known = closest(name, available), ", ".join(available)
+        super().__init__(self._sentence.format(brief(name), near, known))
+        self.name = name
+        self.available = tuple(available)
+
+
+class FrameNotFound(_NotFound):
     """A frame (link or joint frame) is not part of the robot.
 
     Cure: take one of the names that the message lists; ``tominpmp info`` shows them.
@@ -104,16 +116,10 @@ class FrameNotFound(TominpmpError):
         available: The names there are.
     """
 
-    def __init__(self, name: str, available: Sequence[str]) -> None:
-        super().__init__(
-            f"there is no frame {brief(name)}{closest(name, available)}; the robot "
-            f"has: {', '.join(available)}"
-        )
-        self.name = name
-        self.available = tuple(available)
+    _sentence = "there is no frame {}{}; the robot has: {}"
 
 
-class JointNotFound(TominpmpError):
+class JointNotFound(_NotFound):
     """A joint is not part of the robot.
 
     Cure: take one of the names that the message lists. A joint that is locked, or
@@ -124,13 +130,7 @@ class JointNotFound(TominpmpError):
         available: The names there are.
     """
 
-    def __init__(self, name: str, available: Sequence[str]) -> None:
-        super().__init__(
-            f"there is no joint {brief(name)}{closest(name, available)}; the robot "
-            f"has: {', '.join(available)}"
-        )
-        self.name = name
-        self.available = tuple(available)
+    _sentence = "there is no joint {}{}; the robot has: {}"
 
 
 class SceneError(TominpmpError):
@@ -201,7 +201,7 @@ class OptionsError(TominpmpError):
         self.option = option
 
 
-class SolverNotFound(TominpmpError):
+class SolverNotFound(_NotFound):
     """The named linear-programming solver is not installed.
 
     Cure: leave ``lp_solver`` at "auto", or install the solver.
@@ -211,13 +211,7 @@ class SolverNotFound(TominpmpError):
         available: The solvers there are.
     """
 
-    def __init__(self, name: str, available: Sequence[str]) -> None:
-        super().__init__(
-            f"the solver {brief(name)} is not available{closest(name, available)}; "
-            f"there are: {', '.join(available)}"
-        )
-        self.name = name
-        self.available = tuple(available)
+    _sentence = "the solver {} is not available{}; there are: {}"
 
 
 class ScenarioError(TominpmpError):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,8 +22,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.robot import Robot
-from tominpmp.samples import Samples
-from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.samples import Interpolation, Samples, check_interpolation
 from tominpmp.stepwise import cubics_that_jump, stepwise_motion
 from tominpmp.trajectory import Trajectory
 from tominpmp.turns import STANDSTILL
@@ -74,20 +73,10 @@ def recorded_motion(
     samples: Samples,
     robot: Robot,
     path: str | Path | None = None,
-    *,
-    start: Array | None = None,
-    start_velocity: Array | None = None,
-    interpolation: Interpolation | None = None,
+    **how: Any,
 ) -> Trajectory:
     """Make a trajectory of a robot from samples; see :func:`join`."""
-    return join(
-        samples,
-        robot,
-        path,
-        start=start,
-        start_velocity=start_velocity,
-        interpolation=interpolation,
-    ).trajectory
+    return join(samples, robot, path, **how).trajectory
 
 
 def join(
@@ -127,26 +116,13 @@ def join(
     """
     chosen = samples.interpolation if interpolation is None else interpolation
     check_interpolation(chosen)
-    rows = _rows(samples, robot, path)
+    columns = _columns(samples, robot, path)
+    parts = (samples.q, samples.v, samples.a, samples.u)
+    rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))
     if samples.segment_ends is not None:
         # With what is carried on each segment, torques are not those of the robot; they
         # follow from the movement once that is known.
         rows = rows._replace(u=np.full_like(rows.q, np.nan))
-    joined = _joined(rows, robot, path, start, start_velocity, chosen)
-    if samples.segment_ends is None:
-        return joined
-    return joined._replace(trajectory=_ended(joined.trajectory, samples.segment_ends))
-
-
-def _joined(
-    rows: _Rows,
-    robot: Robot,
-    path: str | Path | None,
-    start: Array | None,
-    start_velocity: Array | None,
-    chosen: Interpolation,
-) -> Joined:
-    """Make a trajectory from rows."""
     if rows.t[0] < 0.0 or (rows.t[0] > 0.0 and start is None):
         raise ScenarioError(
             f"{_named(path)}: the time begins at {rows.t[0]:g} s, expected 0",
@@ -155,22 +131,26 @@ def _joined(
         )
     if rows.t[0] > 0.0 and start is not None:
         rows = _from_start(rows, start, start_velocity)
-    dynamics = RobotDynamics(robot)
     if rows.t.size == 1:
-        return _instant(rows, robot, dynamics)
-    if chosen == "auto":
-        return _as_recorded(rows, robot, dynamics)
-    manner = _by_rule(chosen, rows, path)
-    if manner == "linear":
-        return _straight(rows, robot, dynamics, start_velocity)
-    return Joined(_polynomials(rows, manner, robot, dynamics), manner)
+        joined = _instant(rows)
+    elif chosen == "auto":
+        joined = _as_recorded(rows)
+    else:
+        manner = _by_rule(chosen, rows, path)
+        if manner == "linear":
+            joined = _straight(rows, start_velocity)
+        else:
+            steps = rows.a if manner == "quintic" else None
+            joined = Joined(rows.motion(rows.v, steps), manner)
+    if samples.segment_ends is None:
+        return joined
+    return joined._replace(trajectory=_ended(joined.trajectory, samples.segment_ends))
 
 
-def _instant(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
+def _instant(rows: _Rows) -> Joined:
     """A motion that takes no time; what a single row does not say of it is zero."""
     v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
-    motion = Trajectory(robot.joint_names, rows.t, rows.q, v, 0.0 * v, a)
-    motion = motion.with_torques(dynamics.inverse)
+    motion = rows.motion(v, a)
     return Joined(replace(motion, u=rows.u) if rows.known("u") else motion, "instant")
 
 
@@ -187,6 +167,7 @@ def _ended(motion: Trajectory, ends: Array) -> Trajectory:
 class _Rows(NamedTuple):
     """Samples of the joints of a robot, in its order; unknown values are NaN."""
 
+    robot: Robot
     t: Array
     q: Array
     v: Array
@@ -196,19 +177,24 @@ class _Rows(NamedTuple):
     def known(self, key: str) -> bool:
         return not np.isnan(getattr(self, key)).any()
 
+    def curve(self, a: Array | None = None) -> Trajectory:
+        """The movement through positions and velocities, without torques."""
+        return Trajectory(
+            self.robot.joint_names, self.t, self.q, self.v, 0.0 * self.q, a
+        )
 
-def _rows(samples: Samples, robot: Robot, path: str | Path | None) -> _Rows:
-    columns = _columns(samples, robot, path)
-    parts = (samples.q, samples.v, samples.a, samples.u)
-    return _Rows(samples.t, *(part[:, columns] for part in parts))
+    def motion(self, v: Array, a: Array | None) -> Trajectory:
+        """The motion with such velocities and accelerations, and what it takes."""
+        draft = self._replace(v=v).curve(a)
+        return draft.with_torques(RobotDynamics(self.robot).inverse)
 
 
 def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
     """Rows that begin at time 0: at rest unless a velocity is given."""
     rest = np.zeros(len(start))
     first = (start, rest if velocity is None else velocity, rest, rest * np.nan)
-    parts = [np.vstack([row, part]) for row, part in zip(first, rows[1:], strict=True)]
-    return _Rows(np.concatenate([[0.0], rows.t]), *parts)
+    parts = [np.vstack([row, part]) for row, part in zip(first, rows[2:], strict=True)]
+    return _Rows(rows.robot, np.concatenate([[0.0], rows.t]), *parts)
 
 
 def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str:
@@ -233,25 +219,11 @@ def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str
     return manner
 
 
-def _polynomials(
-    rows: _Rows, manner: str, robot: Robot, dynamics: RobotDynamics
-) -> Trajectory:
-    steps = rows.a if manner == "quintic" else None
-    t, q, v = rows.t, rows.q, rows.v
-    draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
-    return draft.with_torques(dynamics.inverse)
-
-
-def _straight(
-    rows: _Rows, robot: Robot, dynamics: RobotDynamics, velocity: Array | None
-) -> Joined:
+def _straight(rows: _Rows, velocity: Array | None) -> Joined:
     """Straight lines: the velocity jumps wherever they meet, and at both ends."""
-    t, q = rows.t, rows.q
-    slopes = np.diff(q, axis=0) / np.diff(t)[:, None]
-    v = np.vstack([slopes, slopes[-1:]])
-    steps = np.zeros_like(slopes)
-    draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
-    motion = draft.with_torques(dynamics.inverse)
+    robot, t = rows.robot, rows.t
+    slopes = np.diff(rows.q, axis=0) / np.diff(t)[:, None]
+    motion = rows.motion(np.vstack([slopes, slopes[-1:]]), np.zeros_like(slopes))
     before = np.zeros(robot.n) if velocity is None else velocity
     jumps = np.abs(np.diff(np.vstack([before, slopes]), axis=0))
     k, joint = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
@@ -263,9 +235,9 @@ def _straight(
     return Joined(motion, "linear", note if jumps[k, joint] > 0.0 else "")
 
 
-def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
+def _as_recorded(rows: _Rows) -> Joined:
     """The motion that rows were taken from, as far as they tell."""
-    t, q, v, a, u = rows
+    robot, t, q, v, a, u = rows
     manner, steps = "cubic", None
     if not rows.known("v"):
         manner = "spline"
@@ -277,17 +249,17 @@ def _as_recorded(rows: _Rows, robot: Robot, dynamics: RobotDynamics) -> Joined:
         if stepwise[0].size > t.size:
             u = np.full(stepwise[1].shape, np.nan)
         t, q, v, steps = stepwise
-    elif _holds_torques(rows, robot):
+    elif _holds_torques(rows):
         motion = Trajectory(robot.joint_names, t, q, v, u)
         return Joined(motion, "held")
     elif not cubics_that_jump(t, q, v, a) and (
-        _is_smooth(t, v, a) or not _overshoots(rows, robot)
+        _is_smooth(t, v, a) or not _overshoots(rows)
     ):
         manner, steps = "quintic", a
     if np.isnan(u).any():
-        draft = Trajectory(robot.joint_names, t, q, v, 0.0 * q, steps)
-        return Joined(draft.with_torques(dynamics.inverse), manner)
-    motion = Trajectory(robot.joint_names, t, q, v, u, steps, dynamics.inverse)
+        return Joined(_Rows(robot, t, q, v, a, u).motion(v, steps), manner)
+    inverse = RobotDynamics(robot).inverse
+    motion = Trajectory(robot.joint_names, t, q, v, u, steps, inverse)
     return Joined(motion, manner)
 
 
@@ -354,38 +326,34 @@ def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[in
     return [names.index(name) for name in robot.joint_names]
 
 
-def _holds_torques(rows: _Rows, robot: Robot) -> bool:
+def _holds_torques(rows: _Rows) -> bool:
     """Whether the samples are the nodes of a motion whose torques are held.
 
     Its accelerations are those of the cubics through the nodes, and its torques are not
     what these cubics take: they are what it was made from. Where a joint stands dry
     friction may take anything up to its limit, as before a stop and after it.
     """
-    t, q, v, a, u = rows
-    if not (rows.known("v") and rows.known("a") and rows.known("u")):
+    robot, t, q, v, a, u = rows
+    if not all(map(rows.known, "vau")):
         return False
-    cubic = Trajectory(robot.joint_names, t, q, v, 0.0 * q)(t).a
-    if np.any(np.abs(cubic - a) > SAME * np.abs(a).max()):
+    if np.any(np.abs(rows.curve()(t).a - a) > SAME * np.abs(a).max()):
         return False
-    rest, friction = (
-        u - RobotDynamics(robot, dry=False).inverse(q, v, a),
-        robot.friction,
-    )
+    rest = u - RobotDynamics(robot, dry=False).inverse(q, v, a)
+    friction = robot.friction
     standing = np.clip(rest, -friction, friction)
     dry = np.where(np.abs(v) > STANDSTILL, friction * np.sign(v), standing)
     return bool(np.any(np.abs(rest - dry) > SAME * np.abs(u).max()))
 
 
-def _overshoots(rows: _Rows, robot: Robot) -> bool:
+def _overshoots(rows: _Rows) -> bool:
     """Whether polynomials of degree 5 accelerate far beyond what the samples tell."""
-    t, q, v, a, _ = rows
-    if not (rows.known("v") and rows.known("a")):
+    t, a = rows.t, rows.a
+    if not all(map(rows.known, "va")):
         return True
     between = (t[:-1, None] + np.diff(t)[:, None] * np.linspace(0, 1, 9)[1:-1]).ravel()
-    names, none = robot.joint_names, 0.0 * q
-    cubic = np.abs(Trajectory(names, t, q, v, none)(between).a).max(axis=0)
+    cubic = np.abs(rows.curve()(between).a).max(axis=0)
     largest = np.maximum(cubic, np.abs(a).max(axis=0))
-    found = np.abs(Trajectory(names, t, q, v, none, a)(between).a).max(axis=0)
+    found = np.abs(rows.curve(a)(between).a).max(axis=0)
     return bool(np.any(found > (1.0 + OVERSHOOT) * largest))
 
 

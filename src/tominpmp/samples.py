@@ -1,17 +1,22 @@
-"""Motions as samples: one row a time."""
+"""Motions as samples: one row a time; at which times, and how they are joined."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
-from tominpmp.checks import wrong
+from tominpmp.checks import choice, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
-from tominpmp.sampling import Interpolation, check_interpolation
+
+# How samples are joined, see Samples.
+Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
+INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
+# Nanoseconds in a second: clocks of controllers count them.
+BILLION = 10**9
 
 
 def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
@@ -25,39 +30,54 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
     return names
 
 
-def _called(record: Any, name: str) -> str:
-    whole = not isinstance(record, Samples)
-    return f"trajectory field {name!r}" if whole else f"samples: {name}"
+class Rows(Record):
+    """Base of records that have names of joints, and a row of numbers a time."""
 
+    joint_names: tuple[str, ...]
+    t: Array
+    segment_ends: Array | None
 
-def numbers(name: str, record: Any) -> Array:
-    """A field of samples or a trajectory as an array of numbers."""
-    value = getattr(record, name)
-    try:
-        return real_array(value)
-    except ValueError as error:
-        raise ProblemError(
-            f"{_called(record, name)} is {brief(value)}, expected numbers", name
-        ) from error
+    def _take(self, name: str, called: str) -> Array:
+        """Take a field as an array of numbers."""
+        value = getattr(self, name)
+        try:
+            found = real_array(value)
+        except ValueError as error:
+            raise ProblemError(
+                f"{called.format(name)} is {brief(value)}, expected numbers", name
+            ) from error
+        self._keep(**{name: found})
+        return found
 
+    def _take_rows(self, called: str, row: str, columns: str) -> None:
+        """Take names of joints, times, and fields that have a column for each joint."""
+        self._keep(joint_names=names(self.joint_names))
+        m, n = self._take("t", called).size, len(self.joint_names)
+        self._check_shape("t", called, (m,), f"one time for each {row}")
+        for name in columns:
+            self._take(name, called)
+            layout = f"one row a {row}, one column a joint"
+            self._check_shape(name, called, (m, n), layout)
 
-def check_shape(
-    record: Any,
-    name: str,
-    shape: tuple[int, ...],
-    layout: str,
-) -> None:
-    """Check the shape of a field of samples or a trajectory."""
-    found = getattr(record, name).shape
-    if found != shape:
-        raise ProblemError(
-            f"{_called(record, name)} has shape {found}, expected {shape}: {layout}",
-            name,
-        )
+    def _check_shape(
+        self, name: str, called: str, shape: tuple[int, ...], layout: str
+    ) -> None:
+        found = getattr(self, name).shape
+        if found != shape:
+            raise ProblemError(
+                f"{called.format(name)} has shape {found}, expected {shape}: {layout}",
+                name,
+            )
+
+    def _segments_at(self, times: Array) -> IntArray:
+        """Index of the segment at times, the later one where one ends."""
+        if self.segment_ends is None:
+            return np.zeros(times.size, dtype=np.int64)
+        return np.searchsorted(self.segment_ends[:-1], times, side="right")
 
 
 @dataclass(frozen=True, eq=False)
-class Samples(Record):
+class Samples(Rows):
     """A trajectory sampled at many times, one row a time.
 
     Attributes:
@@ -89,21 +109,13 @@ class Samples(Record):
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
-        object.__setattr__(self, "joint_names", names(self.joint_names))
-        for name in ("t", "q", "v", "a", "u"):
-            object.__setattr__(self, name, numbers(name, self))
-        rows, n = self.t.size, len(self.joint_names)
-        check_shape(self, "t", (rows,), "one time a row")
-        for name in ("q", "v", "a", "u"):
-            layout = "one row a time, one column a joint"
-            check_shape(self, name, (rows, n), layout)
+        self._take_rows("samples: {}", "time", "qvau")
         check_interpolation(self.interpolation)
         if self.segment_ends is not None:
             self._check_segments()
 
     def _check_segments(self) -> None:
-        object.__setattr__(self, "segment_ends", numbers("segment_ends", self))
-        ends = np.asarray(self.segment_ends)
+        ends = self._take("segment_ends", "samples: {}")
         listed = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
         rising = listed and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
         if not (rising and ends[-1] <= self.t[-1]):
@@ -114,9 +126,7 @@ class Samples(Record):
     @property
     def segment_numbers(self) -> IntArray:
         """Number of the segment of each row, from 1; the later one where one ends."""
-        if self.segment_ends is None:
-            return np.ones(self.t.size, dtype=np.int64)
-        return 1 + np.searchsorted(self.segment_ends[:-1], self.t, side="right")
+        return 1 + self._segments_at(self.t)
 
     def __repr__(self) -> str:
         """Joints, rows and times, on one line."""
@@ -126,3 +136,32 @@ class Samples(Record):
             f"<Samples of {len(self.joint_names)} joints ({joints}): {self.t.size} "
             f"rows, {span}>"
         )
+
+
+def check_interpolation(name: object) -> None:
+    """Check the name of a way to join samples.
+
+    Raises:
+        ProblemError: If there is none of that name.
+    """
+    choice(name, INTERPOLATIONS, "interpolation")
+
+
+def clock(duration: float, period: float) -> Array:
+    """Times of a clock over a motion [s]: 0, period, 2 period, ..., duration.
+
+    Each is the multiple itself, not a sum of periods, and of whole nanoseconds where
+    the period is: the number that one would type. The last interval is shorter where
+    the duration is no multiple.
+    """
+    count = int(np.ceil(duration / period * (1.0 - 1e-9)))
+    return np.append(multiples(np.arange(count), period), duration)
+
+
+def multiples(ticks: Array | IntArray, period: float) -> Array:
+    """Times of ticks, shape (m,) [s]: of whole nanoseconds where the period is."""
+    # Of a period as long as this no double knows the nanoseconds, or it overflows.
+    whole = round(period * BILLION) if period < BILLION else 0
+    if whole > 0 and whole / BILLION == period:
+        return np.asarray(ticks * float(whole) / BILLION)
+    return np.asarray(ticks * period, dtype=np.float64)

@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, overload, runtime_checka
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, BoolArray, IntArray, Record, in_brief, real_array
+from tominpmp.arrays import Array, BoolArray, IntArray, in_brief, real_array
 from tominpmp.checks import array, number, whole, wrong
 from tominpmp.curves import polynomials, states, velocities
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.notebook import motion_card
-from tominpmp.samples import Samples, check_shape, names, numbers
-from tominpmp.sampling import clock
+from tominpmp.samples import Rows, Samples, clock
 from tominpmp.turns import Turns
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(Record):
+class Trajectory(Rows):
     """A motion of all joints from time 0 to its duration.
 
     Two trajectories are equal if their nodes are. A motion that takes no time, since it
@@ -120,7 +119,6 @@ class Trajectory(Record):
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
-        object.__setattr__(self, "joint_names", names(self.joint_names))
         for name in ("inverse_dynamics", "holding"):
             function = getattr(self, name)
             if function is not None and not callable(function):
@@ -128,28 +126,23 @@ class Trajectory(Record):
         own = self.segment_dynamics
         if not (isinstance(own, list | tuple) and all(map(callable, own))):
             raise wrong(own, "segment_dynamics", f"for each segment {DYNAMICS}")
-        for name in ("t", "q", "v", "u", "a"):
-            if name != "a" or self.a is not None:
-                object.__setattr__(self, name, numbers(name, self))
-        nodes, n = self.t.size, len(self.joint_names)
-        check_shape(self, "t", (nodes,), "one time a node")
-        for name in ("q", "v", "u"):
-            layout = "one row a node, one column a joint"
-            check_shape(self, name, (nodes, n), layout)
+        called = "trajectory field {!r}"
+        self._take_rows(called, "node", "qvu")
         increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
-        if nodes < 1 or not increasing or self.t[0] != 0.0:
+        if self.t.size < 1 or not increasing or self.t[0] != 0.0:
             raise ProblemError(
                 "trajectory times must be finite and increase from 0 [s]", field="t"
             )
-        if self.a is not None and self.a.shape != (nodes, n):
-            layout = "one row an interval or node, one column a joint"
-            check_shape(self, "a", (nodes - 1, n), layout)
+        if self.a is not None:
+            steps, nodes = self._take("a", called), self.t.size
+            if steps.shape != (nodes, self.n):
+                layout = "one row an interval or node, one column a joint"
+                self._check_shape("a", called, (nodes - 1, self.n), layout)
         if self.segment_ends is not None:
             self._check_segments()
 
     def _check_segments(self) -> None:
-        object.__setattr__(self, "segment_ends", numbers("segment_ends", self))
-        ends = np.asarray(self.segment_ends)
+        ends = self._take("segment_ends", "trajectory field {!r}")
         good = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t))
         if not (good and np.all(np.diff(ends) >= 0.0) and ends[-1] == self.t[-1]):
             raise ProblemError(
@@ -160,10 +153,7 @@ class Trajectory(Record):
 
     def segment_at(self, times: Array) -> IntArray:
         """Index of the segment at times, the later one where one ends, shape (m,)."""
-        times = array(times, "times", (None,), "times [s]")
-        if self.segment_ends is None:
-            return np.zeros(times.size, dtype=np.int64)
-        return np.searchsorted(self.segment_ends[:-1], times, side="right")
+        return self._segments_at(array(times, "times", (None,), "times [s]"))
 
     @property
     def duration(self) -> float:
@@ -262,7 +252,7 @@ class Trajectory(Record):
         """
         # Beyond the degree all are zero, and SciPy counts up to the order.
         order = min(whole(nu, "nu"), 9)
-        curve = polynomials(self.t, self.q, self.v, self.a)
+        curve = polynomials(*self._nodes)
         return curve.derivative(order) if order else curve
 
     def _repr_html_(self) -> str:
@@ -289,8 +279,12 @@ class Trajectory(Record):
             u[mine] = load(q[mine], v[mine], a[mine])
         return State(q, v, a, u)
 
+    @property
+    def _nodes(self) -> tuple[Array, Array, Array, Array | None]:
+        return self.t, self.q, self.v, self.a
+
     def _evaluate(self, times: Array) -> State:
-        q, v, a = states(self.t, self.q, self.v, self.a, times)
+        q, v, a = states(*self._nodes, times)
         node = np.searchsorted(self.t, times, side="right") - 1
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
@@ -329,7 +323,7 @@ class Trajectory(Record):
         """Which way the joints go, and when they turn."""
         if self.t.size == 1:
             return Turns.of_instant(self.t, self.v)
-        return Turns.of(self.t, velocities(self.t, self.q, self.v, self.a))
+        return Turns.of(self.t, velocities(*self._nodes))
 
     def with_torques(
         self,
@@ -347,7 +341,7 @@ class Trajectory(Record):
         found = replace(
             self, inverse_dynamics=inverse_dynamics, segment_dynamics=segment_dynamics
         )
-        a = states(self.t, self.q, self.v, self.a, self.t)[2]
+        a = states(*self._nodes, self.t)[2]
         return replace(found, u=found._torques(self.t, self.q, self.v, a))
 
     def sample(self, dt: float) -> Samples:

@@ -18,8 +18,7 @@ from tominpmp.io.export import export, load_motion
 from tominpmp.io.ros import accelerations_continue
 from tominpmp.robot import Robot
 from tominpmp.sampled_motion import join, recorded_motion
-from tominpmp.samples import Samples
-from tominpmp.sampling import clock
+from tominpmp.samples import Samples, clock
 from tominpmp.trajectory import Trajectory
 
 ROS_ENDINGS = ("yaml", "json", "mcap")

@@ -16,7 +16,7 @@ from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED
 from tominpmp.exceptions import ProblemError
 from tominpmp.io.export_check import ExportCheck, check_file
-from tominpmp.sampling import Interpolation
+from tominpmp.samples import Interpolation
 
 # Rules that are shown where a message breaks more.
 SHOWN = 5

@@ -43,8 +43,7 @@ from tominpmp.io.tables import (
     write_csv,
     write_npz,
 )
-from tominpmp.samples import Samples
-from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.samples import Interpolation, Samples, check_interpolation
 from tominpmp.trajectory import Trajectory
 
 # Tables as large as :mod:`~tominpmp.io.tables` reads them fit in, and messages of

@@ -38,8 +38,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.sampled_motion import Joined, join
-from tominpmp.samples import Samples
-from tominpmp.sampling import Interpolation, check_interpolation
+from tominpmp.samples import Interpolation, Samples, check_interpolation
 from tominpmp.solution import Solution
 from tominpmp.trajectory import Trajectory
 from tominpmp.verification import Verification, verify

@@ -13,10 +13,9 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
-from tominpmp.reversals import reversals
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.turns import directions
+from tominpmp.turns import directions, reversals
 
 
 def driven_joints(system: ProblemFunctions) -> IntArray:

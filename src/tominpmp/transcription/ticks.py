@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.sampling import multiples
+from tominpmp.samples import multiples
 from tominpmp.trajectory import Trajectory
 
 # Durations that are a multiple of the period but for this share of it are one.
