@@ -6,9 +6,10 @@ was checked once stays as it was checked.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import MISSING, fields
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,8 @@ BoolArray = NDArray[np.bool_]
 #: Marks what may be None although it is not where all is well: whoever has a solution
 #: that is a success need not ask. Type checkers know the other type beside it.
 MaybeNone: TypeAlias = Any
+
+_R = TypeVar("_R", bound="Record")
 
 # A range may stand for any number of numbers without holding them.
 MOST_NUMBERS = 10_000_000
@@ -171,6 +174,14 @@ class Record:
         """Set fields of a record that is being made, to what is kept in them."""
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    def _altered(self: _R, *forgotten: str, **values: Any) -> _R:
+        """A copy with other values, unchecked, that has forgotten cached properties."""
+        other = copy.copy(self)
+        for name in forgotten:
+            other.__dict__.pop(name, None)
+        other._keep(**values)
+        return other
 
     def _values(self) -> tuple[Any, ...]:
         """What is compared: the fields, with arrays as shapes and numbers."""

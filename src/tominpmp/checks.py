@@ -59,6 +59,17 @@ def instance(
     return value
 
 
+def of_kind(value: object, kinds: type, name: str, expected: str) -> None:
+    """Check the type of an argument whose value says less than its type, if wrong.
+
+    Raises:
+        ProblemError: If it is of another type.
+    """
+    if not isinstance(value, kinds):
+        kind = type(value).__name__
+        raise ProblemError(f"{name} is a {kind}, expected {expected}", name)
+
+
 def flag(value: object, name: str) -> bool:
     """Check a truth value.
 

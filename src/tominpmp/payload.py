@@ -67,18 +67,17 @@ class Payload(Record):
         for key in ("frame", "name"):
             text(getattr(self, key), f"payload.{key}", "a name")
         mass = number(self.mass, "payload.mass", "a mass >= 0 [kg]", least=0.0)
-        object.__setattr__(self, "mass", mass)
         com = vector(self.com, "payload.com", "three coordinates [m]", 3)
-        object.__setattr__(self, "com", com)
+        self._keep(mass=mass, com=com)
         if self.inertia is not None:
-            tensor = checked_inertia(self.inertia, "payload.inertia")
-            object.__setattr__(self, "inertia", tensor)
-        object.__setattr__(self, "geometry", self._checked_geometry())
-
-    def _checked_geometry(self) -> tuple[Obstacle, ...]:
-        expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
+            self._keep(inertia=checked_inertia(self.inertia, "payload.inertia"))
         if isinstance(self.geometry, Obstacle):
-            object.__setattr__(self, "geometry", (self.geometry,))
+            self._keep(geometry=(self.geometry,))
+        self._check_geometry()
+        self._keep(geometry=tuple(self.geometry))
+
+    def _check_geometry(self) -> None:
+        expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
         instance(self.geometry, Sequence, "payload.geometry", expected)
         for item in self.geometry:
             known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
@@ -94,7 +93,6 @@ class Payload(Record):
                     "expected none: it goes with the frame",
                     "payload.geometry",
                 )
-        return tuple(self.geometry)
 
 
 def checked_inertia(value: object, name: str) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 import math
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.checks import instance, number
+from tominpmp.checks import instance, number, of_kind
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
@@ -28,6 +27,7 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
 from tominpmp.segments import (
+    SOME_GOAL,
     Segment,
     check_names,
     checked_pairs,
@@ -106,27 +106,16 @@ class Problem(Record):
 
     def __post_init__(self) -> None:
         """Check everything that can be told without planning."""
-        if not isinstance(self.robot, Robot):
-            raise ProblemError(
-                f"robot is a {type(self.robot).__name__}, expected a Robot "
-                "(see load_robot)",
-                "robot",
-            )
+        of_kind(self.robot, Robot, "robot", "a Robot (see load_robot)")
         # What a goal does not name stays at the start, as it is put onto limits.
         snapped = self._snap_start()
         self._take_segments()
-        if not isinstance(self.goal, Goal):
-            raise ProblemError(
-                f"goal is a {type(self.goal).__name__}, expected a JointGoal, "
-                "PositionGoal, PoseGoal or another goal, or segments",
-                "goal",
-            )
-        goal = self.goal.resolved(self.robot, self.q_start)
-        object.__setattr__(self, "goal", goal)
-        scene = as_scene(self.scene, "scene")
-        object.__setattr__(self, "scene", scene)
-        margin = number(self.margin, "margin", "a length >= 0 [m]", least=0.0)
-        object.__setattr__(self, "margin", margin)
+        of_kind(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
+        self._keep(
+            goal=self.goal.resolved(self.robot, self.q_start),
+            scene=as_scene(self.scene, "scene"),
+            margin=number(self.margin, "margin", "a length >= 0 [m]", least=0.0),
+        )
         own = "True, False or None"
         instance(self.self_collision, (bool, NoneType), "self_collision", own)
         names, limits = self.robot.joint_names, self.robot.motion_limits
@@ -134,23 +123,22 @@ class Problem(Record):
             instance(self.motion_limits, MotionLimits, "motion_limits", "MotionLimits")
             self.motion_limits.check(names)
             limits = self.motion_limits.over(limits, names)
-        object.__setattr__(self, "motion_limits", limits)
-        check_names(self.may_touch, self.robot, scene)
+        self._keep(motion_limits=limits)
+        check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
             self.goal.validate(self.robot)
-        object.__setattr__(self, "constraints", checked(self.constraints, self.robot))
+        self._keep(constraints=checked(self.constraints, self.robot))
         check_window(self.constraints, bool(self.segments))
         for k, part in enumerate(self.segments):
             check_window(part.constraints, True, f"segments[{k}].constraints")
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
             phases, of_goal = self._phases
-            segments = self._aiming_at([phase.goal for phase in phases])
-            object.__setattr__(self, "segments", segments)
-            goal = segments[-1].goal
+            self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
+            self._keep(goal=self.segments[-1].goal)
         else:
-            goal, of_goal = self._checks.goal(goal)
-        object.__setattr__(self, "goal", goal)
+            goal, of_goal = self._checks.goal(self.goal)
+            self._keep(goal=goal)
         for message in (*snapped, *of_goal):
             warn_caller(message)
 
@@ -235,27 +223,22 @@ class Problem(Record):
             own.check(robot.joint_names)
             limits = own if limits is None else own.over(limits, robot.joint_names)
         scene = self.scene if segment.scene is None else segment.scene
-        changes = {
-            "robot": robot,
-            "q_start": q_start,
-            "v_start": self.v_start if number == 0 else None,
-            "scene": scene,
-            "motion_limits": limits,
-            "constraints": self.constraints + checked(segment.constraints, robot),
-            "may_touch": (*self.may_touch, *segment.may_touch),
-            "segments": (),
-        }
-        phase = copy.copy(self)
-        for name, value in changes.items():
-            object.__setattr__(phase, name, value)
-        check_names(segment.may_touch, robot, scene)
         same = robot is self.robot and scene is self.scene and not segment.may_touch
-        for name in ("checker", "margins"):
-            phase.__dict__.pop(name, None)
-            if same:
-                phase.__dict__[name] = getattr(self, name)
-        for name in ("ready_constraints", "_phases"):
-            phase.__dict__.pop(name, None)
+        if same:
+            _ = self.checker, self.margins  # the copy shares them
+        phase = self._altered(
+            *("ready_constraints", "_phases"),
+            *(() if same else ("checker", "margins")),
+            robot=robot,
+            q_start=q_start,
+            v_start=self.v_start if number == 0 else None,
+            scene=scene,
+            motion_limits=limits,
+            constraints=self.constraints + checked(segment.constraints, robot),
+            may_touch=(*self.may_touch, *segment.may_touch),
+            segments=(),
+        )
+        check_names(segment.may_touch, robot, scene)
         last = number == len(self.segments) - 1
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
@@ -270,15 +253,14 @@ class Problem(Record):
         checked_goal, messages = phase._checks.goal(segment.goal, rests)
         if not rests:
             checked_goal = passed(checked_goal)
-        object.__setattr__(phase, "goal", checked_goal)
+        phase._keep(goal=checked_goal)
         return phase, messages
 
     def _take_segments(self) -> None:
         """Check the segments, whose last goal is that of the problem."""
-        pairs = checked_pairs(self.may_touch, "may_touch")
-        object.__setattr__(self, "may_touch", pairs)
+        self._keep(may_touch=checked_pairs(self.may_touch, "may_touch"))
         segments = checked_segments(self.segments)
-        object.__setattr__(self, "segments", segments)
+        self._keep(segments=segments)
         if not segments:
             return
         if self.goal is not None and self.goal is not segments[-1].goal:
@@ -288,8 +270,7 @@ class Problem(Record):
                 "goal",
             )
         segments = resolved_segments(segments, self.robot, self.q_start)
-        object.__setattr__(self, "segments", segments)
-        object.__setattr__(self, "goal", segments[-1].goal)
+        self._keep(segments=segments, goal=segments[-1].goal)
 
     @property
     def _checks(self) -> StateChecks:
@@ -305,8 +286,7 @@ class Problem(Record):
             v = joint_vector(self.robot, self.v_start, "v_start")
         q, of_q = onto_limits(self.robot, "position", q, "q_start")
         v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
-        object.__setattr__(self, "q_start", frozen_array(q))
-        object.__setattr__(self, "v_start", frozen_array(v))
+        self._keep(q_start=frozen_array(q), v_start=frozen_array(v))
         return of_q + of_v
 
     @property
@@ -340,12 +320,10 @@ class Problem(Record):
 
     def _with_goals(self, goals: Sequence[Goal]) -> Problem:
         """The same with one goal for each segment, which were checked before."""
-        other = self._with_goal(goals[-1])
         parts = [p._with_goal(g) for p, g in zip(self.phases, goals, strict=True)]
-        other = copy.copy(other)
-        other.__dict__["_phases"] = tuple(parts), []
-        object.__setattr__(other, "segments", self._aiming_at(goals))
-        return other
+        return self._with_goal(goals[-1])._altered(
+            _phases=(tuple(parts), []), segments=self._aiming_at(goals)
+        )
 
     def _aiming_at(self, goals: Sequence[Goal]) -> tuple[Segment, ...]:
         """The segments with other goals, as they are passed or where the arm stops."""
@@ -378,15 +356,13 @@ class Problem(Record):
         """
         instance(goal, Goal, "goal", "a goal")
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
-        other = copy.copy(self)
-        for name, value in (("q_start", q_start), ("v_start", None)):
-            object.__setattr__(other, name, value)
+        other = self._altered(q_start=q_start, v_start=None)
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
         other._checks.start(other.q_start, other.v_start)
         checked_goal, of_goal = other._checks.goal(goal)
-        object.__setattr__(other, "goal", checked_goal)
+        other._keep(goal=checked_goal)
         for message in (*snapped, *of_goal):
             warn_caller(where + message)
         return other
@@ -396,15 +372,12 @@ class Problem(Record):
         if goal is self.goal:
             return self
         _ = self.checker  # the copy shares it
-        other = copy.copy(self)
-        object.__setattr__(other, "goal", goal)
-        return other
+        return self._altered(goal=goal)
 
     def with_scene(self, scene: Scene) -> Problem:
         """The same problem among other obstacles, clear or not; links as they were."""
-        other = copy.copy(self)
-        for name in ("checker", "margins", "_phases"):
-            other.__dict__.pop(name, None)
-        object.__setattr__(other, "self_collision", self.checker.self_collision)
-        object.__setattr__(other, "scene", as_scene(scene, "scene"))
-        return other
+        return self._altered(
+            *("checker", "margins", "_phases"),
+            self_collision=self.checker.self_collision,
+            scene=as_scene(scene, "scene"),
+        )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, Record, pair_or_nan
-from tominpmp.checks import flag, instance, number, wrong
+from tominpmp.checks import flag, instance, number, of_kind, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -25,6 +25,7 @@ from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
 from tominpmp.trajectory import Trajectory
 
+SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # More goals than this are taken for a mistake.
 MOST_SEGMENTS = 100
 # An arm that moves by no more than this is at rest [rad or m, rad/s or m/s], and times
@@ -84,26 +85,18 @@ class Segment(Record):
 
     def __post_init__(self) -> None:
         """Check the values that need no robot."""
-        if not isinstance(self.goal, Goal):
-            raise ProblemError(
-                f"segment.goal is a {type(self.goal).__name__}, expected a JointGoal, "
-                "PositionGoal, PoseGoal or another goal",
-                "segment.goal",
-            )
+        of_kind(self.goal, Goal, "segment.goal", SOME_GOAL)
         for name, kind in (("motion_limits", MotionLimits), ("payload", Payload)):
             expected = f"{kind.__name__} or None"
             value = getattr(self, name)
             instance(value, (kind, NoneType), f"segment.{name}", expected)
         if self.scene is not None:
-            scene = as_scene(self.scene, "segment.scene")
-            object.__setattr__(self, "scene", scene)
+            self._keep(scene=as_scene(self.scene, "segment.scene"))
         stop = flag(self.stop, "segment.stop")
         dwell = number(self.dwell, "segment.dwell", "a time >= 0 [s]", least=0.0)
-        object.__setattr__(self, "dwell", dwell)
-        object.__setattr__(self, "stop", stop or dwell > 0.0)
-        object.__setattr__(self, "arrival", checked_arrival(self.arrival))
-        pairs = checked_pairs(self.may_touch, "segment.may_touch")
-        object.__setattr__(self, "may_touch", pairs)
+        self._keep(dwell=dwell, stop=stop or dwell > 0.0)
+        self._keep(arrival=checked_arrival(self.arrival))
+        self._keep(may_touch=checked_pairs(self.may_touch, "segment.may_touch"))
         if self.stop and self.goal.ends_moving:
             raise ProblemError(
                 "segment.stop is set, and its goal asks for a velocity", "segment.stop"

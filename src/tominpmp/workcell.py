@@ -17,11 +17,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record
-from tominpmp.checks import instance
+from tominpmp.checks import instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_values import stack_parts
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -93,9 +93,8 @@ class Workcell(Record):
             parts = [(name, *item) for name, item in parts.items()]
         robot = combine_robots(parts, gravity=self.gravity)
         placed = {name: (one, base_placement(name, base)) for name, one, base in parts}
-        object.__setattr__(self, "robots", MappingProxyType(placed))
-        object.__setattr__(self, "gravity", robot.gravity)
-        object.__setattr__(self, "robot", robot)
+        robots = MappingProxyType(placed)
+        self._keep(robots=robots, gravity=robot.gravity, robot=robot)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what it was made of; the robots are combined again."""
@@ -202,12 +201,8 @@ class Workcell(Record):
             ProblemError: If a robot is missing or unknown, or the goals do not go
                 together.
         """
-        if not isinstance(goals, Mapping):
-            raise ProblemError(
-                f"goal is a {type(goals).__name__}, expected goals by the name of the "
-                f"robot: {', '.join(self.robots)}",
-                "goal",
-            )
+        known = ", ".join(self.robots)
+        of_kind(goals, Mapping, "goal", f"goals by the name of the robot: {known}")
         for name in goals:
             self._member(name)
         for name in self.robots:
@@ -224,10 +219,8 @@ class Workcell(Record):
                     "expected a goal or None",
                     "goal",
                 )
-        choices = [
-            (None,) if wanted is None else wanted.alternatives
-            for wanted in (goals[name] for name in self.robots)
-        ]
+        each = [goals[name] for name in self.robots]
+        choices = [(None,) if one is None else one.alternatives for one in each]
         found = [
             self._joined(dict(zip(self.robots, chosen, strict=True)))
             for chosen in itertools.product(*choices)
@@ -238,7 +231,8 @@ class Workcell(Record):
         """One goal of those of the robots, none of which is a set to choose from."""
         for name, goal in goals.items():
             if goal is not None:
-                self._check_goal(name, goal)
+                with told_of(name):
+                    goal.validate(self.robots[name][0])
         given = {k: goal for k, goal in goals.items() if goal is not None}
         q = {
             k: g.configuration for k, g in given.items() if g.configuration is not None
@@ -255,21 +249,11 @@ class Workcell(Record):
             )
         if not given:
             raise ProblemError("goal: no robot has one", "goal")
-        return AllGoals([self._renamed(name, goal) for name, goal in given.items()])
-
-    def _renamed(self, name: str, goal: Goal) -> Goal:
-        """A goal of one robot in the names of the robots combined."""
-        try:
-            return goal.prefixed(f"{name}/", self.robots[name][0])
-        except ProblemError as error:
-            raise ProblemError(f"{name}: {error}", error.field) from error
-
-    def _check_goal(self, name: str, goal: Goal) -> None:
-        """Check a goal against its robot, which messages have to name."""
-        try:
-            goal.validate(self.robots[name][0])
-        except ProblemError as error:
-            raise ProblemError(f"{name}: {error}", error.field) from error
+        renamed = []
+        for name, goal in given.items():
+            with told_of(name):
+                renamed.append(goal.prefixed(f"{name}/", self.robots[name][0]))
+        return AllGoals(renamed)
 
     def split(self, trajectory: Trajectory) -> dict[str, Trajectory]:
         """Take a motion of all robots apart.
@@ -293,10 +277,8 @@ class Workcell(Record):
             )
         motions = {}
         for name, (robot, _) in self.robots.items():
-            rows = [
-                trajectory.joint_names.index(f"{name}/{joint}")
-                for joint in robot.joint_names
-            ]
+            own = [f"{name}/{joint}" for joint in robot.joint_names]
+            rows = [trajectory.joint_names.index(joint) for joint in own]
             inverse = trajectory.inverse_dynamics
             if inverse is not None:
                 # What one robot does needs no torque of another.
