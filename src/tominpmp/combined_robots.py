@@ -20,6 +20,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan
+from tominpmp.checks import plain_vector, split_pose
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import robot_bodies
 from tominpmp.collision.narrow import NarrowPhase
@@ -29,7 +30,6 @@ from tominpmp.description.linkage import Linkage
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined
 from tominpmp.exceptions import ProblemError, SceneError, brief
-from tominpmp.inputs import plain_vector, split_pose
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.robot.robot import assembled

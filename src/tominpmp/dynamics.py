@@ -22,8 +22,14 @@ import pinocchio as pin
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.turns import directions
 
+# Slower joints are at rest [rad/s or m/s] if they accelerate by less than STEADY
+# [rad/s^2 or m/s^2]; with more they are starting or stopping.
+STANDSTILL = 1e-6
+STEADY = 1e-6
+# Joints slower than this are at rest but for rounding [rad/s or m/s]: what comes
+# afterwards tells which way they go.
+RESTING = 1e-10
 # Of so many rows it is looked now and then whether it is time to stop.
 MANY = 5_000
 # Share of its dry friction that holds a joint beyond that: rounding.
@@ -318,6 +324,21 @@ class RobotDynamics:
         # The friction is a torque -D v: its derivative passes through the inverse mass.
         f_x[:, n:, n:] -= f_u[:, n:] * self.robot.damping
         return acceleration
+
+
+def directions(v: Array, a: Array) -> Array:
+    """Which way joints move, or are about to if they are at rest.
+
+    Args:
+        v: Velocities, shape (m, n) [rad/s or m/s].
+        a: Accelerations just afterwards, shape (m, n).
+
+    Returns:
+        1, -1, or 0 for joints that remain at rest, shape (m, n).
+    """
+    way = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
+    resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
+    return np.where(resting, 0.0, way)
 
 
 def from_upper(matrices: Array) -> Array:

@@ -1,4 +1,9 @@
-"""Where frames of a robot are and how they move, with derivatives."""
+"""Where frames of a robot are and how they move, with derivatives.
+
+:class:`RobotKinematics` looks at one state at a time, :class:`FrameMotions` at many:
+rows are states, as in :class:`~tominpmp.dynamics.RobotDynamics`. Pinocchio is called
+state by state; everything after it is done for all states together.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.checks import JOINTS, array
 from tominpmp.robot import Robot
 
 # Lengths that scale others [m]: of an arm without any, and the farthest that a joint is
@@ -158,3 +164,221 @@ def prismatic_joints(robot: Robot) -> BoolArray:
 def _slides(model: pin.Model, joint: int) -> bool:
     kind = str(model.joints[joint].shortname())
     return kind.startswith("JointModelP")
+
+
+LOCAL = pin.ReferenceFrame.LOCAL
+WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class Placements(NamedTuple):
+    """Where a frame is.
+
+    Attributes:
+        rotation: Orientations frame_to_world, shape (m, 3, 3).
+        origin: Its origin in the world, shape (m, 3) [m].
+    """
+
+    rotation: Array
+    origin: Array
+
+
+class SpatialStates(NamedTuple):
+    """Spatial velocities and accelerations of a frame in its own axes.
+
+    Linear parts are before angular ones.
+
+    Attributes:
+        rotation: Orientations frame_to_world, shape (m, 3, 3).
+        velocity: Shape (m, 6) [m/s, rad/s].
+        acceleration: Shape (m, 6) [m/s^2, rad/s^2]; of spatial vectors, not of points.
+    """
+
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+
+
+class SpatialSlopes(NamedTuple):
+    """Derivatives of the quantities of :class:`SpatialStates`.
+
+    Attributes:
+        v_q: Of velocities by q, shape (m, 6, n).
+        v_v: Of velocities by v, and of accelerations by a: the Jacobians.
+        a_q: Of accelerations by q.
+        a_v: Of accelerations by v.
+    """
+
+    v_q: Array
+    v_v: Array
+    a_q: Array
+    a_v: Array
+
+
+class FrameMotions:
+    """Placements and motions of a frame of a robot.
+
+    Args:
+        robot: The robot.
+        frame: Name of the frame.
+
+    Raises:
+        FrameNotFound: If there is no such frame.
+    """
+
+    def __init__(self, robot: Robot, frame: str) -> None:
+        self.robot, self.frame = robot, frame
+        self._index = robot.frame_id(frame)
+        self._data = robot.model.createData()  # scratch of the algorithms
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the scratch data."""
+        return type(self), (self.robot, self.frame)
+
+    def placements(self, q: Array) -> Placements:
+        """Where the frame is at positions, shape (m, n) [rad or m]."""
+        model, data, index = self.robot.model, self._data, self._index
+        (rows,) = self._expanded(q)
+        found = Placements(np.empty((len(rows), 3, 3)), np.empty((len(rows), 3)))
+        for k, row in enumerate(rows):
+            pin.forwardKinematics(model, data, row)
+            place = pin.updateFramePlacement(model, data, index)
+            found.rotation[k], found.origin[k] = place.rotation, place.translation
+        return found
+
+    def jacobians(self, q: Array, *, local: bool = False) -> Array:
+        """Jacobians at positions: linear parts above angular ones, shape (m, 6, n).
+
+        Args:
+            q: Positions, shape (m, n).
+            local: Whether in the axes of the frame, else in those of the world.
+        """
+        model, data, index = self.robot.model, self._data, self._index
+        axes, nv = LOCAL if local else WORLD, self.robot.model.nv
+        (rows,) = self._expanded(q)
+        found = np.empty((len(rows), 6, nv))
+        for k, row in enumerate(rows):
+            jacobian = pin.computeFrameJacobian(model, data, row, index, axes)
+            # Pinocchio drops the second dimension of arms with a single joint.
+            found[k] = jacobian.reshape(6, nv)
+        return self.robot.reduce_tangent(found)
+
+    def velocities(self, q: Array, v: Array) -> Array:
+        """Velocities of its origin in the world, shape (m, 3) [m/s]."""
+        model, data, index = self.robot.model, self._data, self._index
+        parts = self._expanded(q, v=v)
+        found = np.empty((len(parts[0]), 3))
+        for k, state in enumerate(zip(*parts, strict=True)):
+            pin.forwardKinematics(model, data, *state)
+            found[k] = pin.getFrameVelocity(model, data, index, WORLD).linear
+        return found
+
+    def velocity_slopes(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Velocities of its origin in the world, and their derivatives by q and v.
+
+        Returns:
+            Shapes (m, 3), (m, 3, n) and (m, 3, n).
+        """
+        q = array(q, "q", (None, self.robot.n), JOINTS)
+        state, slopes = self.spatial_slopes(q, v, np.zeros_like(q))
+        linear = state.velocity[:, :3]
+        # d(R v) = R (dv + w x v), as the axes of the frame turn with q.
+        turned = slopes.v_q[:, :3] - skew(linear) @ slopes.v_v[:, 3:]
+        rotation = state.rotation
+        velocity = times(rotation, linear)
+        return velocity, rotation @ turned, rotation @ slopes.v_v[:, :3]
+
+    def accelerations(self, q: Array, v: Array, a: Array) -> Array:
+        """Accelerations of its origin in the world, shape (m, 3) [m/s^2]."""
+        state = self.spatial(q, v, a)
+        return times(state.rotation, _of_origin(state))
+
+    def acceleration_slopes(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Accelerations of its origin in the world, and their derivatives.
+
+        Returns:
+            Accelerations, shape (m, 3), and derivatives by q, v and a, shape (m, 3, n)
+            each.
+        """
+        state, by = self.spatial_slopes(q, v, a)
+        own = _of_origin(state)
+        w, x = skew(state.velocity[:, 3:]), skew(state.velocity[:, :3])
+        # Of R own, where R turns with q by R dR = v_v[3:].
+        by_q = by.a_q[:, :3] + w @ by.v_q[:, :3] - x @ by.v_q[:, 3:]
+        by_q -= skew(own) @ by.v_v[:, 3:]
+        by_v = by.a_v[:, :3] + w @ by.v_v[:, :3] - x @ by.v_v[:, 3:]
+        turn = state.rotation
+        return times(turn, own), turn @ by_q, turn @ by_v, turn @ by.v_v[:, :3]
+
+    def spatial(self, q: Array, v: Array, a: Array) -> SpatialStates:
+        """Spatial velocities and accelerations, without derivatives.
+
+        Args:
+            q: Positions, shape (m, n).
+            v: Velocities, shape (m, n).
+            a: Accelerations, shape (m, n).
+        """
+        parts = self._expanded(q, v=v, a=a)
+        found = self._empty(len(parts[0]))
+        model, data = self.robot.model, self._data
+        for k, state in enumerate(zip(*parts, strict=True)):
+            pin.forwardKinematics(model, data, *state)
+            self._read(found, k)
+        return found
+
+    def spatial_slopes(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[SpatialStates, SpatialSlopes]:
+        """Spatial velocities and accelerations, and their derivatives."""
+        states, robot = self._expanded(q, v=v, a=a), self.robot
+        found = self._empty(len(states[0]))
+        model, data, index, nv = robot.model, self._data, self._index, robot.model.nv
+        parts = np.empty((4, len(states[0]), 6, nv))
+        for k, state in enumerate(zip(*states, strict=True)):
+            pin.computeForwardKinematicsDerivatives(model, data, *state)
+            by = pin.getFrameAccelerationDerivatives(model, data, index, LOCAL)
+            for part, slope in zip(parts, by, strict=True):
+                part[k] = slope.reshape(6, nv)
+            self._read(found, k)
+        v_q, a_q, a_v, v_v = robot.reduce_tangent(parts)
+        return found, SpatialSlopes(v_q, v_v, a_q, a_v)
+
+    def _expanded(self, q: Array, **rates: Array) -> tuple[Array, ...]:
+        """Check states in rows, and bring them to the joints of the model."""
+        robot = self.robot
+        q = array(q, "q", (None, robot.n), JOINTS)
+        rows = [array(x, name, q.shape, JOINTS) for name, x in rates.items()]
+        return robot.expand(q), *map(robot.expand_tangent, rows)
+
+    @staticmethod
+    def _empty(m: int) -> SpatialStates:
+        return SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
+
+    def _read(self, found: SpatialStates, k: int) -> None:
+        """Take over what was computed for a state."""
+        model, data, index = self.robot.model, self._data, self._index
+        found.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
+        found.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
+        spatial = pin.getFrameAcceleration(model, data, index, LOCAL)
+        found.acceleration[k] = spatial.vector
+
+
+def skew(rows: Array) -> Array:
+    """Matrices of x -> r x x for vectors r, shape (m, 3) to (m, 3, 3)."""
+    out = np.zeros((len(rows), 3, 3))
+    x, y, z = rows.T
+    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = x, y, z
+    out[:, 1, 2], out[:, 2, 0], out[:, 0, 1] = -x, -y, -z
+    return out
+
+
+def times(matrices: Array, rows: Array) -> Array:
+    """Products of matrices and vectors, shapes (m, k, l) or (k, l), and (m, l)."""
+    return np.asarray((matrices @ rows[:, :, None])[:, :, 0])
+
+
+def _of_origin(state: SpatialStates) -> Array:
+    """Accelerations of the origin itself, of spatial ones: a + w x v, shape (m, 3)."""
+    turned = np.cross(state.velocity[:, 3:], state.velocity[:, :3])
+    return np.asarray(state.acceleration[:, :3] + turned)

@@ -10,10 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan
-from tominpmp.checks import array, choice, instance, number, positive, whole, wrong
+from tominpmp.checks import (
+    array,
+    choice,
+    instance,
+    number,
+    positive,
+    vector,
+    whole,
+    wrong,
+)
+from tominpmp.checks import names as joints_named
 from tominpmp.exceptions import JointNotFound, ProblemError, told_of
-from tominpmp.inputs import vector
-from tominpmp.samples import names as joints_named
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 

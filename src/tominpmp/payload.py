@@ -16,12 +16,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
-from tominpmp.checks import instance, number, text, wrong
+from tominpmp.checks import VectorLike, instance, number, text, vector, wrong
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import LinkDescription, Shape, UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
-from tominpmp.inputs import VectorLike, vector
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # Products of inertia may differ by this share from those across the diagonal.

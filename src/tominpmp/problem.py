@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.checks import instance, number, of_kind
+from tominpmp.checks import JointsLike, instance, number, of_kind
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.goals import Goal, passed
-from tominpmp.inputs import JointsLike
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table

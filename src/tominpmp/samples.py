@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
-from tominpmp.checks import choice, wrong
+from tominpmp.checks import choice, names, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 
 # How samples are joined, see Samples.
@@ -17,17 +16,6 @@ Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "qui
 INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
 # Nanoseconds in a second: clocks of controllers count them.
 BILLION = 10**9
-
-
-def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
-    """Names of joints as a tuple, if they are names, each its own."""
-    listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-    listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
-    good = listed and all(isinstance(name, str) and name for name in value)
-    names = tuple(str(name) for name in value) if good else ()
-    if not names or len(set(names)) < len(names):
-        raise wrong(value, called, "names of joints, each its own")
-    return names
 
 
 class Rows(Record):

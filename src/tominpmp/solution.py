@@ -10,11 +10,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tominpmp.accelerations import PeakAcceleration, peak_acceleration
 from tominpmp.arrays import MaybeNone
 from tominpmp.checks import flag
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
-from tominpmp.motion_measures import energy_of, roughness, work_of
+from tominpmp.motion_measures import (
+    PeakAcceleration,
+    energy_of,
+    peak_acceleration,
+    roughness,
+    work_of,
+)
 from tominpmp.notebook import outcome_card
 from tominpmp.options import Options
 from tominpmp.problem import Problem

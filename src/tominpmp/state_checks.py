@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, real_array
+from tominpmp.checks import by_joint, in_order
 from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
@@ -16,7 +17,6 @@ from tominpmp.description.model import singular_directions
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import AnyGoal, Goal
-from tominpmp.inputs import by_joint, in_order
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene

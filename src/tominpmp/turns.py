@@ -19,17 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
 
 if TYPE_CHECKING:
     from tominpmp.trajectory import Trajectory
 
-# Slower joints are at rest [rad/s or m/s] if they accelerate by less than STEADY
-# [rad/s^2 or m/s^2]; with more they are starting or stopping.
-STANDSTILL = 1e-6
-STEADY = 1e-6
-# Joints slower than this are at rest but for rounding [rad/s or m/s]: what comes
-# afterwards tells which way they go.
-RESTING = 1e-10
 # Instants as close as this are one, as shares of the duration: floats can hardly tell
 # what is between them.
 SAME = 1e-12
@@ -38,21 +32,6 @@ SAME = 1e-12
 PAUSE = 2e-3
 # Halvings of an interval until a zero is known to the last bit.
 HALVINGS = 54
-
-
-def directions(v: Array, a: Array) -> Array:
-    """Which way joints move, or are about to if they are at rest.
-
-    Args:
-        v: Velocities, shape (m, n) [rad/s or m/s].
-        a: Accelerations just afterwards, shape (m, n).
-
-    Returns:
-        1, -1, or 0 for joints that remain at rest, shape (m, n).
-    """
-    way = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
-    resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
-    return np.where(resting, 0.0, way)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record
-from tominpmp.checks import instance, of_kind
+from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_values import stack_parts
 from tominpmp.dynamics import RobotDynamics
@@ -28,7 +28,6 @@ from tominpmp.goals import (
     Goal,
     JointGoal,
 )
-from tominpmp.inputs import VectorLike
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.state_checks import joint_vector

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, number_or_nan
-from tominpmp.checks import JOINTS, array, instance, whole, wrong
+from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.quantity import one_row
 from tominpmp.exceptions import JointNotFound, ProblemError
-from tominpmp.inputs import vector
 from tominpmp.robot import Robot
 
 NONE = np.zeros(0)

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array
-from tominpmp.checks import positive
+from tominpmp.checks import VectorLike, direction, positive
 from tominpmp.constraints.held_load import HeldLoad
-from tominpmp.inputs import VectorLike, direction
 
 
 @dataclass(frozen=True, eq=False)

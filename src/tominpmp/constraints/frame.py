@@ -10,7 +10,7 @@ from tominpmp.arrays import Array
 from tominpmp.checks import instance, positive, text
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.quantity import Quantity, one_row
-from tominpmp.frame_motions import FrameMotions
+from tominpmp.kinematics import FrameMotions
 from tominpmp.robot import Robot
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.turns import STANDSTILL
+from tominpmp.dynamics import STANDSTILL
 
 # Loads this close to their limits would change if the sign did.
 NEAR = 1e-2

@@ -17,10 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.checks import number, positive
+from tominpmp.checks import number, positive, vector
 from tominpmp.constraints.frame import FrameRows
-from tominpmp.frame_motions import SpatialStates, skew
-from tominpmp.inputs import vector
+from tominpmp.kinematics import SpatialStates, skew
 from tominpmp.payload import checked_inertia
 
 STANDARD_GRAVITY = 9.81

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
+from tominpmp.checks import RotationLike, VectorLike
 from tominpmp.constraints.upright import FrameAngle, KeepUpright
 from tominpmp.exceptions import ProblemError, SceneError
-from tominpmp.inputs import RotationLike, VectorLike
 from tominpmp.scene import rotation_matrix
 
 NONE = np.zeros(0)

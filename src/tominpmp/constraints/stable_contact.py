@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan, frozen_array, is_single
-from tominpmp.checks import number, positive, wrong
+from tominpmp.checks import VectorLike, number, positive, wrong
 from tominpmp.constraints.held_load import HeldLoad
 from tominpmp.constraints.quantity import length_bend
-from tominpmp.inputs import VectorLike
 
 # How far from the tip of a cone, where a load has no weight, it is rounded off [shares
 # of what it holds at rest]: the fastest motions let loads fall almost freely on their

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan
-from tominpmp.checks import array, number, positive, whole, wrong
+from tominpmp.checks import VectorLike, array, number, positive, vector, whole, wrong
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import Way
 from tominpmp.exceptions import brief
-from tominpmp.inputs import VectorLike, vector
 
 NONE = np.zeros(0)
 # Narrower tubes are measured by this, so that rows stay of order one [m].

@@ -9,11 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import positive
+from tominpmp.checks import PoseLike, VectorLike, positive, vector
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import checked_pose, pose_values
-from tominpmp.inputs import PoseLike, VectorLike, vector
 
 NONE = np.zeros(0)
 CORNER = "three coordinates [m]"

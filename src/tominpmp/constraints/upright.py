@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.checks import positive
+from tominpmp.checks import VectorLike, direction, positive
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.goals.direction import deviations
-from tominpmp.inputs import VectorLike, direction
 
 NONE = np.zeros(0)
 # Narrower cones are measured by this angle, so that rows stay of order one [rad].

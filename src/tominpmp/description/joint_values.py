@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan, real_array
+from tominpmp.checks import by_joint, in_order
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError, brief
-from tominpmp.inputs import by_joint, in_order
 
 #: One value for all joints, one for each in joint order, or some by joint name.
 JointValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike]

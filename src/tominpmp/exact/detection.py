@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.dynamics import STANDSTILL
 from tominpmp.exact.structure import Arcs, read_arcs
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.turns import STANDSTILL
 
 # Where velocities are looked at, and what counts as turning, as a share of the largest.
 LOOKS = 1001

@@ -10,19 +10,22 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, Record, array_or_nan, comparable
-from tominpmp.checks import array, instance, text, wrong
+from tominpmp.checks import (
+    POSE,
+    PoseLike,
+    VectorLike,
+    array,
+    direction,
+    instance,
+    split_pose,
+    text,
+    vector,
+    wrong,
+)
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import deviation
 from tominpmp.goals.place import Ball, Label, Place
-from tominpmp.inputs import (
-    POSE,
-    PoseLike,
-    VectorLike,
-    direction,
-    split_pose,
-    vector,
-)
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation, rotation_matrix

@@ -10,11 +10,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray, Record, is_single
-from tominpmp.checks import JOINTS, array, instance, text, whole, wrong
+from tominpmp.checks import (
+    JOINTS,
+    JointsLike,
+    array,
+    by_joint,
+    in_order,
+    instance,
+    named_row,
+    text,
+    vector,
+    whole,
+    wrong,
+)
 from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
-from tominpmp.inputs import JointsLike, by_joint, in_order, named_row, vector
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, frozen_array, is_single
-from tominpmp.checks import array, wrong
+from tominpmp.checks import PoseLike, VectorLike, array, vector, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import (
     FrameGoal,
@@ -19,7 +19,6 @@ from tominpmp.goals.frames import (
     rotation_vector,
 )
 from tominpmp.goals.place import Place
-from tominpmp.inputs import PoseLike, VectorLike, vector
 from tominpmp.kinematics import RobotKinematics
 
 EDGES = "three coordinates [m]"

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.dynamics import directions
 from tominpmp.initial_guess.constrained import (
     keeping_paths,
     keeps_positions,
@@ -28,7 +29,6 @@ from tominpmp.initial_guess.rrt import (
 from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
 from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.turns import directions
 
 # Random configurations tried when solving inverse kinematics for a goal on a frame.
 KINEMATIC_STARTS = 20

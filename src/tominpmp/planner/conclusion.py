@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.accelerations import acceleration_remark
 from tominpmp.bounds import LowerBound
+from tominpmp.motion_measures import acceleration_remark
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress

@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.checks import JOINTS, array, instance
+from tominpmp.checks import JOINTS, array, instance, names
 from tominpmp.description.joint_table import JointLimits, JointTable
 from tominpmp.description.joint_values import (
     JointValues,
@@ -36,7 +36,6 @@ from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, bri
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table
 from tominpmp.payload import Payload, attach
-from tominpmp.samples import names
 
 
 @dataclass(frozen=True, eq=False)

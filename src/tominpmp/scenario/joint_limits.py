@@ -10,14 +10,13 @@ from types import MappingProxyType
 from typing import Any
 
 from tominpmp.arrays import record_line
-from tominpmp.checks import flag, instance, number
+from tominpmp.checks import flag, instance, names, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import ScenarioError, brief, warn_caller
 from tominpmp.motion_limits import MotionLimits, limits_by_joint
 from tominpmp.robot import Robot, load_robot, read_source
-from tominpmp.samples import names
 
 # What may lie around the table: nodes of ROS 2, namespaces of parameters.
 _WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")

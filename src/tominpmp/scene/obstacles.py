@@ -14,16 +14,17 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
-from tominpmp.checks import number, wrong
-from tominpmp.exceptions import SceneError, brief
-from tominpmp.inputs import (
+from tominpmp.checks import (
     PoseLike,
     RotationLike,
     VectorLike,
+    number,
     plain_rotation,
     plain_vector,
     split_pose,
+    wrong,
 )
+from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.motion import (
     Motion,
     Placement,

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, IntArray, frozen_array
-from tominpmp.checks import number, wrong
+from tominpmp.checks import RotationLike, VectorLike, number, plain_rotation, wrong
 from tominpmp.exceptions import SceneError
-from tominpmp.inputs import RotationLike, VectorLike, plain_rotation
 from tominpmp.scene.motion import (
     Motion,
     Placement,

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, real_array
-from tominpmp.checks import number, wrong
+from tominpmp.checks import number, split_pose, wrong
 from tominpmp.exceptions import SceneError, brief
-from tominpmp.inputs import split_pose
 from tominpmp.scene.motion import (
     Motion,
     Placement,

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, array_or_nan, frozen_array
+from tominpmp.checks import RotationLike, plain_rotation
 from tominpmp.exceptions import SceneError, brief
-from tominpmp.inputs import RotationLike, plain_rotation
 
 
 def is_rotation(matrix: Array) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.frame_motions import FrameMotions
+from tominpmp.kinematics import FrameMotions
 from tominpmp.payload import Payload
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot

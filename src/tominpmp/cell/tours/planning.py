@@ -29,12 +29,11 @@ from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
 from tominpmp.cell.tours.station import Rules, Station, called, checked_stations
 from tominpmp.cell.tours.tour import Tour
-from tominpmp.checks import flag, instance, whole, wrong
+from tominpmp.checks import JointsLike, flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.targets import place_of
-from tominpmp.inputs import JointsLike
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
