@@ -40,6 +40,20 @@ def rail(folder: Path, reason: str | None, post: str = POST) -> tm.Robot:
     return load(folder, robot(*parts), srdf=semantics)
 
 
+def test_pairs_without_a_reason_are_told_of_unless_they_are_neighbours() -> None:
+    """The SRDF of the UR5 has no reasons."""
+    arm = tm.load_robot("ur5")
+    never = arm.srdf.never_touch
+    assert ("forearm_link", "wrist_2_link") in never
+    assert ("forearm_link", "wrist_1_link") not in never
+    straight = [0.0, -1.2, 1.4, 1.5, 1.5, 0.0]
+    folded = [0.0, -1.2, 1.4, 1.5, 0.0, 0.0]
+    touches = tm.plan(
+        tm.Problem(arm, straight, tm.JointGoal(folded))
+    ).verification.touches
+    assert [touch[:2] for touch in touches] == [("forearm_link", "wrist_2_link")]
+
+
 def past(arm: tm.Robot, **changes: object) -> tm.Problem:
     return tm.Problem(arm, [-1.0], tm.JointGoal([1.0]), **changes)
 

@@ -36,8 +36,9 @@ WITHOUT_EFFECT = (
     "link_sphere_approximation",
     "specificities",
 )
-# The reason for which MoveIt disables pairs that it has not seen to touch.
-NEVER = "Never"
+# The reason for which MoveIt disables pairs that it has not seen to touch, and the one
+# of pairs that a file disables for a link as a whole.
+NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,9 @@ class SemanticDescription:
         path: The file.
         groups: Groups of joints that are planned together.
         rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
-        never_touch: Those of the disabled pairs whose reason is "Never": whoever wrote
-            the file found them apart at all configurations that were tried.
+        never_touch: Those of the disabled pairs that are said, or have to be taken, to
+            be apart at all configurations: with the reason "Never", or without one
+            where two joints or more are between the links.
     """
 
     disabled_pairs: tuple[tuple[str, str], ...]
@@ -110,8 +112,19 @@ def read_srdf(
         path,
         read_groups(root, path, description),
         _rotor_inertias(root, context),
-        tuple(pair for pair, reason in disabled.items() if reason == NEVER),
+        tuple(
+            pair
+            for pair, reason in disabled.items()
+            if reason == NEVER or (not reason and _far_apart(description, *pair))
+        ),
     )
+
+
+def _far_apart(description: UrdfDescription, one: str, other: str) -> bool:
+    """Whether more than one joint can move two links against each other."""
+    between = description.joints_between(one, other)
+    moving = (j for j in description.joints if j.kind != "fixed" and j.name in between)
+    return sum(1 for _ in moving) > 1
 
 
 def _disabled_pairs(
@@ -126,7 +139,9 @@ def _disabled_pairs(
     for element in root.iter("disable_default_collisions"):
         one = context.text(element, "link", element.tag)
         if one in known:
-            pairs |= {_ordered(one, other): "" for other in links if other != one}
+            pairs |= {
+                _ordered(one, other): WHOLE_LINK for other in links if other != one
+            }
         else:
             strangers.add(one)
     for element in root.iter("enable_collisions"):

@@ -47,7 +47,7 @@ class Touch(NamedTuple):
         """Both of them and the time, in a sentence."""
         return (
             f"Links {self.link!r} and {self.other!r} touch at {self.time:.3f} s: they "
-            "are not watched, as the SRDF disables their pair with the reason 'Never'."
+            "are not watched, as the SRDF disables their pair."
         )
 
 
@@ -199,10 +199,10 @@ def never_touching(problem: Problem, replay: Replay) -> tuple[Touch, ...]:
     """Links that touch although the SRDF says that they never do.
 
     An SRDF is obeyed: pairs that it disables are not watched. But the reason "Never"
-    tells of samples that somebody took once; this says where it does not hold, by the
-    meshes of the links at some rows of a replay. Pairs with other reasons, such as
-    "Adjacent" or "Default", or without one, are left out, and so are those that the
-    problem lets touch.
+    tells of samples that somebody took once, and a file without reasons says nothing;
+    this says which links touch, by their meshes at some rows of a replay. Pairs with
+    other reasons, such as "Adjacent" or "Default", are left out, and so are links that
+    one joint moves against each other, and those that the problem lets touch.
     """
     srdf = problem.robot.srdf
     if srdf is None or problem.self_collision is False:
