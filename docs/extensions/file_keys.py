@@ -8,16 +8,16 @@ from collections.abc import Iterable, Mapping
 from tables import entries, field_rows, kinds
 
 import tominpmp as tm
+from tominpmp.cell.tours import Station, tour_file
 from tominpmp.constraints import PathConstraint
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.payload import Payload
 from tominpmp.robot import load_robot
-from tominpmp.scenario import robot_table, scenario, tour_file
+from tominpmp.scenario import robot_table, scenario
 from tominpmp.scenario.records import classes, motions
 from tominpmp.scene import Obstacle
 from tominpmp.segments import Segment
-from tominpmp.cell.tours import Station
 
 # What a file has in a table of its own, or says in another way than the code.
 TABLES = {

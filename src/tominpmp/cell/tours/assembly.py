@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.cell.tours.leg_times import LegTable
 from tominpmp.cell.tours.legs import DIRECT, Legs
 from tominpmp.cell.tours.station import Station
 from tominpmp.cell.tours.tour import Tour, Visit
@@ -111,109 +112,88 @@ class Halt:
         return [Visit(station.name, q, arrival, arrival + stay)]
 
 
-@dataclass(frozen=True, eq=False)
-class Assembly:
-    """Makes a tour of a way through its nodes.
+def assembled(
+    legs: Legs, nodes: Sequence[int], chosen: Sequence[int], status: Status
+) -> Tour:
+    """Put the motions of a way through its nodes together.
 
-    Attributes:
+    Args:
         legs: What is known of the legs.
+        nodes: The nodes of the tour in their order.
+        chosen: The configuration of each.
+        status: How the search ended.
     """
+    table, motions, visits = legs.table, list[Solution](), list[Visit]()
+    robot, period = legs.problem.robot, legs.options.control_period
+    q = [table.nodes[node][c] for node, c in zip(nodes, chosen, strict=True)]
+    station = [
+        None if k is None else legs.stations[k] for k in map(table.station, nodes)
+    ]
+    halts, place = [Halt(robot, 0.0, period)], 0
+    for last in _stops(table, nodes):
+        found = _run(legs, list(zip(nodes, chosen, strict=True)), q, place, last)
+        if found is None:
+            return failed(legs)
+        if not found:
+            # It is there already.
+            visits += halts[-1].visit(station[last], q[last])
+        for motion, reached in found:
+            begin = halts[-1].end
+            motions.append(motion)
+            for k, part in zip(reached, motion.segments, strict=True):
+                if k != reached[0]:
+                    halts.pop()
+                halts.append(Halt(robot, begin + part.arrival, period))
+                there = motion.trajectory(part.arrival).q
+                visits += halts[-1].visit(station[k], there)
+        place = last
+    what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
+    count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
+    return Tour(
+        legs.problem,
+        legs.stations,
+        status,
+        f"{what} over {count} was found, each motion of it verified.",
+        tuple(visit.station for visit in visits),
+        tuple(visits),
+        tuple(motions),
+        direct=sum(m.message.endswith(DIRECT) for m in motions),
+        legs_planned=legs.planned,
+        stays=tuple(halt.stay for halt in halts),
+    )
 
-    legs: Legs
 
-    def tour(self, nodes: Sequence[int], chosen: Sequence[int], status: Status) -> Tour:
-        """Put the motions of a way together.
+def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
+    """Places at which motions end: stops, and some between if these are rare."""
+    stops = [0]
+    for place in range(1, len(nodes)):
+        final = place == len(nodes) - 1
+        if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
+            stops.append(place)
+    return stops[1:]
 
-        Args:
-            nodes: The nodes of the tour in their order.
-            chosen: The configuration of each.
-            status: How the search ended.
-        """
-        configurations = [
-            self.legs.table.nodes[node][c]
-            for node, c in zip(nodes, chosen, strict=True)
-        ]
-        motions: list[Solution] = []
-        robot, period = self.legs.problem.robot, self.legs.options.control_period
-        halts, visits, place = [Halt(robot, 0.0, period)], list[Visit](), 0
-        for last in self._stops(nodes):
-            run = slice(place, last + 1)
-            found = self._run(nodes[run], chosen[run], place, configurations[run])
-            if found is None:
-                return failed(self.legs)
-            if not found:
-                # It is there already.
-                visits += halts[-1].visit(self._at(nodes[last]), configurations[last])
-            for motion, reached in found:
-                begin = halts[-1].end
-                ends = [part.arrival for part in motion.segments]
-                motions.append(motion)
-                for k, end in zip(reached, ends, strict=True):
-                    halts.append(Halt(robot, begin + end, period))
-                    q = motion.trajectory(end).q
-                    visits += halts[-1].visit(self._at(nodes[k]), q)
-                    if k != reached[-1]:
-                        halts.pop()
-            place = last
-        message = self._message(status, len(visits))
-        return Tour(
-            self.legs.problem,
-            self.legs.stations,
-            status,
-            message,
-            tuple(visit.station for visit in visits),
-            tuple(visits),
-            tuple(motions),
-            direct=sum(m.message.endswith(DIRECT) for m in motions),
-            legs_planned=self.legs.planned,
-            stays=tuple(halt.stay for halt in halts),
-        )
 
-    def _at(self, node: int) -> Station | None:
-        station = self.legs.table.station(node)
-        return None if station is None else self.legs.stations[station]
-
-    def _stops(self, nodes: Sequence[int]) -> list[int]:
-        """Places at which motions end: stops, and some between if these are rare."""
-        stops, since = [], 0
-        for place in range(1, len(nodes)):
-            since += 1
-            final = place == len(nodes) - 1
-            if self.legs.table.rests[nodes[place]] or final or since >= MOST_TOGETHER:
-                stops.append(place)
-                since = 0
-        return stops
-
-    def _run(
-        self,
-        nodes: Sequence[int],
-        chosen: Sequence[int],
-        place: int,
-        q: Sequence[Array],
-    ) -> list[tuple[Solution, list[int]]] | None:
-        """Motions from one stop to the next, and the places that each one reaches."""
-        if len(nodes) == 2:
-            leg = (nodes[0], chosen[0], nodes[1], chosen[1])
-            if self.legs.stays(leg):
-                return []
-            found = self.legs.motion(leg)
-            return None if found is None else [(found, [place + 1])]
-        passing = self.legs.passing(nodes, q)
-        if passing is not None:
-            return [(passing, list(range(place + 1, place + len(nodes))))]
-        legs: list[tuple[Solution, list[int]]] = []
-        for k in range(len(nodes) - 1):
-            two = slice(k, k + 2)
-            part = self._run(nodes[two], chosen[two], place + k, q[two])
-            if part is None:
-                return None
-            legs += part
-        return legs
-
-    def _message(self, status: Status, count: int) -> str:
-        what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
-        stations = "1 station" if count == 1 else f"{count} stations"
-        return f"{what} over {stations} was found, each motion of it verified."
+def _run(
+    legs: Legs,
+    way: Sequence[tuple[int, int]],
+    q: Sequence[Array],
+    first: int,
+    last: int,
+) -> list[tuple[Solution, list[int]]] | None:
+    """Motions from one stop to the next, and the places that each one reaches."""
+    if last == first + 1:
+        leg = (*way[first], *way[last])
+        if legs.stays(leg):
+            return []
+        found = legs.motion(leg)
+        return None if found is None else [(found, [last])]
+    stretch = slice(first, last + 1)
+    passing = legs.passing([node for node, _ in way[stretch]], q[stretch])
+    if passing is not None:
+        return [(passing, list(range(first + 1, last + 1)))]
+    each = [_run(legs, way, q, k, k + 1) for k in range(first, last)]
+    parts = [part for part in each if part is not None]
+    return None if len(parts) < len(each) else [item for part in parts for item in part]
 
 
 def failed(legs: Legs) -> Tour:

@@ -13,7 +13,6 @@ together are found by dynamic programming, and the next ones are looked for near
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -159,7 +158,6 @@ STARTS, MORE_STARTS = 24, 400
 NEIGHBOURS = 4
 
 
-@dataclass(frozen=True, eq=False)
 class Configurations:
     """Where a robot can be at stations.
 
@@ -170,33 +168,24 @@ class Configurations:
         leaving: By station from which something is carried, the problem with that.
     """
 
-    problem: Problem
-    goals: tuple[Goal, ...]
-    weights: Array
-    leaving: Mapping[int, Problem] = field(default_factory=dict)
-    _rows: GoalRows = field(init=False, repr=False)
-    _counts: IntArray = field(init=False, repr=False)
-    _first: IntArray = field(init=False, repr=False)
-    _scales: Array = field(init=False, repr=False)
-    _kinematics: RobotKinematics = field(init=False, repr=False)
-    _free: dict[tuple[bytes, int | None], bool] = field(
-        init=False, repr=False, default_factory=dict
-    )
-
-    def __post_init__(self) -> None:
-        """Prepare what goals ask of many configurations."""
-        robot = self.problem.robot
-        each = [goal.alternatives for goal in self.goals]
-        every = [one for alternatives in each for one in alternatives]
-        counts = np.array([len(alternatives) for alternatives in each])
-        object.__setattr__(self, "_counts", counts)
-        object.__setattr__(self, "_first", np.cumsum(counts) - counts)
-        object.__setattr__(self, "_rows", GoalRows(robot, every))
-        kinematics = RobotKinematics(robot)
-        object.__setattr__(self, "_kinematics", kinematics)
-        starts = (goal.place(kinematics, self.problem.q_start) for goal in every)
+    def __init__(
+        self,
+        problem: Problem,
+        goals: tuple[Goal, ...],
+        weights: Array,
+        leaving: Mapping[int, Problem],
+    ) -> None:
+        self.problem, self.goals = problem, goals
+        self.weights, self.leaving = weights, leaving
+        every = [one for goal in goals for one in goal.alternatives]
+        self._counts: IntArray = np.array([len(goal.alternatives) for goal in goals])
+        self._first: IntArray = np.cumsum(self._counts) - self._counts
+        self._rows = GoalRows(problem.robot, every)
+        kinematics = self._rows.kinematics
+        starts = (goal.place(kinematics, problem.q_start) for goal in every)
         scales = [Scales.of(kinematics, start).joints for start in starts]
-        object.__setattr__(self, "_scales", np.stack(scales))
+        self._scales = np.stack(scales)
+        self._free: dict[tuple[bytes, int | None], bool] = {}
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -435,10 +424,8 @@ class Configurations:
         starts = self._random(np.random.default_rng(0), g, 60)
         q, good = self.projected(starts, np.full(60, g, dtype=np.int64))
         if not np.any(good):
-            rests = [
-                np.max(np.abs(self.goals[g].place_residual(self._kinematics, row)[0]))
-                for row in q
-            ]
+            goal, kinematics = self.goals[g], self._rows.kinematics
+            rests = [np.max(np.abs(goal.place_residual(kinematics, x)[0])) for x in q]
             return (
                 "no configuration within the position limits reaches its goal; the "
                 f"nearest one misses it by {min(rests):.2g} m or rad"
@@ -516,14 +503,29 @@ def refined(
         for k, g in enumerate(stations)
         if g is not None and goals[g].configuration is None
     ]
-    way, radius = [np.array(q) for q in way], RADIUS
-    if not open_ones:
-        return way
-    before = np.inf
-    for _ in range(rounds):
-        way, now = _round(
-            configurations, table, nodes, way, stations, open_ones, radius, rng
-        )
+    way, radius, before = [np.array(q) for q in way], RADIUS, np.inf
+    for _ in range(rounds if open_ones else 0):
+        starts = [_around(way, k, radius, rng) for k in open_ones]
+        place = np.repeat(open_ones, [len(rows) for rows in starts])
+        which = np.array([stations[k] for k in place.tolist()], dtype=np.int64)
+        q, good = configurations.projected(np.concatenate(starts), which)
+        q, place = q[good], place[good]
+        choices = [
+            np.concatenate([row[None], q[place == k]]) for k, row in enumerate(way)
+        ]
+        now, bad = 0.0, [(0, 0)]
+        while bad:
+            tried = table.along(nodes, choices)
+            now, chosen = tried.best_configurations(range(len(nodes)))
+            # Whether they are clear is asked of those that would be taken.
+            bad = [
+                (k, c)
+                for k, c in enumerate(chosen)
+                if c and not configurations.free(choices[k][c : c + 1], stations[k])[0]
+            ]
+            for k, c in bad:
+                choices[k] = np.delete(choices[k], c, axis=0)
+        way = [choices[k][c] for k, c in enumerate(chosen)]
         if now > before * (1.0 - LITTLE):
             radius *= SHRINK
         if radius < SMALLEST:
@@ -532,53 +534,17 @@ def refined(
     return way
 
 
-def _round(
-    configurations: Configurations,
-    given: LegTable,
-    order: Sequence[int],
-    way: list[Array],
-    stations: Sequence[int | None],
-    open_ones: Sequence[int],
-    radius: float,
-    rng: np.random.Generator,
-) -> tuple[list[Array], float]:
-    """Try other configurations of all places, and take the best of them."""
-    starts, places = [], []
-    for k in open_ones:
-        around = [way[k - 1]]
-        if k + 1 < len(way):
-            around += [way[k + 1], 0.5 * (way[k - 1] + way[k + 1])]
-        else:
-            around += [way[k - 1]]
-        here = way[k]
-        # No farther than the radius, so that the arm does not fold elsewhere.
-        reach = [here + _cut(q - here, 2.0 * radius) for q in around]
-        random = here + radius * rng.uniform(-1.0, 1.0, (TRIALS, here.size))
-        rows = np.concatenate([np.stack(reach), random])
-        starts.append(rows)
-        places.append(np.full(len(rows), k))
-    q, place = np.concatenate(starts), np.concatenate(places)
-    which = np.array([stations[k] for k in place.tolist()], dtype=np.int64)
-    q, good = configurations.projected(q, which)
-    q, place = q[good], place[good]
-    nodes = [row[None] for row in way]
-    for k in open_ones:
-        nodes[k] = np.concatenate([nodes[k], q[place == k]])
-    while True:
-        table = given.along(order, nodes)
-        duration, chosen = table.best_configurations(range(len(nodes)))
-        # Whether they are clear is asked of those that would be taken.
-        bad = [
-            (k, c)
-            for k, c in enumerate(chosen)
-            if c and not configurations.free(nodes[k][c : c + 1], stations[k])[0]
-        ]
-        if not bad:
-            return [nodes[k][c] for k, c in enumerate(chosen)], duration
-        for k, c in bad:
-            nodes[k] = np.delete(nodes[k], c, axis=0)
-
-
-def _cut(step: Array, most: float) -> Array:
-    longest = float(np.max(np.abs(step), initial=0.0))
-    return step if longest <= most else step * (most / longest)
+def _around(
+    way: Sequence[Array], k: int, radius: float, rng: np.random.Generator
+) -> Array:
+    """Where to look for another configuration of a place, shape (m, n)."""
+    here, before = way[k], way[k - 1]
+    aims = [before, before]
+    if k + 1 < len(way):
+        aims = [before, way[k + 1], 0.5 * (before + way[k + 1])]
+    # No farther than the radius, so that the arm does not fold elsewhere.
+    steps = np.stack(aims) - here
+    longest = np.max(np.abs(steps), axis=1, keepdims=True, initial=0.0)
+    steps *= np.minimum(1.0, 2.0 * radius / np.maximum(longest, 1e-300))
+    random = here + radius * rng.uniform(-1.0, 1.0, (TRIALS, here.size))
+    return np.concatenate([here + steps, random])

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -38,48 +39,39 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     Returns:
         One motion; its segments are the motions, each with the stay at its end.
     """
-    pieces = [_segments(motion) for motion in motions]
-    parts = _alike([piece for some in pieces for piece in some])
+    pieces = [[p.trajectory for p in segments_of(motion, ())] for motion in motions]
+    parts = [part for some in pieces for part in some]
     waits = [
-        stay if k == len(some) - 1 else 0.0
+        stay if part is some[-1] else 0.0
         for some, stay in zip(pieces, stays[1:], strict=True)
-        for k in range(len(some))
+        for part in some
     ]
-    t = [np.zeros(1)]
-    q: list[Array] = []
-    v: list[Array] = []
-    u: list[Array] = []
-    a: list[Array] = []
-    ends: list[float] = []
-    dynamics: list[InverseDynamics] = []
-    now = 0.0
+    if len({part.degree for part in parts}) > 1:
+        parts = [_cubic(part) for part in parts]
+    ends, now = list[float](), 0.0
+    rows: dict[str, list[Array]] = {name: [] for name in ("t", "q", "v", "u", "a")}
     for number, (part, wait) in enumerate(zip(parts, waits, strict=True)):
-        times = part.t
-        nodes: list[Nodes] = [(part.q, part.v, part.u, part.a)]
-        if number == 0 and stays[0] > 0.0:
-            times = np.concatenate([[0.0], stays[0] + part.t])
-            nodes.insert(0, _still(part, 0))
-        if wait > 0.0:
-            times = np.append(times, times[-1] + wait)
-            nodes.append(_still(part, -1))
-        last = number == len(parts) - 1
-        _append(nodes, wait > 0.0, last, q, v, u, a)
-        t.append(now + times[1:])
-        now += float(times[-1])
+        found = _with_stays(part, stays[0] if number == 0 else 0.0, wait)
+        nodes, first = found["t"].size, now
+        now += float(found["t"][-1])
+        found["t"] = first + found["t"]
         ends.append(now)
-        if part.inverse_dynamics is not None:
-            dynamics.append(part.inverse_dynamics)
-    alike = len({id(_robot_of(function)) for function in dynamics}) <= 1
+        for name, values in found.items():
+            # Where one part ends, the nodes of the next one begin.
+            every = len(values) < nodes or number == len(parts) - 1
+            rows[name].append(values if every else values[:-1])
+    dynamics = [p.inverse_dynamics for p in parts if p.inverse_dynamics is not None]
+    known = len(dynamics) == len(parts)
+    several = len({id(_robot_of(function)) for function in dynamics}) > 1
+    arrays: dict[str, Any] = {
+        name: np.concatenate(some) for name, some in rows.items() if some
+    }
     return Trajectory(
         parts[0].joint_names,
-        np.concatenate(t),
-        np.concatenate(q),
-        np.concatenate(v),
-        np.concatenate(u),
-        a=np.concatenate(a) if a else None,
-        inverse_dynamics=dynamics[0] if len(dynamics) == len(parts) else None,
+        **arrays,
+        inverse_dynamics=dynamics[0] if known else None,
         segment_ends=np.array(ends),
-        segment_dynamics=() if alike or len(dynamics) < len(parts) else tuple(dynamics),
+        segment_dynamics=tuple(dynamics) if known and several else (),
     )
 
 
@@ -89,55 +81,29 @@ def _robot_of(dynamics: InverseDynamics) -> object:
     return getattr(owner, "robot", dynamics)
 
 
-Nodes = tuple[Array, Array, Array, Array | None]
-
-
-def _still(part: Trajectory, row: int) -> Nodes:
-    """A node at which the arm stays."""
-    q, v = part.q[row][None], np.zeros_like(part.q[row])[None]
+def _with_stays(part: Trajectory, before: float, after: float) -> dict[str, Array]:
+    """Arrays of a motion with stays before and after it [s]."""
+    found = {"t": part.t, "q": part.q, "v": part.v, "u": part.u}
+    if part.a is not None:
+        found["a"] = part.a
     dynamics = part.inverse_dynamics or part.holding
-    u = part.u[row][None] if dynamics is None else dynamics(q, v, v)
-    return q, v, u, v if part.a is not None else None
-
-
-def _append(
-    nodes: list[Nodes],
-    waits: bool,
-    last: bool,
-    q: list[Array],
-    v: list[Array],
-    u: list[Array],
-    a: list[Array],
-) -> None:
-    """Add nodes of one part; where it ends, those of the next one begin."""
-    rows = [np.concatenate([node[k] for node in nodes]) for k in range(3)]
-    if waits:
-        # Just after the arrival the arm is held.
-        rows[2][-2] = rows[2][-1]
-    for out, row in zip((q, v, u), rows, strict=True):
-        out.append(row if last else row[:-1])
-    accelerations = [node[3] for node in nodes]
-    if accelerations[0] is None:
-        return
-    size = len(rows[0])
-    found = np.concatenate([item for item in accelerations if item is not None])
-    if len(found) == size - 1:
-        a.append(found)
-    elif len(found) >= size:
-        a.append(found[:size] if last else found[: size - 1])
-
-
-def _segments(motion: Trajectory) -> list[Trajectory]:
-    """The segments of a motion, each from time 0."""
-    return [part.trajectory for part in segments_of(motion, ())]
-
-
-def _alike(parts: Sequence[Trajectory]) -> list[Trajectory]:
-    """The same motions as polynomials of one degree, from rest to rest."""
-    degrees = {part.degree for part in parts}
-    if len(degrees) == 1:
-        return list(parts)
-    return [_cubic(part) for part in parts]
+    for stay, row in ((before, 0), (after, -1)):
+        if stay <= 0.0:
+            continue
+        q, rest = part.q[row][None], np.zeros_like(part.q[row])[None]
+        u = part.u[row][None] if dynamics is None else dynamics(q, rest, rest)
+        if row == 0:
+            t = np.append(-stay, found["t"]) + stay
+        else:
+            t = np.append(found["t"], found["t"][-1] + stay)
+            # Just after the arrival the arm is held.
+            found["u"] = np.concatenate([found["u"][:-1], u])
+        for name, value in {"q": q, "v": rest, "u": u, "a": rest}.items():
+            if name in found:
+                both = [value, found[name]] if row == 0 else [found[name], value]
+                found[name] = np.concatenate(both)
+        found["t"] = t
+    return found
 
 
 def _cubic(part: Trajectory) -> Trajectory:

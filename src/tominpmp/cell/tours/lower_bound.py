@@ -11,6 +11,7 @@ itself is found. Stays are added.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
@@ -192,70 +193,53 @@ def _least_times(
     problem: Problem, stations: Sequence[Station], q_end: Array | None
 ) -> Array:
     """Times that no leg between two places beats: start, stations, end."""
-    goals: list[Goal] = [JointGoal(problem.q_start), *(s.goal for s in stations)]
-    rests = [True, *(station.stop for station in stations)]
-    if q_end is not None:
-        goals.append(JointGoal(q_end))
-        rests.append(True)
-    n = len(goals)
-    out = np.zeros((n, n))
-    times, joints = JointTimes.of(problem), problem.robot
-    ranges = [_ranges(goal, joints) for goal in goals]
-    low = [np.stack([lo for lo, _ in r]) for r in ranges]
-    high = [np.stack([hi for _, hi in r]) for r in ranges]
-    frames = frame_times(problem.robot, times, goals, rests)
-    sharp = _Sharp(problem, goals)
+    end = [] if q_end is None else [JointGoal(q_end)]
+    goals: list[Goal] = [JointGoal(problem.q_start), *(s.goal for s in stations), *end]
+    rests = [True, *(station.stop for station in stations), *(True for _ in end)]
+    loaded = {k for k, s in enumerate(stations, 1) if s.payload is not None}
+    times = JointTimes.of(problem)
+    out = frame_times(problem.robot, times, goals, rests)
+    # Ranges of the joints of each alternative of a goal.
+    ranges = [
+        [g.joint_ranges(problem.robot) for g in goal.alternatives] for goal in goals
+    ]
+    low, high = ([np.stack([r[k] for r in some]) for some in ranges] for k in (0, 1))
     told = [bool(np.any(np.isfinite(rows))) for rows in low]
-    for i in range(n):
-        for j in range(n):
-            if i == j:
-                continue
-            if not (told[i] and told[j]):
-                out[i, j] = frames[i, j]
-                continue
-            resting = int(rests[i]) + int(rests[j])
-            way = np.maximum(low[j][None] - high[i][:, None], 0.0)
-            way = np.maximum(way, low[i][:, None] - high[j][None])
-            way = np.where(np.isfinite(way), way, 0.0)
-            each = np.max(times.of_joints(way, resting), axis=-1, initial=0.0)
-            out[i, j] = max(float(np.min(each)), float(frames[i, j]))
-            # What is carried changes what torques can do.
-            loaded = 0 < i <= len(stations) and stations[i - 1].payload is not None
-            if resting == 2 and not loaded:
-                out[i, j] = max(out[i, j], sharp.between(i, j))
+    sharp = _torques_count(problem, goals)
+    for i, j in permutations(range(len(goals)), 2):
+        if not (told[i] and told[j]):
+            continue
+        resting = int(rests[i]) + int(rests[j])
+        way = np.maximum(low[j][None] - high[i][:, None], 0.0)
+        way = np.maximum(way, low[i][:, None] - high[j][None])
+        way = np.where(np.isfinite(way), way, 0.0)
+        each = np.max(times.of_joints(way, resting), axis=-1, initial=0.0)
+        out[i, j] = max(float(np.min(each)), float(out[i, j]))
+        # What is carried changes what torques can do.
+        if sharp and resting == 2 and i not in loaded:
+            out[i, j] = max(out[i, j], _by_torques(problem, goals[i], goals[j]))
     return out
 
 
-def _ranges(goal: Goal, robot: Robot) -> list[tuple[Array, Array]]:
-    """Ranges of the joints of each alternative of a goal."""
-    return [one.joint_ranges(robot) for one in goal.alternatives]
+def _torques_count(problem: Problem, goals: Sequence[Goal]) -> bool:
+    """Whether torques are worth a look: limits of acceleration say nearly all."""
+    limits, given = problem.motion_limits, [g.configuration is not None for g in goals]
+    return (
+        not np.all(np.isfinite(JointTimes.of(problem).acceleration))
+        and sum(given) ** 2 <= MOST_PAIRS
+        and (limits is None or not limits.continuous)
+    )
 
 
-class _Sharp:
-    """Bounds between configurations that take torques into account."""
-
-    def __init__(self, problem: Problem, goals: Sequence[Goal]) -> None:
-        self.problem, self.goals = problem, goals
-        given = [g.configuration is not None for g in goals]
-        limits = problem.motion_limits
-        accelerations = JointTimes.of(problem).acceleration
-        # Where accelerations are limited, they say nearly all there is to say.
-        self.on = (
-            not np.all(np.isfinite(accelerations))
-            and sum(given) ** 2 <= MOST_PAIRS
-            and (limits is None or not limits.continuous)
-        )
-
-    def between(self, i: int, j: int) -> float:
-        """Time that no motion between two goals beats."""
-        begin, end = self.goals[i].configuration, self.goals[j].configuration
-        if not self.on or begin is None or end is None:
-            return 0.0
-        try:
-            leg = self.problem.with_ends(begin, JointGoal(end))
-        except ProblemError:
-            return 0.0
-        return lower_bound(leg).T
+def _by_torques(problem: Problem, goal: Goal, other: Goal) -> float:
+    """Time that no motion between two configurations beats, torques included."""
+    begin, end = goal.configuration, other.configuration
+    if begin is None or end is None:
+        return 0.0
+    try:
+        return lower_bound(problem.with_ends(begin, JointGoal(end))).T
+    except ProblemError:
+        return 0.0
 
 
 def _one_tree(least: Array, ends: bool) -> float:

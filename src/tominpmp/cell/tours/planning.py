@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.cell.tours.assembly import Assembly, failed
+from tominpmp.cell.tours.assembly import assembled, failed
 from tominpmp.cell.tours.configurations import Configurations, refined
 from tominpmp.cell.tours.leg_times import JointTimes, Leg, LegTable
 from tominpmp.cell.tours.legs import Legs, carrying
@@ -72,26 +72,18 @@ class TourSearch:
     """What is known of a tour while it is looked for.
 
     Attributes:
-        problem: Robot, obstacles and limits.
-        stations: The stations.
-        rules: Orders that are allowed.
-        options: How legs are planned.
-        configurations: What is allowed at stations.
-        table: Times of the legs.
         legs: What is known of the legs.
+        rules: Orders that are allowed.
+        configurations: What is allowed at stations.
         rng: Random numbers.
         exact: Whether only times that no motion beats stand for legs not planned.
     """
 
-    problem: Problem
-    stations: tuple[Station, ...]
-    rules: Rules
-    options: Options
-    configurations: Configurations
-    table: LegTable
     legs: Legs
+    rules: Rules
+    configurations: Configurations
     rng: np.random.Generator
-    exact: bool = False
+    exact: bool
 
     @classmethod
     def of(
@@ -99,7 +91,7 @@ class TourSearch:
         problem: Problem,
         stations: tuple[Station, ...],
         rules: Rules,
-        ends: bool,
+        q_end: Array | None,
         count: int,
         options: Options,
         exact: bool,
@@ -118,12 +110,8 @@ class TourSearch:
             for k, station in enumerate(stations)
             if station.payload is not None
         }
-        finder = Configurations(
-            problem,
-            tuple(station.goal for station in stations),
-            times.weights,
-            leaving,
-        )
+        goals = tuple(station.goal for station in stations)
+        finder = Configurations(problem, goals, times.weights, leaving)
         found = finder.search(count, rng)
         for number, rows in enumerate(found):
             if not len(rows):
@@ -134,26 +122,33 @@ class TourSearch:
                 )
         if not exact:
             times = times.with_acceleration(_torque_limited(problem, found))
-        nodes = [problem.q_start[None], *found]
-        rests = [True, *(station.stop for station in stations)]
-        if ends:
-            nodes.append(np.asarray(problem.goal.configuration)[None])
-            rests.append(True)
-        table = LegTable(nodes, rests, times, ends)
-        legs = Legs(problem, stations, options, table)
-        return cls(problem, stations, rules, options, finder, table, legs, rng, exact)
+        last = [] if q_end is None else [q_end[None]]
+        nodes = [problem.q_start[None], *found, *last]
+        rests = [True, *(station.stop for station in stations), *(True for _ in last)]
+        table = LegTable(nodes, rests, times, q_end is not None)
+        return cls(Legs(problem, stations, options, table), rules, finder, rng, exact)
+
+    @property
+    def table(self) -> LegTable:
+        """Times of the legs."""
+        return self.legs.table
 
     def run(self) -> Tour:
         """Look for the tour."""
-        way = self._improved()
+        way = self._order()
+        for _ in range(TURNS):
+            if way is None or not self._refine(way):
+                break
+            way = self._order(way)
         best: tuple[float, Way] | None = None
-        rounds = 10_000 if self.exact else ROUNDS[self.options.effort]
+        rounds = 10_000 if self.exact else ROUNDS[self.legs.options.effort]
         status, number = Status.CONVERGED, 0
         try:
             while way is not None:
                 way = self._settled(way)
                 complete = self._plan_legs(way)
-                length = self._length(way)
+                # Between places that are passed the times are as estimated.
+                length = sum(self.table.time(leg) for leg in self._legs(way))
                 if np.isfinite(length) and (best is None or length < best[0]):
                     best = length, way
                 number += 1
@@ -171,8 +166,7 @@ class TourSearch:
         if best is None:
             return failed(self.legs)
         order, chosen = best[1]
-        legs = Assembly(self.legs)
-        return legs.tour(self.table.way(order), chosen, status)
+        return assembled(self.legs, self.table.way(order), chosen, status)
 
     # -- order and configurations ------------------------------------------------------
 
@@ -181,15 +175,6 @@ class TourSearch:
         begin = () if before is None else before[0]
         length, order, chosen = best_order(self.table, self.rules, self.rng, begin)
         return (order, chosen) if np.isfinite(length) and order else None
-
-    def _improved(self) -> Way | None:
-        """Order and configurations by estimates, in turns."""
-        way = self._order()
-        for _ in range(TURNS):
-            if way is None or not self._refine(way):
-                break
-            way = self._order(way)
-        return way
 
     def _settled(self, way: Way) -> Way:
         """Go around what is on the direct ways of legs, as long as that changes them.
@@ -263,10 +248,6 @@ class TourSearch:
             self.table.scaled(self.legs.factor())
         # As estimated: no other order can be better by these estimates.
         return missed <= 1e-9 and sooner <= SOONER
-
-    def _length(self, way: Way) -> float:
-        """Time of the legs; those between places that are passed as estimated."""
-        return sum(self.table.time(leg) for leg in self._legs(way))
 
 
 def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
@@ -360,7 +341,7 @@ def plan_tour(
     most, error = MOST_CONFIGURATIONS, OptionsError
     count = whole(configurations, "configurations", 1, most, error=error)
     exact = flag(exact, "exact")
-    problem, ends = _problem(
+    problem, end = _problem(
         robot,
         q_start,
         q_end,
@@ -374,7 +355,9 @@ def plan_tour(
     items = _checked_goals(problem, items, rules)
     with bounded(chosen.max_planning_time):
         try:
-            tour = _plan(problem, items, rules, ends, count, chosen, exact)
+            search = TourSearch.of(problem, items, rules, end, count, chosen, exact)
+            tour = search.run()
+            bound = tour_bound(problem, items, rules, end)
         except (Stop, KeyboardInterrupt) as stop:
             requested = not isinstance(stop, Stop) or stop.requested
             status = Status.INTERRUPTED if requested else Status.TIME_LIMIT
@@ -385,35 +368,22 @@ def plan_tour(
                 f"{status.value} No tour was found by then.",
                 planning_time=time.perf_counter() - begun,
             )
-    return replace(tour, planning_time=time.perf_counter() - begun)
-
-
-def _plan(
-    problem: Problem,
-    stations: tuple[Station, ...],
-    rules: Rules,
-    ends: bool,
-    count: int,
-    options: Options,
-    exact: bool,
-) -> Tour:
-    search = TourSearch.of(problem, stations, rules, ends, count, options, exact)
-    tour = search.run()
-    q_end = problem.goal.configuration if ends else None
-    bound = tour_bound(problem, stations, rules, q_end)
-    tour = replace(tour, lower_bound=bound.T, bound_reason=bound.reason)
-    if not bound.useful(tour.cycle_time):
-        return tour
+    message = tour.message
+    if bound.useful(tour.cycle_time):
+        message = f"{message} No tour beats {bound.T:.4g} s: {bound.reason}."
     return replace(
         tour,
-        message=f"{tour.message} No tour beats {bound.T:.4g} s: {bound.reason}.",
+        message=message,
+        lower_bound=bound.T,
+        bound_reason=bound.reason,
+        planning_time=time.perf_counter() - begun,
     )
 
 
 def _problem(
     robot: Robot, q_start: JointsLike, q_end: object, **fields: Any
-) -> tuple[Problem, bool]:
-    """The problem from start to end, and whether the end is given."""
+) -> tuple[Problem, Array | None]:
+    """The problem from start to end, and the end if it is given."""
     if isinstance(q_end, str) and q_end != "start":
         raise wrong(q_end, "q_end", 'a configuration, "start" or None')
     instance(robot, Robot, "robot", "a Robot (see load_robot)")
@@ -440,7 +410,7 @@ def _problem(
             raise
         text = name + text.removeprefix("goal.q").removeprefix("goal")
         raise ProblemError(text, name) from error
-    return problem, q_end is not None
+    return problem, None if q_end is None else problem.goal.configuration
 
 
 def _checked_goals(
