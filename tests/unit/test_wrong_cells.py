@@ -76,7 +76,7 @@ def test_what_was_configured_does_the_work_later() -> None:
     with joblib.parallel_config("threading", n_jobs=2):
         executor = Executor(in_main_thread, None, None)
     work = iter([(number, number) for number in range(4)])
-    assert not any(main for _, main in executor.results(work, lambda _: True))
+    assert not any(main for _, main in executor.results(work))
     assert executor.workers == 2
 
 

@@ -38,6 +38,11 @@ from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 FILES = 1000
 ARRAYS = ("t", "q", "v", "u")
 VERSION = 1
+# What a file says of an outcome under the names of its fields.
+KEPT = (
+    *("index", "name", "seed", "status", "message", "gap", "verified", "seconds"),
+    "began_with",
+)
 
 
 def file_of(folder: Path, index: int, name: str) -> Path:
@@ -64,15 +69,7 @@ def write_outcome(
     solution = outcome.solution
     about = {
         "version": VERSION,
-        "index": outcome.index,
-        "name": outcome.name,
-        "seed": outcome.seed,
-        "status": outcome.status,
-        "message": outcome.message,
-        "gap": outcome.gap,
-        "seconds": outcome.seconds,
-        "verified": outcome.verified,
-        "began_with": outcome.began_with,
+        **{name: getattr(outcome, name) for name in KEPT},
         "digest": digest,
         "no_scenario": why,
         **_judged(solution),
@@ -248,20 +245,12 @@ class Entry(Record):
                 else LowerBound(bound, about.get("lower_bound_reason", "")),
             )
         return Outcome(
-            about["index"],
-            about["name"],
-            int(about["seed"]),
-            self.success,
-            about["status"],
-            about["message"],
-            self.T,
-            about.get("gap"),
-            bool(about.get("verified")),
-            float(about["seconds"]),
-            about.get("began_with"),
-            solution,
-            self.path,
+            success=self.success,
+            T=self.T,
+            solution=solution,
+            path=self.path,
             resumed=True,
+            **{name: about[name] for name in KEPT if name in about},
         )
 
 

@@ -10,18 +10,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any
 
 from tominpmp.exceptions import MissingDependency, ProblemError, brief, shortened
 from tominpmp.initial_guess.parallel import available_processes
 
-Work = TypeVar("Work")
-Result = TypeVar("Result")
-
 # Backends that come with packages of their own.
 CLUSTERS = ("dask", "ray")
-# A process that dies is believed to have died of its work after so many attempts.
-ATTEMPTS = 2
 
 
 class Executor:
@@ -63,23 +58,20 @@ class Executor:
             batch_size=1,
         )
 
-    def results(
-        self, work: Iterator[tuple[int, Work]], lost: Callable[[Work], Result]
-    ) -> Iterator[tuple[int, Result]]:
+    def results(self, work: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
         """Results as they finish, with the numbers of their work.
 
         Work is taken from the iterator only a little before there is somebody to do
         it. Where a process is killed, what was under way is done again, each in a
-        process of its own.
+        process of its own; the result of work whose process dies again is None.
 
         Args:
             work: Numbers, and what the function is applied to.
-            lost: What becomes of work whose process dies again and again.
         """
         from joblib import delayed
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
-        under_way: dict[int, Work] = {}
+        under_way: dict[int, Any] = {}
 
         def handed_out() -> Iterator[Any]:
             for number, item in work:
@@ -94,34 +86,30 @@ class Executor:
                     yield number, result
             except BrokenProcessPool:
                 for number in sorted(under_way):
-                    yield number, self._alone(number, under_way.pop(number), lost)
+                    yield number, self._alone(under_way.pop(number))
                 continue
             finally:
                 _close(stream)
             return
 
-    def _alone(self, number: int, item: Work, lost: Callable[[Work], Result]) -> Any:
-        """Do work that was under way when a process died."""
+    def _alone(self, item: Any) -> Any:
+        """Do work that was under way when a process died; None if one dies again."""
         from joblib import delayed
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
-        for _ in range(ATTEMPTS - 1):
-            # One worker would be this process.
-            stream = self._parallel(workers=2)(
-                [delayed(_numbered)(self._function, number, item)]
-            )
-            try:
-                return next(stream)[1]
-            except BrokenProcessPool:
-                continue
-            finally:
-                _close(stream)
-        return lost(item)
+        # One worker would be this process.
+        stream = self._parallel(workers=2)([delayed(self._function)(item)])
+        try:
+            return next(stream)
+        except BrokenProcessPool:
+            return None
+        finally:
+            _close(stream)
 
 
 def _numbered(
-    function: Callable[[Work], Result], number: int, item: Work
-) -> tuple[int, Result]:
+    function: Callable[[Any], Any], number: int, item: Any
+) -> tuple[int, Any]:
     return number, function(item)
 
 

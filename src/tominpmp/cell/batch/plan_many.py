@@ -16,6 +16,7 @@ from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.cell.batch.outcome import Outcome
 from tominpmp.cell.batch.task import (
+    BROKEN,
     LOST,
     Item,
     Settings,
@@ -25,7 +26,7 @@ from tominpmp.cell.batch.task import (
     ready,
     run_packed,
 )
-from tominpmp.checks import flag, instance, number, whole, wrong
+from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError, brief
 from tominpmp.options import Options
@@ -115,18 +116,22 @@ def plan_many(
     """
     items = _iterator(problems)
     settings = _settings(options, changes, results)
-    count = _checked_workers(workers)
+    if workers is not None:
+        expected = f"a number from 1 to {MOST_WORKERS}"
+        workers = whole(workers, "workers", 1, MOST_WORKERS, expected)
     ordered, warm_start = flag(ordered, "ordered"), flag(warm_start, "warm_start")
     first_seed = whole(seed, "seed", most=math.inf)
     if backend is not None:
         instance(backend, str, "backend", "the name of a backend of joblib")
     if progress is not None and not callable(progress):
         raise wrong(progress, "progress", "a function")
-    executor = Executor(run_packed, count, backend)
+    executor = Executor(run_packed, workers, backend)
     total = len(problems) if isinstance(problems, Sized) else None
     numbered = (item_of(index, given, first_seed) for index, given in enumerate(items))
-    batch = _Batch(executor, settings)
-    found = batch.in_rounds(numbered) if warm_start else batch.outcomes(numbered)
+    if warm_start:
+        found = _in_rounds(executor, settings, numbered)
+    else:
+        found = _outcomes(executor, settings, numbered, {})
     if progress is not None:
         found = _watched(found, progress, total)
     return _in_order(found) if ordered else found
@@ -173,80 +178,59 @@ def _make_folder(folder: Path) -> None:
         raise ScenarioError(f"results: {folder}: {reason}", folder) from error
 
 
-def _checked_workers(workers: int | None) -> int | None:
-    if workers is None:
-        return None
-    expected = f"a number from 1 to {MOST_WORKERS}"
-    found = number(workers, "workers", expected, least=1, most=MOST_WORKERS)
-    if found != int(found):
-        raise wrong(workers, "workers", expected)
-    return int(found)
+def _outcomes(
+    executor: Executor,
+    settings: Settings,
+    items: Iterable[Item],
+    starts: Mapping[int, Start],
+) -> Iterator[Outcome]:
+    """Outcomes as they finish, of items of which some begin with motions."""
+    sent: dict[int, Item] = {}
+    bad: list[Outcome] = []
+
+    def work() -> Iterator[tuple[int, bytes]]:
+        for item in items:
+            try:
+                packed = pack((item, settings, starts.get(item.index)))
+            except Exception as error:  # whatever the caller's object does
+                reason = f"the problem cannot be sent: {brief(str(error), 300)}"
+                bad.append(item.failed(BROKEN, reason))
+                continue
+            sent[item.index] = item
+            yield item.index, packed
+
+    for index, result in executor.results(work()):
+        while bad:
+            yield bad.pop(0)
+        item = sent.pop(index)
+        if result is None:
+            yield item.failed(LOST, "the process that planned it was killed, twice")
+        else:
+            yield pickle.loads(result)
+    yield from bad
 
 
-class _Batch:
-    """Hands out work and takes outcomes."""
-
-    def __init__(self, executor: Executor, settings: Settings) -> None:
-        self._executor, self._settings = executor, settings
-
-    def outcomes(
-        self, items: Iterator[Item], starts: dict[int, Start] | None = None
-    ) -> Iterator[Outcome]:
-        """Outcomes as they finish, of items that begin with motions."""
-        known = {} if starts is None else starts
-        sent: dict[int, Item] = {}
-        bad: list[Outcome] = []
-
-        def work() -> Iterator[tuple[int, bytes]]:
-            for item in items:
-                what = item, self._settings, known.get(item.index)
-                try:
-                    packed = pack(what)
-                except Exception as error:  # whatever the caller's object does
-                    reason = f"the problem cannot be sent: {brief(str(error), 300)}"
-                    bad.append(_lost(item, "BROKEN", reason))
-                    continue
-                sent[item.index] = item
-                yield item.index, packed
-
-        for index, result in self._executor.results(work(), lambda packed: None):
-            yield from _emptied(bad)
-            item = sent.pop(index)
-            if result is None:
-                yield _lost(item, LOST, "the process that planned it was killed, twice")
-            else:
-                yield pickle.loads(result)
-        yield from _emptied(bad)
-
-    def in_rounds(self, items: Iterator[Item]) -> Iterator[Outcome]:
-        """Outcomes of items that begin with the motions of their neighbours."""
-        every = list(items)
-        problems = [ready(item, Settings(None, {}, None)).problem for item in every]
-        rounds = rounds_of(problems)
-        motions: dict[int, Trajectory] = {}
-        for numbers in rounds.rounds:
-            starts: dict[int, Start] = {}
-            for k in numbers.tolist():
-                first = rounds.start(k, motions)
-                if first is not None:
-                    starts[every[k].index] = Start(first, motions[first])
-            chosen = (every[k] for k in numbers.tolist())
-            fresh: dict[int, Trajectory] = {}
-            for outcome in self.outcomes(chosen, starts):
-                solution = outcome.solution
-                if outcome.success and solution is not None and solution.trajectory:
-                    fresh[outcome.index] = solution.trajectory
-                yield outcome
-            motions |= fresh
-
-
-def _lost(item: Item, status: str, reason: str) -> Outcome:
-    return Outcome.failed(item.index, item.name, item.seed, status, reason)
-
-
-def _emptied(outcomes: list[Outcome]) -> Iterator[Outcome]:
-    while outcomes:
-        yield outcomes.pop(0)
+def _in_rounds(
+    executor: Executor, settings: Settings, items: Iterable[Item]
+) -> Iterator[Outcome]:
+    """Outcomes of items that begin with the motions of their neighbours."""
+    every = list(items)
+    problems = [ready(item, Settings(None, {}, None)).problem for item in every]
+    rounds = rounds_of(problems)
+    motions: dict[int, Trajectory] = {}
+    for numbers in rounds.rounds:
+        chosen, fresh = [every[k] for k in numbers.tolist()], dict[int, Trajectory]()
+        starts: dict[int, Start] = {}
+        for item in chosen:
+            first = rounds.start(item.index, motions)
+            if first is not None:
+                starts[item.index] = Start(first, motions[first])
+        for outcome in _outcomes(executor, settings, chosen, starts):
+            solution = outcome.solution
+            if outcome.success and solution is not None and solution.trajectory:
+                fresh[outcome.index] = solution.trajectory
+            yield outcome
+        motions |= fresh
 
 
 def _in_order(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:

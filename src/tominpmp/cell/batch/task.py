@@ -95,6 +95,10 @@ class Item:
     seed: int
     given: Any
 
+    def failed(self, status: str, reason: str) -> Outcome:
+        """The outcome of an item that was not planned."""
+        return Outcome(self.index, self.name, self.seed, False, status, reason)
+
 
 def item_of(index: int, given: Any, seed: int) -> Item:
     """Name a problem, and give it a seed of its own.
@@ -106,13 +110,11 @@ def item_of(index: int, given: Any, seed: int) -> Item:
     """
     named = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
     name, what = given if named else (None, given)
-    if name is None:
-        path = isinstance(what, str | Path)
-        name = Path(what).stem if path else f"problem {index}"
-        own = zlib.crc32(name.encode()) if path else index
-    else:
-        own = zlib.crc32(name.encode())
+    if name is None and isinstance(what, str | Path):
+        name = Path(what).stem
+    own = index if name is None else zlib.crc32(name.encode())
     numbers = np.random.SeedSequence([seed, own]).generate_state(1)
+    name = f"problem {index}" if name is None else name
     return Item(index, name, int(numbers[0]), what)
 
 
@@ -241,7 +243,7 @@ def planned(
     """Plan a problem, and keep the result."""
     about = item.index, item.name, item.seed
     if found.problem is None:
-        outcome = Outcome.failed(*about, BROKEN, found.reason)
+        outcome = item.failed(BROKEN, found.reason)
     else:
         began = None if start is None or found.problem.segments else start
         begin = {} if began is None else {"start": began.motion}
@@ -251,7 +253,7 @@ def planned(
                 solution, *about, None if began is None else began.index
             )
         except TominpmpError as error:
-            outcome = Outcome.failed(*about, BROKEN, str(error))
+            outcome = item.failed(BROKEN, str(error))
     if settings.folder is None:
         return outcome
     path = file_of(settings.folder, item.index, item.name)

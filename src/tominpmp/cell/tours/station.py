@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from types import NoneType
 from typing import Any
 
@@ -215,12 +216,10 @@ class Rules:
     @cached_property
     def all_needs(self) -> tuple[frozenset[int], ...]:
         """By station what comes before it, at any remove."""
-        found = [set(needed) for needed in self.needs]
-        for k in sorted({i for i, _ in self.before}):
-            for needed in found:
-                if k in needed:
-                    needed |= found[k]
-        return tuple(frozenset(needed) for needed in found)
+        found = dict[int, frozenset[int]]()
+        for k in TopologicalSorter(dict(enumerate(self.needs))).static_order():
+            found[k] = self.needs[k].union(*(found[i] for i in self.needs[k]))
+        return tuple(found[k] for k in range(self.count))
 
     def follows(self, last: int, station: int) -> bool:
         """Whether a station may come directly after another."""
@@ -241,25 +240,16 @@ class Rules:
 
     def _check_cycles(self, names: Sequence[str]) -> None:
         """Check that what is to be earlier is not to be later, too."""
-        left = set(range(self.count))
-        while left:
-            first = {j for j in left if not self.needs[j] & left}
-            if not first:
-                raise ProblemError(
-                    f"precedence runs in a circle: {self._circle(left, names)}",
-                    "precedence",
-                )
-            left -= first
-
-    def _circle(self, left: set[int], names: Sequence[str]) -> str:
-        """One circle among stations of which each needs another one."""
-        way = [min(left)]
-        while True:
-            earlier = min(self.needs[way[-1]] & left)
-            if earlier in way:
-                circle = [*way[way.index(earlier) :], earlier][::-1]
-                return brief(" before ".join(names[i] for i in circle), 300)
-            way.append(earlier)
+        try:
+            TopologicalSorter(dict(enumerate(self.needs))).prepare()
+        except CycleError as error:
+            circle = error.args[1][1:]
+            first = circle.index(min(circle))
+            way = [names[k] for k in (*circle[first:], *circle[: first + 1])]
+            told = brief(" before ".join(way), 300)
+            raise ProblemError(
+                f"precedence runs in a circle: {told}", "precedence"
+            ) from None
 
 
 def _checked_precedence(

@@ -195,14 +195,9 @@ class Tour:
             ProblemError: If there is no tour.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.cell.tours.tour_plot import TourBar, plot_tour
+        from tominpmp.cell.tours.tour_plot import plot_tour
 
-        motion = self._motion()
-        bars = [
-            TourBar(visit.station, visit.arrival, visit.departure)
-            for visit in self.visits
-        ]
-        return plot_tour(self.problem, motion, bars, path=path)
+        return plot_tour(self.problem, self._motion(), self.visits, path=path)
 
     gantt = plot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from tominpmp.cell.tours.tour import Visit
+
 # Stations whose names are written; of more only some are.
 MOST_NAMES = 40
 # Points at which speeds are drawn.
@@ -32,24 +34,10 @@ MOTION_COLOR = "#8fa3b8"
 LEAST_BAR = 0.002
 
 
-class TourBar(NamedTuple):
-    """A stay at a station.
-
-    Attributes:
-        station: Name of the station.
-        arrival: When it begins [s].
-        departure: When it ends [s].
-    """
-
-    station: str
-    arrival: float
-    departure: float
-
-
 def plot_tour(
     problem: Problem,
     trajectory: Trajectory,
-    bars: Sequence[TourBar],
+    visits: Sequence[Visit],
     *,
     path: str | Path | None = None,
 ) -> Figure:
@@ -58,7 +46,7 @@ def plot_tour(
     Args:
         problem: The problem, for limits of speed.
         trajectory: The whole cycle.
-        bars: The stays, in their order.
+        visits: The stays at the stations, in their order.
         path: File to write (PNG, PDF or SVG by its ending), if any.
 
     Returns:
@@ -69,11 +57,11 @@ def plot_tour(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    height = 1.0 + 0.17 * min(len(bars), MOST_NAMES)
+    height = 1.0 + 0.17 * min(len(visits), MOST_NAMES)
     with styled():
         figure = new_figure(8.0, height + 2.4)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(height, 2.0))
-        _draw_bars(above, trajectory.duration, bars)
+        _draw_bars(above, trajectory.duration, visits)
         _draw_speeds(below, problem, trajectory)
         below.set_xlabel("time [s]")
         below.set_xlim(0.0, trajectory.duration)
@@ -82,7 +70,7 @@ def plot_tour(
         return finish(figure, path)
 
 
-def _draw_bars(axes: Axes, duration: float, bars: Sequence[TourBar]) -> None:
+def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
     """A row for each station: the way there, then the stay."""
     least, before = LEAST_BAR * duration, 0.0
     for row, bar in enumerate(bars):
