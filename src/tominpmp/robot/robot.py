@@ -375,7 +375,6 @@ class Robot(Record):
         values = {name: getattr(self, name) for name in kept} | changes
         linkage = linkage or self._linkage()
         table = table or self._table()
-        kept = ("name", "description", "gravity", "srdf", "motion_limits")
         return assembled(linkage=linkage, table_for=table.only, **values)
 
     @property
