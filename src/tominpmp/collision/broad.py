@@ -112,10 +112,7 @@ class BroadPhase:
         if not some.size:
             none = np.zeros(0, dtype=np.int64)
             return out, none, none
-        still = self._joint[self.second[some]] == 0
-        bounds = np.empty((some.size, m))
-        bounds[still] = self._one_by_one_fixed(centre, some[still])
-        bounds[~still] = self._one_by_one(joints, centre, some[~still])
+        bounds = self._one_by_one(joints, centre, some)
         out[:, some] = bounds.T
         instant, place = np.nonzero(bounds.T < limit[some])
         return out, instant, some[place]
@@ -179,26 +176,17 @@ class BroadPhase:
         table = squared.transpose(1, 0, 2).reshape(m, -1)
         return np.take(table, self._cell, axis=1)
 
-    def _one_by_one_fixed(self, centre: Array, pair: IntArray) -> Array:
-        """The same of some of them, shape (pairs, m)."""
-        b = self.second[pair]
-        return self._beyond(centre[self.first[pair]] @ self._R[b], pair)
-
     def _one_by_one(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
-        """Bounds of some pairs whose second body moves, shape (pairs, m)."""
+        """Bounds of some pairs, shape (pairs, m)."""
         a, b = self.first[pair], self.second[pair]
         R, t = joints
-        out = np.empty((pair.size, centre.shape[1], 3))
+        away = centre[a]
         carrier = self._joint[b]
-        for joint in np.unique(carrier):
+        for joint in np.unique(carrier[carrier > 0]).tolist():
             mine = np.flatnonzero(carrier == joint)
-            away = centre[a[mine]] - t[:, joint]
-            out[mine] = np.einsum("kmi,mij->kmj", away, R[:, joint])
-        return self._beyond(out @ self._R[b], pair)
-
-    def _beyond(self, away: Array, pair: IntArray) -> Array:
-        """Bounds from centres in the axes of the boxes, but for their origins."""
-        a, b = self.first[pair], self.second[pair]
+            beside = away[mine] - t[:, joint]
+            away[mine] = np.einsum("kmi,mij->kmj", beside, R[:, joint])
+        away = away @ self._R[b]
         away -= self._origin[b][:, None]
         np.abs(away, out=away)
         away -= self._half[b][:, None]
