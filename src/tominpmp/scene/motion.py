@@ -87,23 +87,28 @@ class Motion(Record, ABC):
         """
 
 
-def check_position(given: Array, begins: Array) -> None:
-    """Check a position that was given against the one that a motion begins with."""
-    if np.any(given) and float(np.linalg.norm(given - begins)) > SAME:
-        raise SceneError(
-            f"position is {given.tolist()}, and its motion begins at "
-            f"{begins.tolist()}: expected the same, or no position"
-        )
+def agreed_start(given: Placement, begins: Placement) -> Placement:
+    """Check the placement that was given against the one that a motion begins with.
 
+    Returns:
+        The latter; the former may be left at no rotation about the origin.
 
-def check_rotation(given: Array, begins: Array) -> None:
-    """Check a rotation that was given against the one that a motion begins with."""
-    plain = np.array_equal(given, np.eye(3))
-    if not plain and not np.allclose(given, begins, atol=SAME):
-        raise SceneError(
-            f"rotation is {given.tolist()}, and its motion begins with "
-            f"{begins.tolist()}: expected the same, or no rotation"
-        )
+    Raises:
+        SceneError: If they differ.
+    """
+    if np.any(given.p) and float(np.linalg.norm(given.p - begins.p)) > SAME:
+        wrong = "position", given.p, "at", begins.p
+    elif not (
+        np.array_equal(given.R, np.eye(3)) or np.allclose(given.R, begins.R, atol=SAME)
+    ):
+        wrong = "rotation", given.R, "with", begins.R
+    else:
+        return begins
+    name, value, how, other = wrong
+    raise SceneError(
+        f"{name} is {value.tolist()}, and its motion begins {how} "
+        f"{other.tolist()}: expected the same, or no {name}"
+    )
 
 
 def about_motion(message: str, _: str = "") -> SceneError:

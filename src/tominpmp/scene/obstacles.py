@@ -32,6 +32,7 @@ from tominpmp.scene.motion import (
     checked_stretches,
     checked_times,
 )
+from tominpmp.scene.paths import ConstantVelocity
 from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
 
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 
 # Names appear in messages [characters].
 LONGEST_NAME = 255
+# The motion of an obstacle that has none.
+REST = ConstantVelocity()
 
 
 class Placed(TypedDict, total=False):
@@ -139,19 +142,14 @@ class Obstacle(Record):
             SceneError: If a function that moves it gives no placement.
         """
         times = checked_times(times)
-        if self.motion is None:
-            R = np.broadcast_to(self.rotation, (times.size, 3, 3))
-            return Placement(R, np.broadcast_to(self.position, (times.size, 3)))
         with self._named():
-            return self.motion.poses(times, self._start)
+            return (self.motion or REST).poses(times, self._start)
 
     def twists(self, times: Array) -> Twist:
         """Velocities at times [s], shape (m,), in the axes of the world."""
         times = checked_times(times)
-        if self.motion is None:
-            return Twist(np.zeros((times.size, 3)), np.zeros((times.size, 3)))
         with self._named():
-            return self.motion.twists(times, self._start)
+            return (self.motion or REST).twists(times, self._start)
 
     def speed_bounds(self, begin: Array, end: Array) -> tuple[Array, Array]:
         """Largest speeds between times [s], shape (m,) each.
@@ -160,10 +158,8 @@ class Obstacle(Record):
             Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
         """
         begin, end = checked_stretches(begin, end)
-        if self.motion is None:
-            return np.zeros(begin.size), np.zeros(begin.size)
         with self._named():
-            return self.motion.speed_bounds(begin, end, self._start)
+            return (self.motion or REST).speed_bounds(begin, end, self._start)
 
     def frozen(self, time: float) -> Obstacle:
         """The same obstacle at rest where it is at a time [s]."""

@@ -18,8 +18,7 @@ from tominpmp.scene.motion import (
     Placement,
     Twist,
     about_motion,
-    check_position,
-    check_rotation,
+    agreed_start,
     checked_placement,
     checked_stretches,
     checked_times,
@@ -227,14 +226,10 @@ class Waypoints(Motion):
 
     def start(self, given: Placement) -> Placement:
         """Placement at the first waypoint."""
-        R, p = checked_placement(given, "given")
-        if self.positions is not None:
-            check_position(p, self.positions[0])
-            p = self.positions[0]
-        if self.rotations is not None:
-            check_rotation(R, self.rotations[0])
-            R = self.rotations[0]
-        return Placement(R, p)
+        given = checked_placement(given, "given")
+        R = given.R if self.rotations is None else self.rotations[0]
+        p = given.p if self.positions is None else self.positions[0]
+        return agreed_start(given, Placement(R, p))
 
     @property
     def kinks(self) -> Array:
@@ -243,53 +238,41 @@ class Waypoints(Motion):
         return times if times.size <= MOST_KINKS else np.zeros(0)
 
     @cached_property
-    def _turns(self) -> Array:
-        """Turns between waypoints, each in the axes before it, shape (k - 1, 3)."""
-        assert self.rotations is not None  # noqa: S101
-        return _turns(self.rotations)
+    def _rates(self) -> Twist:
+        """Velocities from each waypoint to the next, shape (k, 3), and none at last.
 
-    def _segments(self, times: Array) -> tuple[IntArray, Array, Array]:
-        """Segment of each time (m,), share of it that is over (m,), and its length."""
-        last = max(self.times.size - 2, 0)
-        k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, last)
-        if self.times.size == 1:
-            return k, np.zeros(times.shape), np.ones(times.shape)
-        length = np.diff(self.times)[k]
-        share = np.clip((times - self.times[k]) / length, 0.0, 1.0)
-        return k, share, length
+        Angular ones are in the axes of the obstacle, about which it turns.
+        """
+        lengths = np.append(np.diff(self.times), np.inf)[:, None]
+        moved = turned = np.zeros((self.times.size, 3))
+        if self.positions is not None:
+            moved = np.diff(self.positions, axis=0, append=self.positions[-1:])
+        if self.rotations is not None:
+            turned = np.append(_turns(self.rotations), np.zeros((1, 3)), axis=0)
+        return Twist(moved / lengths, turned / lengths)
+
+    def _passed(self, times: Array) -> IntArray:
+        """The last waypoint before each time."""
+        k = np.searchsorted(self.times, times, side="right") - 1
+        return np.maximum(k, 0)
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
         times, start = checked_times(times), checked_placement(start)
-        k, share, _ = self._segments(times)
-        following = np.minimum(k + 1, self.times.size - 1)
-        R = np.broadcast_to(start.R, (times.size, 3, 3))
-        p = np.broadcast_to(start.p, (times.size, 3))
-        if self.positions is not None:
-            here = self.positions[k]
-            p = here + share[:, None] * (self.positions[following] - here)
-        if self.rotations is not None:
-            R = self.rotations[k]
-            if self.times.size > 1:
-                part = share[:, None] * self._turns[k]
-                R = R @ Rotation.from_rotvec(part).as_matrix()
-        return Placement(R, p)
+        k = self._passed(times)
+        since = np.maximum(times - self.times[k], 0.0)[:, None]
+        R = start.R if self.rotations is None else self.rotations[k]
+        p = start.p if self.positions is None else self.positions[k]
+        turn = Rotation.from_rotvec(since * self._rates.angular[k]).as_matrix()
+        return Placement(R @ turn, p + since * self._rates.linear[k])
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
-        times = checked_times(times)
-        none = np.zeros((times.size, 3))
-        if self.times.size == 1:
-            return Twist(none, none)
-        k, _, length = self._segments(times)
-        moving = (times < self.times[-1])[:, None] / length[:, None]
-        linear = angular = none
-        if self.positions is not None:
-            linear = moving * np.diff(self.positions, axis=0)[k]
+        k = self._passed(checked_times(times))
+        linear, angular = self._rates.linear[k], self._rates.angular[k]
         if self.rotations is not None:
             # The axis of a turn is the same before and after it.
-            turn = np.einsum("mij,mj->mi", self.rotations[k], self._turns[k])
-            angular = moving * turn
+            angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
         return Twist(linear, angular)
 
     def speed_bounds(
@@ -297,16 +280,9 @@ class Waypoints(Motion):
     ) -> tuple[Array, Array]:
         """Largest speeds between two times."""
         begin, end = checked_stretches(begin, end)
-        lengths, rest = np.diff(self.times), np.zeros(self.times.size)
-        linear, angular = rest.copy(), rest.copy()  # the last entry is for after it
-        if self.positions is not None:
-            moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
-            linear[:-1] = moved / lengths
-        if self.rotations is not None:
-            turned = np.linalg.norm(self._turns, axis=1)
-            angular[:-1] = turned / lengths
-        first = np.clip(np.searchsorted(self.times, begin, side="right") - 1, 0, None)
+        first = self._passed(begin)
         last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
+        linear, angular = (np.linalg.norm(rate, axis=1) for rate in self._rates)
         return _largest(linear, first, last), _largest(angular, first, last)
 
 

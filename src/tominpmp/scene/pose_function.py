@@ -17,8 +17,7 @@ from tominpmp.scene.motion import (
     Placement,
     Twist,
     about_motion,
-    check_position,
-    check_rotation,
+    agreed_start,
     checked_placement,
     checked_stretches,
     checked_times,
@@ -98,10 +97,7 @@ class PoseFunction(Motion):
     def start(self, given: Placement) -> Placement:
         """Placement at time 0."""
         given = checked_placement(given, "given")
-        R, p = self._pose(0.0)
-        check_position(given.p, p)
-        check_rotation(given.R, R)
-        return Placement(R, p)
+        return agreed_start(given, self._pose(0.0))
 
     def _pose(self, time: float) -> Placement:
         try:

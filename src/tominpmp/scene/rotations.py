@@ -42,33 +42,24 @@ def rotation_matrix(
         return frozen_array(np.eye(3))
     value = array_or_nan(plain_rotation(rotation))
     if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
-        raise SceneError(
-            f"{_of(obstacle)}rotation is {brief(rotation)}, expected a 3x3 matrix or a "
-            "quaternion (x, y, z, w) of finite numbers",
-            obstacle,
+        wrong = (
+            f"rotation is {brief(rotation)}, expected a 3x3 matrix or a quaternion "
+            "(x, y, z, w) of finite numbers"
         )
-    if value.size == 4:
-        return _from_quaternion(value, obstacle)
-    if not is_rotation(value):
-        raise SceneError(
-            f"{_of(obstacle)}the 3x3 rotation is not a rotation matrix "
-            "(orthonormal columns, determinant 1)",
-            obstacle,
+    elif value.size == 9 and not is_rotation(value):
+        wrong = (
+            "the 3x3 rotation is not a rotation matrix (orthonormal columns, "
+            "determinant 1)"
         )
-    return value
-
-
-def _of(obstacle: str | None) -> str:
-    return "" if obstacle is None else f"obstacle {obstacle!r}: "
-
-
-def _from_quaternion(value: Array, obstacle: str | None) -> Array:
-    largest = float(np.max(np.abs(value)))
-    if largest < 1e-9:
-        raise SceneError(
-            f"{_of(obstacle)}rotation {value.tolist()} is no quaternion "
-            "(x, y, z, w): its length must not be zero",
-            obstacle,
+    elif value.size == 9:
+        return value
+    elif (largest := float(np.max(np.abs(value)))) < 1e-9:
+        wrong = (
+            f"rotation {value.tolist()} is no quaternion (x, y, z, w): its length must "
+            "not be zero"
         )
-    # Divided first, so that no square overflows.
-    return frozen_array(Rotation.from_quat(value / largest).as_matrix())
+    else:
+        # Divided first, so that no square overflows.
+        return frozen_array(Rotation.from_quat(value / largest).as_matrix())
+    of = "" if obstacle is None else f"obstacle {obstacle!r}: "
+    raise SceneError(of + wrong, obstacle)
