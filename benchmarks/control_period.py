@@ -25,11 +25,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from typer.testing import CliRunner
-
 import tominpmp as tm
 from benchmarks.random_goals import LOCKED_JOINTS, sample_problems
-from tominpmp.cli.app import app
+from tominpmp.cli.app import run
 from tominpmp.exceptions import TominpmpError
 
 COLUMNS = (
@@ -85,8 +83,7 @@ def holds(solution: tm.Solution, period: float, kind: str, folder: Path) -> bool
     scenario, motion = folder / "problem.toml", folder / f"motion.{kind}"
     tm.save_scenario(scenario, solution.problem)
     solution.export(motion, dt=period, verify=False)
-    result = CliRunner().invoke(app, ["verify", str(scenario), str(motion)])
-    return result.exit_code == 0
+    return run(["verify", str(scenario), str(motion)]) == 0
 
 
 def measure(

@@ -109,16 +109,18 @@ def test_options_of_plans_are_there() -> None:
 
 
 def test_flags_of_commands_are_there() -> None:
-    import typer
+    from tominpmp.cli.front import COMMANDS
+    from tominpmp.cli.parser import new_app
 
-    from tominpmp.cli.app import app
-
-    group: Any = typer.main.get_command(app)
+    app = new_app()
     known = {
-        name: {flag for item in command.params for flag in item.opts}
-        | {flag for item in command.params for flag in item.secondary_opts}
+        name: {
+            flag
+            for item in app[name].assemble_argument_collection()
+            for flag in (*item.names, *item.negatives)
+        }
         | {"--help", "-h"}
-        for name, command in group.commands.items()
+        for name in COMMANDS
     }
     wrong = [
         f"{label(page)}: {name} {arguments}"

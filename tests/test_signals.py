@@ -162,7 +162,7 @@ ENTRIES = {
 }
 # Modules in the order in which they are imported: the parser of the command line, the
 # options, and what takes long.
-STAGES = ("typer", "tominpmp.cli.option_fields", "numpy", "pinocchio", "tominpmp.goals")
+STAGES = ("cyclopts", "tominpmp.cli.options", "numpy", "pinocchio", "tominpmp.goals")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -189,7 +189,9 @@ def test_nothing_is_imported_before_signals_are_heeded():
     """But for what Python itself has imported, where no packages are looked for."""
     root = os.path.dirname(os.path.dirname(tm.__file__))
     code = f"import sys; sys.path.insert(0, {root!r}); import tominpmp.cli\n"
-    code += "print(sorted({'logging', 'typing', 'typer', 'numpy'} & set(sys.modules)))"
+    code += (
+        "print(sorted({'logging', 'typing', 'cyclopts', 'numpy'} & set(sys.modules)))"
+    )
     command = [sys.executable, "-S", "-c", code]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     assert found.stdout == "[]\n"

@@ -7,8 +7,10 @@ that name in ``CONTENTS`` writes. So there is no list that anybody copies by han
 from __future__ import annotations
 
 import inspect
+import io
 import re
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,8 @@ from tables import entries, field_rows, kinds, plain, summary
 
 import tominpmp as tm
 from tominpmp import exceptions
-from tominpmp.cli.app import app as commands
+from tominpmp.cli.app import run
+from tominpmp.cli.front import COMMANDS
 from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
 from tominpmp.goals import Goal
@@ -100,23 +103,13 @@ def statuses() -> list[str]:
 
 def command_line() -> list[str]:
     """The help of every command, as a terminal shows it."""
-    import click
-    import typer
-
-    group: Any = typer.main.get_command(commands)
     lines: list[str] = []
-    settings: dict[str, Any] = {
-        "max_content_width": 90,
-        "help_option_names": ["-h", "--help"],
-    }
-    context = click.Context(group, info_name="tominpmp", **settings)
-    pages = [("tominpmp", group, context)]
-    for name in group.list_commands(context):
-        child = group.get_command(context, name)
-        own = click.Context(child, info_name=name, parent=context, **settings)
-        pages.append((f"tominpmp {name}", child, own))
-    for title, item, own in pages:
-        lines += [f"## `{title}`", "", "```text", item.get_help(own), "```", ""]
+    for words in ([], *([name] for name in COMMANDS)):
+        shown = io.StringIO()
+        with redirect_stdout(shown):
+            run([*words, "--help"])
+        title, text = " ".join(("tominpmp", *words)), shown.getvalue().rstrip()
+        lines += [f"## `{title}`", "", "```text", text, "```", ""]
     return lines
 
 

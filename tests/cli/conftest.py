@@ -17,9 +17,8 @@ from cli_samples import (
     passed,
     straight,
 )
-from typer.testing import CliRunner
+from command_line import invoke
 
-from tominpmp.cli.app import app
 from tominpmp.io.export import export
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scenario.scenario import load_scenario
@@ -29,8 +28,7 @@ from tominpmp.scenario.scenario import load_scenario
 def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
     """Run the command line in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    runner = CliRunner()
-    return lambda *args: runner.invoke(app, [str(arg) for arg in args])
+    return lambda *args: invoke(args)
 
 
 @pytest.fixture

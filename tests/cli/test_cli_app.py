@@ -6,13 +6,11 @@ import socket
 import sys
 
 import pytest
-from typer.testing import CliRunner
-
-from tominpmp.cli.app import app
+from command_line import invoke
 
 
 def run(*words: str) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["app", *words])
+    result = invoke(["app", *words])
     return result.exit_code, result.output
 
 

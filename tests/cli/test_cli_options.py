@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pytest
-import typer
 from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run
-from typer.testing import CliRunner
+from command_line import invoke
 
-from tominpmp.cli.option_fields import FieldsOf, attribute_texts, command
+from tominpmp.cli.option_fields import attribute_texts, fields_of, given
 from tominpmp.cli.options import ProblemOptions
-from tominpmp.cli.usage import Commands
+from tominpmp.cli.parser import new_app
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -112,31 +111,37 @@ class Later:
     nothing: Unknown | None = None
 
 
-def test_a_new_field_is_an_option_with_its_text() -> None:
+def test_a_new_field_is_an_option_with_its_text(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = fields_of(Later, "Planning")
     told: list[Any] = []
-    app = typer.Typer(cls=Commands, rich_markup_mode=None, callback=lambda: None)
 
-    @command(app)
-    def show(later: Annotated[dict[str, Any], FieldsOf(Later, "Planning")]) -> int:
-        told.append(later)
+    nothing = made()
+
+    def show(*, later: Any = nothing) -> int:
+        told.append(given(later))
         return 3
 
-    runner = CliRunner()
-    text = " ".join(runner.invoke(app, ["show", "--help"]).stdout.split())
+    show.__annotations__["later"] = made
+    app = new_app()
+    app.command(show)
+    monkeypatch.setattr("tominpmp.cli.parser.new_app", lambda: app)
+    text = " ".join(invoke(["show", "--help"]).stdout.split())
     assert "--colour NAME What the next version knows. Default: red." in text
     assert "--count N How many; none for any." in text
     assert "--share NUMBER Of what. Default: 0.5." in text
-    assert "--really / --no-really Whether at all. Default: True." in text
-    assert "--maybe / --no-maybe Whether, or the planner chooses. --" in text
+    assert "--really, --no-really Whether at all. Default: True." in text
+    assert "--maybe, --no-maybe Whether, or the planner chooses. --" in text
     assert "--made NAME --" in text  # nothing is said of it
     assert "others" not in text and "nothing" not in text
     words = ["show", "--colour", "blue", "--count", "none", "--no-really", "--maybe"]
-    assert runner.invoke(app, words).exit_code == 3
-    given = {"colour": "blue", "count": None, "really": False, "maybe": True}
-    assert told.pop() == given
-    runner.invoke(app, ["show"])
+    assert invoke(words).exit_code == 3
+    typed = {"colour": "blue", "count": None, "really": False, "maybe": True}
+    assert told.pop() == typed
+    invoke(["show"])
     assert told.pop() == {}
-    wrong = runner.invoke(app, ["show", "--count", "many"])
+    wrong = invoke(["show", "--count", "many"])
     assert wrong.exit_code == 2 and not told
 
 

@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 import ast
-import os
+import re
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from cli_samples import Run
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tominpmp as tm
-from tominpmp.cli import completion
-from tominpmp.cli.app import app
-from tominpmp.cli.front import COMMANDS, front
+from tominpmp.cli.parser import new_app
 from tominpmp.description.files import manipulators_first, robot_names
-
-
-def test_the_help_that_comes_at_once_is_that_of_the_commands() -> None:
-    """Whoever adds a command names it in ``cli/front.py``, too."""
-    runner = CliRunner()
-    for words in ([], ["--help"], ["-h"], ["--version"]):
-        quick, whole = (runner.invoke(one, words) for one in (front(), app))
-        assert quick.stdout == whole.stdout
-        assert quick.exit_code == whole.exit_code == 0
-    assert next(iter(COMMANDS)) == "plan"
-
 
 # What takes more than a moment to import.
 HEAVY = {"numpy", "scipy", "pinocchio", "coal", "yourdfpy", "trimesh", "matplotlib"}
@@ -66,24 +52,24 @@ def test_modules_that_the_package_imports_are_few() -> None:
     assert found == {"tominpmp"}
 
 
-def context(**params: object) -> SimpleNamespace:
-    return SimpleNamespace(params=params)
+def completed(*words: object, kind: str = "plan") -> list[str]:
+    """What a shell is given for the last word, as its script asks for it."""
+    shown = invoke(["__complete", kind, *words]).stdout
+    return [line.split("\t")[0] for line in shown.split("begin\n")[1].splitlines()]
 
 
 def test_names_that_a_shell_completes(tmp_path: Path) -> None:
-    assert "planar3r" in completion.robots("plan")
-    planar = context(robot="planar3r")
-    assert completion.joints(planar, "joint") == ["joint1=", "joint2=", "joint3="]
-    assert "tip" in completion.frames(planar, "t")
-    assert "start" in completion.positions(planar, "s")
+    assert "planar3r" in completed("plan")
+    joints = ["joint1=", "joint2=", "joint3="]
+    assert completed("planar3r", "--lock", "joint") == joints
+    assert "start" in completed("planar3r", "--start", "s")
     srdf = tmp_path / "x.srdf"
     srdf.write_text('<robot name="r"><group name="arm"/><group name="hand"/></robot>')
-    given = context(robot="planar3r", srdf=srdf)
-    assert completion.groups(given, "a") == ["arm"]
-    for robot in ("nobody", "", None, 5, str(tmp_path), "x\0"):
-        nothing = context(robot=robot)
-        assert completion.joints(nothing, "") == []
-        assert completion.groups(nothing, "") == []
+    given = ("planar3r", "--srdf", srdf)
+    assert completed(*given, "--group", "a") == ["arm", "hand"]
+    for robot in ("nobody", "", tmp_path, "x\0"):
+        assert completed(robot, "--lock", "") == []
+        assert completed(robot, "--group", "") == []
 
 
 def test_files_that_a_shell_completes(
@@ -94,31 +80,36 @@ def test_files_that_a_shell_completes(
         Path(name).touch()
     Path("zzfolder").mkdir()
     Path("zzfolder/a.urdf").touch()
-    assert completion.robots("zz") == ["zz.toml", "zz.urdf", "zzfolder/"]
-    assert completion.robots("zzfolder/") == ["zzfolder/a.urdf"]
-    assert completion.robots("nofolder/") == []
-    assert completion.robots(f"{tmp_path}/zz.u") == [f"{tmp_path}/zz.urdf"]
+
+    def files(typed: str) -> list[str]:
+        return [name for name in completed(typed) if name.startswith(typed)]
+
+    assert files("zz") == ["zz.toml", "zz.urdf", "zzfolder/"]
+    assert files("zzfolder/") == ["zzfolder/a.urdf"]
+    assert files("nofolder/") == []
+    assert files(f"{tmp_path}/zz.u") == [f"{tmp_path}/zz.urdf"]
 
 
 @pytest.mark.parametrize(
     ("typed", "expected"),
     [
-        ("tominpmp ve", "verify"),
-        ("tominpmp plan planar3r --lock ", "joint2="),
-        ("tominpmp plan planar3r --goal-position ", "tip"),
-        ("tominpmp plan planar3r --planning-effort ", "thorough"),
-        ("tominpmp info planar", "planar3r"),
+        ("plan planar3r --lock ", "joint2="),
+        ("plan planar3r --goal-position ", "tip"),
+        ("plan planar3r --planning-effort ", "thorough"),
+        ("info planar", "planar3r"),
     ],
 )
 def test_completion_in_a_shell(typed: str, expected: str) -> None:
-    words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split(" ")) - 1)}
+    words = ["__complete", *typed.split(" ")]
     done = subprocess.run(
-        [sys.executable, "-c", "from tominpmp.cli import main; main()"],
-        env={**os.environ, "_TOMINPMP_COMPLETE": "complete_bash", **words},
-        capture_output=True,
-        text=True,
+        [sys.executable, "-m", "tominpmp", *words], capture_output=True, text=True
     )
-    assert expected in done.stdout.split()
+    assert expected in [line.split("\t")[0] for line in done.stdout.splitlines()]
+
+
+def test_the_script_of_a_shell_names_commands_and_options() -> None:
+    script = new_app().generate_completion(shell="bash")
+    assert {"verify", "tour", "--goal-position"} <= set(re.findall(r"[\w-]+", script))
 
 
 @pytest.mark.parametrize("start", [["30", "90", "-90"], ["0.5", "1.7", "-1.7"]])

@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tominpmp as tm
 from tominpmp.cell.tours.tour_file import load_tour
-from tominpmp.cli.app import app
 
 HEAD = """
 [robot]
@@ -37,7 +36,7 @@ goal = {type = "joint", q = [0.6, 1.0, -0.3]}
 
 
 def run(path: Path, *arguments: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["tour", str(path), *map(str, arguments)])
+    done = invoke(["tour", str(path), *map(str, arguments)])
     return done.exit_code, done.output
 
 

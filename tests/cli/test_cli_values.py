@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tominpmp.cli.parser import join_lists
 from tominpmp.cli.text_values import joint_values, obstacle, positions, velocities
-from tominpmp.cli.usage import join_lists
 from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,

@@ -17,13 +17,12 @@ import batch_samples
 import numpy as np
 import pytest
 from batch_samples import QUICK, Deadly, Unsendable, problems, rail
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tominpmp as tm
 from tominpmp.cell.batch import Progress
 from tominpmp.cell.batch.dataset import Entry
 from tominpmp.cell.batch.neighbours import rounds_of
-from tominpmp.cli.app import app
 
 
 def motions(outcomes: list[tm.Outcome]) -> list[tm.Trajectory]:
@@ -297,7 +296,7 @@ def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> 
     results = tmp_path / "results"
     words = ["batch", str(cells), "-o", str(results), "--workers", "1"]
     words += ["--intervals", "8", "--refine", "none", "--starts", "1"]
-    found = CliRunner().invoke(app, words)
+    found = invoke(words)
     assert found.exit_code == 1, found.output
     assert "3/3" in found.output and "2 of 3" in found.output
     assert "b: " in found.output and "nobody" in found.output
@@ -306,7 +305,7 @@ def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> 
     listed = tmp_path / "list.toml"
     listed.write_text("problems = ['cells/a.toml', 'cells/more/*.toml']\n")
     words[1:2] = [str(listed), "--json"]
-    found = CliRunner().invoke(app, words)
+    found = invoke(words)
     assert found.exit_code == 0, found.output
     data = json.loads(found.stdout)
     assert data["found"] == 2 and data["outcomes"][1]["name"] == "cells/more/c"
@@ -324,13 +323,13 @@ def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> 
 def test_lists_that_are_wrong(tmp_path: Path, content: str, message: str) -> None:
     path = tmp_path / "list.toml"
     path.write_text(content)
-    found = CliRunner().invoke(app, ["batch", str(path), "-o", str(tmp_path / "r")])
+    found = invoke(["batch", str(path), "-o", str(tmp_path / "r")])
     assert found.exit_code == 2 and message in found.output
     assert not (tmp_path / "r").exists()
 
 
 def test_an_empty_folder_holds_nothing(tmp_path: Path) -> None:
-    found = CliRunner().invoke(app, ["batch", str(tmp_path)])
+    found = invoke(["batch", str(tmp_path)])
     assert found.exit_code == 2 and "holds no scenario" in found.output
 
 

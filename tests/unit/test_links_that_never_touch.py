@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import invoke
 from robot_samples import INERTIAL, joint, link, load, robot
-from typer.testing import CliRunner
 
 import tominpmp as tm
-from tominpmp.cli.app import app
 
 LIMIT = '<limit lower="-3" upper="3" effort="100" velocity="8"/>'
 BALL = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
@@ -141,10 +140,10 @@ def test_reports_of_commands_say_so(tmp_path: Path) -> None:
     here = [str(tmp_path / "sample.urdf"), "--srdf", str(tmp_path / "sample.srdf")]
     task = ["--start", "-1", "--goal", "1"]
     motion = str(tmp_path / "motion.csv")
-    ran = CliRunner().invoke(app, ["plan", *here, *task, "-o", motion])
+    ran = invoke(["plan", *here, *task, "-o", motion])
     assert ran.exit_code == 0
     assert "Links 'ball' and 'base' touch at 0." in ran.output
-    ran = CliRunner().invoke(app, ["verify", *here, motion, *task])
+    ran = invoke(["verify", *here, motion, *task])
     assert ran.exit_code == 0
     assert "warning" in ran.output
     assert "Links 'ball' and 'base' touch at 0." in ran.output

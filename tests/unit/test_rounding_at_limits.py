@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from command_line import invoke
 from scenario_samples import JOINTS, REQUEST, SCENE
-from typer.testing import CliRunner
 
 import tominpmp as tm
-from tominpmp.cli.app import app
 
 QUICK = tm.Options(effort="quick", intervals=16)
 # Of joint2 of the planar arm [rad].
@@ -200,7 +199,7 @@ def test_scenario_files_and_the_command_line(tmp_path: Path) -> None:
         assert tm.load_scenario(saved).problem == problem
     words = f"plan planar3r --start 0.5 {JUST} -1.7 --goal 1 {JUST} 0.5"
     options = ["-o", str(tmp_path / "motion.csv"), "--intervals", "16"]
-    done = CliRunner().invoke(app, [*words.split(), *options])
+    done = invoke([*words.split(), *options])
     assert done.exit_code == 0, done.stderr
     assert done.stderr.count("was set to the limit") == 2
     assert "as read        holds" in done.stdout

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tominpmp as tm
-from tominpmp.cli.app import app
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.report import report_data, report_text
 from tominpmp.io.export_check import check_file
@@ -502,18 +501,18 @@ def test_a_file_of_several_segments_holds_as_it_is_read(
 
 
 def test_the_command_line_plans_and_judges(scenario: Path, tmp_path: Path) -> None:
-    motion, runner = tmp_path / "m.csv", CliRunner()
-    planned = runner.invoke(app, ["plan", str(scenario), "-o", str(motion), "--json"])
+    motion = tmp_path / "m.csv"
+    planned = invoke(["plan", str(scenario), "-o", str(motion), "--json"])
     assert planned.exit_code == 0, planned.output
     assert len(json.loads(planned.stdout)["segments"]) == 3
-    judged = runner.invoke(app, ["verify", str(scenario), str(motion)])
+    judged = invoke(["verify", str(scenario), str(motion)])
     assert judged.exit_code == 0, judged.output
     # The same motion past another goal on the way, and without its stay.
     text = scenario.read_text(encoding="utf-8")
     for before, after in (("[1.2, 0.6, -0.6]", "[1.2, 0.7, -0.6]"), ("0.1", "0.3")):
         other = tmp_path / "other.toml"
         other.write_text(text.replace(before, after, 1), encoding="utf-8")
-        judged = runner.invoke(app, ["verify", str(other), str(motion)])
+        judged = invoke(["verify", str(other), str(motion)])
         assert judged.exit_code == 1, judged.output
 
 

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tominpmp as tm
-from tominpmp.cli.app import app
 from tominpmp.sensitivities import Sensitivities, Sensitivity, analyse
 from tominpmp.sensitivities.places import PlaceValues, _displaced
 from tominpmp.sensitivities.torques import TorqueWeights
@@ -206,7 +205,7 @@ def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
     words = "plan planar3r --start 0.5 1.7 -1.7 --goal 1.2 0.8 -0.4 --no-output"
     words += " --intervals 8 --refine none --starts 1 --sensitivities"
     picture = tmp_path / "bars.svg"
-    result = CliRunner().invoke(app, [*words.split(), str(picture)])
+    result = invoke([*words.split(), str(picture)])
     assert result.exit_code == 0, result.output
     assert "held by" in result.output and "effort, 1 % more: -" in result.output
     assert picture.stat().st_size > 1000

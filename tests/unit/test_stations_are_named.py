@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tests.sample_arms as arms
 import tominpmp as tm
-from tominpmp.cli.app import app
 from tominpmp.exceptions import told_of
 
 HOME = np.array([0.3, 0.9])
@@ -186,7 +185,7 @@ def test_options_of_the_command_are_checked_before_planning(
 
 
 def _output(path: Path, *arguments: str) -> str:
-    done = CliRunner().invoke(app, ["tour", str(path), *arguments])
+    done = invoke(["tour", str(path), *arguments])
     assert done.exit_code == 2
     return " ".join(done.output.split())
 

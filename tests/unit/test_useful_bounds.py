@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import invoke
 from sample_arms import make_arm, rod
-from typer.testing import CliRunner
 
 import tominpmp as tm
-from tominpmp.cli.app import app
 from tominpmp.cli.report import report_data, report_text
 
 ABOVE = "% above the lower bound"
@@ -83,7 +82,7 @@ goal = {type = "joint", q = [0.6, 1.0, -0.3]}
     for kind, words in (("useful", limits), ("useless", ("velocity = 1e3", ""))):
         path = tmp_path / f"{kind}.toml"
         path.write_text(head % words + tour)
-        done = CliRunner().invoke(app, ["tour", str(path)])
+        done = invoke(["tour", str(path)])
         assert done.exit_code == 0, done.output
         found.append(done.output)
     assert ABOVE in found[0] and "No tour beats" in found[0]

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import invoke
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.cli.app import app
 from tominpmp.cli.report import report_data, report_text
 
 UR5 = """
@@ -98,7 +97,7 @@ def held(*constraints: str) -> str:
 def test_the_command_line_says_where_and_what(tmp_path: Path, text, words):
     path = tmp_path / "cell.toml"
     path.write_text(UR5 + text)
-    outcome = CliRunner().invoke(app, ["plan", str(path)])
+    outcome = invoke(["plan", str(path)])
     assert outcome.exit_code == 2, outcome.output
     said = " ".join(outcome.output.split())
     assert "Traceback" not in said

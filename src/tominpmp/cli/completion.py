@@ -6,12 +6,16 @@ what a robot is loaded for takes too long, and complains of what is not finished
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 from xml.etree.ElementTree import Element, ParseError
 
-from tominpmp.cli.usage import TYPED
+if TYPE_CHECKING:
+    from cyclopts.completion import CompletionContext
+
+Completer: TypeAlias = "Callable[[CompletionContext], list[str]]"
 
 # Endings of files that a robot or a problem is read from.
 ENDINGS = (".urdf", ".toml")
@@ -21,80 +25,69 @@ MOVING = ("revolute", "continuous", "prismatic")
 MOST_BYTES = 4_000_000
 
 
-def robots(incomplete: str) -> list[str]:
+def robots(typed: CompletionContext) -> list[str]:
     """Names of robots, and files and folders, that begin so."""
     from tominpmp.description.files import robot_names
 
-    return [*_beginning(robot_names(), incomplete), *_files(incomplete, ENDINGS)]
+    return [*robot_names(), *_files(typed.incomplete)]
 
 
-def _files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Files with such an ending, and folders, that begin so."""
-    folder, _, _ = incomplete.rpartition("/")
+def _files(incomplete: str) -> list[str]:
+    """Files that a robot or a problem is read from, and folders, that begin so."""
+    folder, slash, _ = incomplete.rpartition("/")
     try:
-        inside = sorted(
-            Path(folder or ("/" if incomplete[:1] == "/" else ".")).iterdir()
-        )
+        inside = sorted(Path(folder or slash or ".").iterdir())
     except OSError:
         return []
-    start = f"{folder}/" if "/" in incomplete else ""
+    start = f"{folder}{slash}"
     names = [
         f"{start}{path.name}/" if path.is_dir() else f"{start}{path.name}"
         for path in inside
-        if path.is_dir() or path.suffix in endings
+        if path.name[0] != "." and (path.is_dir() or path.suffix in ENDINGS)
     ]
-    return _beginning((n for n in names if not n.startswith(".")), incomplete)
+    return [name for name in names if name.startswith(incomplete)]
 
 
-def frames(ctx: Any, incomplete: str) -> list[str]:
+def frames(typed: CompletionContext) -> list[str]:
     """Frames of the robot that was named: its links and joints."""
-    found = [e.get("name", "") for e in _elements(ctx, "urdf", "link", "joint")]
-    return _beginning(found, incomplete)
+    return [e.get("name", "") for e in _elements(typed, "urdf", "link", "joint")]
 
 
-def joints(ctx: Any, incomplete: str) -> list[str]:
+def joints(typed: CompletionContext) -> list[str]:
     """Moving joints of the robot that was named, as ``JOINT=``."""
-    found = [
+    return [
         f"{element.get('name', '')}="
-        for element in _elements(ctx, "urdf", "joint")
+        for element in _elements(typed, "urdf", "joint")
         if element.get("type") in MOVING
     ]
-    return _beginning(found, incomplete)
 
 
-def groups(ctx: Any, incomplete: str) -> list[str]:
+def groups(typed: CompletionContext) -> list[str]:
     """Groups of the SRDF file of the robot that was named."""
-    found = [e.get("name", "") for e in _elements(ctx, "srdf", "group")]
-    return _beginning(found, incomplete)
+    return [e.get("name", "") for e in _elements(typed, "srdf", "group")]
 
 
-def positions(ctx: Any, incomplete: str) -> list[str]:
+def positions(typed: CompletionContext) -> list[str]:
     """Group states of the robot that was named, and its joints."""
-    states = [e.get("name", "") for e in _elements(ctx, "srdf", "group_state")]
-    return [*_beginning(dict.fromkeys(states), incomplete), *joints(ctx, incomplete)]
+    states = [e.get("name", "") for e in _elements(typed, "srdf", "group_state")]
+    return [*dict.fromkeys(states), *joints(typed)]
 
 
-def words(*choices: str) -> Callable[[str], list[str]]:
+def words(*choices: str) -> Completer:
     """What completes one of a few words."""
-
-    def complete(incomplete: str) -> list[str]:
-        return _beginning(choices, incomplete)
-
-    return complete
+    return lambda typed: list(choices)
 
 
-def _beginning(names: Any, incomplete: str) -> list[str]:
-    return [name for name in names if name and name.startswith(incomplete)]
-
-
-def _elements(ctx: Any, kind: str, *tags: str) -> Iterator[Element]:
+def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Element]:
     """Elements of a file of the robot that was named, those at the top of it."""
     from tominpmp.description.files import find_robot
     from tominpmp.description.xml_reader import read_xml
     from tominpmp.exceptions import TominpmpError
 
-    robot = _robot(ctx)
-    given = ctx.params.get("srdf") if kind == "srdf" else None
+    given = _given(typed, "srdf") if kind == "srdf" else None
+    robot = _given(typed, "robot") or _given(typed, "scenario")
+    # With an option that lacks its values, no argument is told apart.
+    robot = robot or next((w for w in sys.argv[3:] if not w.startswith("-")), "")
     try:
         path = Path(given) if given else getattr(find_robot(robot), kind)
         if path is None or path.stat().st_size > MOST_BYTES:
@@ -106,15 +99,14 @@ def _elements(ctx: Any, kind: str, *tags: str) -> Iterator[Element]:
         yield from root.findall(tag)
 
 
-def _robot(ctx: Any) -> Any:
-    """The robot that was named, also where nothing could be parsed yet."""
-    named = ctx.params.get("robot") or ctx.params.get("problem")
-    typed = getattr(ctx, "meta", {}).get(TYPED, ())
-    return named or next((word for word in typed if not word.startswith("-")), "")
+def _given(typed: CompletionContext, name: str) -> str | None:
+    """What was typed for an argument before."""
+    found = typed.get(name)
+    return None if found is None else found.raw
 
 
 #: What completes the values of options, by the name of the option.
-COMPLETIONS: dict[str, Callable[..., list[str]]] = {
+COMPLETIONS: dict[str, Completer] = {
     "group": groups,
     "limits": words("datasheet"),
     "lock": joints,

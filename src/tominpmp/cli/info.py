@@ -6,12 +6,12 @@ import textwrap
 from dataclasses import fields
 from typing import Any, cast
 
-import typer
 from rich.console import Console
 
 from tominpmp.cli.json_text import json_text, plain
 from tominpmp.cli.options import RobotOptions
 from tominpmp.cli.problem import load_changed_robot
+from tominpmp.cli.terminal import say
 from tominpmp.motion_limits import UNITS
 from tominpmp.robot import Robot
 
@@ -65,7 +65,7 @@ def run_info(robot: str, args: RobotOptions, as_json: bool) -> None:
         TominpmpError: If it cannot be loaded.
     """
     data = robot_data(load_changed_robot(robot, args))
-    typer.echo(json_text(data) if as_json else _text(data))
+    say(json_text(data) if as_json else _text(data))
 
 
 def _text(data: dict[str, Any]) -> str:

@@ -1,8 +1,8 @@
 """Options from dataclasses: each field is one, and the docstring has its text.
 
-A command is a function. A parameter of it whose type is a dataclass stands for an
-option for each of its fields; one annotated with :class:`FieldsOf` for the fields of a
-class of the library. So an option is declared in one place.
+A command is a function. A parameter of it whose type is a dataclass that is marked with
+:func:`options` stands for an option for each of its fields; :func:`fields_of` makes
+such a dataclass of a class of the library. So an option is declared in one place.
 """
 
 from __future__ import annotations
@@ -10,25 +10,33 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass
 from types import NoneType, SimpleNamespace
 from typing import (
     Annotated,
     Any,
-    ClassVar,
     Literal,
+    TypeVar,
     get_args,
     get_origin,
     get_type_hints,
 )
 
-import typer
+from cyclopts import Group, Parameter, Token
 
 from tominpmp.cli.completion import COMPLETIONS, words
-from tominpmp.cli.terminal import guarded
-from tominpmp.cli.usage import PER_JOINT, Command
+from tominpmp.exceptions import OptionsError
 
+# What the options are listed under in the help, in this order.
+PANELS = ("Arguments", "Motion", "Scene", "Robot", "Planning", "Output", "Page")
+GROUPS = {
+    name: Group(name, sort_key=place)
+    for place, name in enumerate((*PANELS, "General"), start=1)
+}
+PER_JOINT = "VALUES"
+# Options whose values are called so take one word, or several.
+SEVERAL = ("POSITIONS", PER_JOINT, "X Y Z")
 # How the values of fields of the library are called.
 METAVARS: dict[Any, str] = {bool: "", int: "N", float: "NUMBER", str: "NAME"}
 # What scenario files have for None.
@@ -39,17 +47,68 @@ ENTRY = re.compile(r"^    (\w+)(?: \((.*)\))?: (.*(?:\n(?:     .*|$))*)", re.MUL
 # References to other parts of the documentation are of no use in a terminal.
 REFERENCE = re.compile(r",? see :\w+:`[^`]*`|:\w+:`~?(?:\w+\.)*(\w+)`|``(.*?)``")
 
-Parameters = dict[str, inspect.Parameter]
+Record = TypeVar("Record")
 
 
-@dataclass(frozen=True)
-class FieldsOf:
-    """Stands for an option for each field of a class of the library that can be typed.
+def attribute_texts(kind: type[Any]) -> dict[str, tuple[str, str]]:
+    """What the docstring of a class says of its attributes.
+
+    Returns:
+        How the value is called, empty if that is not said, and the text.
+    """
+    text = inspect.cleandoc(kind.__doc__ or "").partition("\nAttributes:\n")[2]
+    return {
+        name: (metavar, REFERENCE.sub(r"\1\2", " ".join(words.split())))
+        for name, metavar, words in ENTRY.findall(text)
+    }
+
+
+def options(panel: str) -> Callable[[type[Record]], type[Record]]:
+    """Mark a dataclass: each field that it declares is an option.
+
+    The metadata of a field may have ``alias``, another name of its option, and
+    ``panel``, what it is listed under instead.
+
+    Args:
+        panel: What the options are listed under.
+    """
+
+    def mark(kind: type[Record]) -> type[Record]:
+        declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
+        for name, (metavar, text) in attribute_texts(kind).items():
+            item = declared[name]
+            hint = _hint(kind, item)
+            kind.__annotations__[name] = Annotated[
+                hint,
+                Parameter(
+                    converter=_reader(hint),
+                    allow_leading_hyphen=name == "output",  # - is standard output
+                    alias=item.metadata.get("alias"),
+                    metavar=metavar or None,
+                    help=text,
+                    group=GROUPS[item.metadata.get("panel", panel)],
+                    negative=() if item.default is False else None,
+                    completer=COMPLETIONS.get(name),
+                ),
+            ]
+        return Parameter(name="*")(kind)
+
+    return mark
+
+
+def fields_of(
+    kind: type[Any],
+    panel: str,
+    further: Mapping[str, tuple[str, str]] | None = None,
+    ending: str = "",
+    renamed: Mapping[str, str] | None = None,
+) -> Any:
+    """Make a dataclass of the fields of a class of the library that can be typed.
 
     These are fields for a number, a word or a truth value, and for values per joint,
-    which remain a text. The command gets a mapping with those that were given.
+    which remain a text. :func:`given` has those that were typed.
 
-    Attributes:
+    Args:
         kind: The class.
         panel: What the options are listed under.
         further: By the names of fields, another name of the option or an empty text,
@@ -57,48 +116,47 @@ class FieldsOf:
         ending: How the names of the fields end; others are left out.
         renamed: How options are called that would be called as those of another class.
     """
+    texts, found = attribute_texts(kind), []
+    for item in fields(kind):
+        hint = _hint(kind, item)
+        typed, metavar = _typed(hint)
+        if typed is None or not item.name.endswith(ending):
+            continue
+        other, note = (further or {}).get(item.name, ("", ""))
+        text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
+        if item.default not in (None, MISSING):
+            text += f" Default: {item.default}."
+        choices = _choices(hint)
+        optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
+        marks = Parameter(
+            alias=other or None,
+            metavar=metavar or None,
+            help=f"{text} {note}".strip(),
+            group=GROUPS[panel],
+            converter=_reader(typed, optional),
+            completer=words(*choices) if choices else None,
+        )
+        name = (renamed or {}).get(item.name, item.name)
+        kept = field(default=None, metadata={"field": item.name})
+        found.append((name, Annotated[typed | None, marks], kept))
+    made = make_dataclass(
+        f"{kind.__name__}Fields",
+        found,
+        namespace={"__module__": __name__},  # else it counts as one of Python's own
+        frozen=True,
+        kw_only=True,
+    )
+    return Parameter(name="*")(made)
 
-    kind: type[Any]
-    panel: str
-    further: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    ending: str = ""
-    renamed: Mapping[str, str] = field(default_factory=dict)
 
-    def parameters(self) -> Parameters:
-        """Parameters for Typer by the names of the fields."""
-        texts, found = attribute_texts(self.kind), {}
-        for item in fields(self.kind):
-            hint = _hint(self.kind, item)
-            kind, metavar = _typed(hint)
-            if kind is None or not item.name.endswith(self.ending):
-                continue
-            text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
-            if item.default not in (None, MISSING):
-                text += f" Default: {item.default}."
-            name = self.renamed.get(item.name, item.name)
-            flag = name.replace("_", "-")
-            flags = [f"--{flag}/--no-{flag}" if kind is bool else f"--{flag}"]
-            if item.name in self.further:
-                other, note = self.further[item.name]
-                flags[:0] = [other] if other else []
-                text += f" {note}"
-            choices = _choices(hint)
-            optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
-            option = typer.Option(
-                *flags,
-                metavar=metavar or None,
-                help=text,
-                parser=_or_none(kind) if optional else None,
-                rich_help_panel=self.panel,
-                show_default=False,
-                autocompletion=words(*choices) if choices else None,
-            )
-            found[name] = _parameter(name, Annotated[kind | None, option])
-        return found
-
-    def field_names(self) -> Mapping[str, str]:
-        """Names of fields by the names of their options, where they differ."""
-        return {name: item for item, name in self.renamed.items()}
+def given(record: Any) -> dict[str, Any]:
+    """Values that were typed, by the names of the fields of the library's class."""
+    found = {f.metadata["field"]: getattr(record, f.name) for f in fields(record)}
+    return {
+        name: None if value == NONE else value
+        for name, value in found.items()
+        if value is not None
+    }
 
 
 def _hint(kind: type[Any], item: Field[Any]) -> Any:
@@ -110,9 +168,14 @@ def _hint(kind: type[Any], item: Field[Any]) -> Any:
         return object
 
 
+def _kinds(hint: Any) -> list[Any]:
+    """What a value may be, beside None."""
+    return [kind for kind in get_args(hint) or (hint,) if kind is not NoneType]
+
+
 def _typed(hint: Any) -> tuple[Any, str]:
     """What is typed for a field, None if nothing can be; and how that is called."""
-    kinds = [kind for kind in get_args(hint) or (hint,) if kind is not NoneType]
+    kinds = _kinds(hint)
     if Literal in (get_origin(hint), get_origin(kinds[0])):
         return str, METAVARS[str]
     if float in kinds and any(get_origin(kind) is Mapping for kind in kinds):
@@ -129,72 +192,28 @@ def _choices(hint: Any) -> tuple[str, ...]:
     return ()
 
 
-def _or_none(kind: type[Any]) -> Callable[[str], Any]:
-    """Reader of an option that may also be none."""
+def _reader(hint: Any, also_none: bool = False) -> Callable[..., Any] | None:
+    """Reader of an option for a number that is whole, or may also be none."""
+    kind = next((kind for kind in (int, float, str) if kind in _kinds(hint)), str)
+    if not also_none and kind is not int:
+        return None
 
-    def read(text: str) -> Any:
+    def read(_: Any, tokens: Collection[Token]) -> Any:
+        (token,) = tokens
         try:
-            return NONE if text == NONE else kind(text)
+            return NONE if also_none and token.value == NONE else kind(token.value)
         except ValueError as error:
             expected = "a whole number" if kind is int else "a number"
-            raise typer.BadParameter(
-                f"{text!r} is neither {expected} nor {NONE}"
+            said = f"neither {expected} nor {NONE}" if also_none else f"not {expected}"
+            raise OptionsError(
+                f"{token.keyword!r}: {token.value!r} is {said}"
             ) from error
 
     return read
 
 
-def attribute_texts(kind: type[Any]) -> dict[str, tuple[str, str]]:
-    """What the docstring of a class says of its attributes.
-
-    Returns:
-        How the value is called, empty if that is not said, and the text.
-    """
-    text = inspect.cleandoc(kind.__doc__ or "").partition("\nAttributes:\n")[2]
-    return {
-        name: (metavar, REFERENCE.sub(r"\1\2", " ".join(words.split())))
-        for name, metavar, words in ENTRY.findall(text)
-    }
-
-
-def _parameter(name: str, hint: Any, default: Any = None) -> inspect.Parameter:
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, annotation=hint, default=default
-    )
-
-
-def _record_parameters(kind: Any) -> Parameters:
-    """Parameters for Typer for the fields of a record of options.
-
-    The metadata of a field may have ``flags``, the names of its option, and ``panel``,
-    what it is listed under; else that is the panel of the class that declares it.
-    """
-    hints, found = get_type_hints(kind), {}
-    texts = {
-        name: (base.panel, *text)
-        for base in reversed(kind.__mro__)
-        for name, text in attribute_texts(base).items()
-    }
-    for item in fields(kind):
-        panel, metavar, text = texts[item.name]
-        flags = item.metadata.get("flags", ())
-        if item.default is False and not flags:
-            flags = (f"--{item.name.replace('_', '-')}",)
-        option = typer.Option(
-            *flags,
-            metavar=metavar or None,
-            help=text,
-            rich_help_panel=item.metadata.get("panel", panel),
-            show_default=False,
-            autocompletion=COMPLETIONS.get(item.name),
-        )
-        default = inspect.Parameter.empty if item.default is MISSING else item.default
-        hint = hints[item.name]
-        found[item.name] = _parameter(item.name, Annotated[hint, option], default)
-    return found
-
-
-@dataclass(frozen=True)
+@options("General")
+@dataclass(frozen=True, kw_only=True)
 class GeneralOptions:
     """What all commands know.
 
@@ -202,72 +221,4 @@ class GeneralOptions:
         debug: Show the traceback of an error too.
     """
 
-    panel: ClassVar = "General"
     debug: bool = False
-
-
-@dataclass(frozen=True)
-class _Group:
-    """The options that a parameter of a command stands for."""
-
-    hint: Any
-    parameters: Parameters
-    renamed: Mapping[str, str] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, own: inspect.Parameter, hint: Any) -> _Group:
-        for mark in get_args(hint):
-            if isinstance(mark, FieldsOf):
-                return cls(hint, mark.parameters(), mark.field_names())
-        if is_dataclass(hint):
-            return cls(hint, _record_parameters(hint))
-        return cls(None, {own.name: _parameter(own.name, hint, own.default)})
-
-    def value(self, given: Mapping[str, Any]) -> Any:
-        """The argument for the command, from those that Typer gives."""
-        own = {name: given[name] for name in self.parameters}
-        if self.hint is None:
-            return next(iter(own.values()))
-        if is_dataclass(self.hint):
-            return self.hint(**own)  # type: ignore[operator]
-        own = {
-            self.renamed.get(name, name): value
-            for name, value in own.items()
-            if value is not None
-        }
-        return {name: None if value == NONE else value for name, value in own.items()}
-
-
-def command(app: typer.Typer, **texts: Any) -> Callable[[Callable[..., Any]], None]:
-    """Add a function as a command, with its options.
-
-    Args:
-        app: The commands.
-        **texts: ``short_help``, and ``epilog`` for the end of the help, whose beginning
-            is the docstring of the function. It returns an exit code, or None for 0.
-    """
-
-    def add(function: Callable[..., Any]) -> None:
-        hints = get_type_hints(function, include_extras=True)
-        groups = {
-            name: _Group.of(own, hints[name])
-            for name, own in inspect.signature(function).parameters.items()
-        }
-        general = _Group(GeneralOptions, _record_parameters(GeneralOptions))
-
-        def run(**given: Any) -> int:
-            with guarded(general.value(given).debug):
-                values = {name: group.value(given) for name, group in groups.items()}
-                return int(function(**values) or 0)
-
-        parameters = [
-            parameter
-            for group in (*groups.values(), general)
-            for parameter in group.parameters.values()
-        ]
-        run.__name__, run.__doc__ = function.__name__, function.__doc__
-        run.__annotations__ = {p.name: p.annotation for p in parameters}
-        setattr(run, "__signature__", inspect.Signature(parameters))  # noqa: B010
-        app.command(cls=Command, **texts)(run)
-
-    return add

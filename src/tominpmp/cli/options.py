@@ -15,15 +15,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from tominpmp.cli.option_fields import FieldsOf
+from tominpmp.cli.option_fields import GeneralOptions, fields_of, options
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 
-PlannerOptions = Annotated[
-    Mapping[str, Any],
-    FieldsOf(
+if TYPE_CHECKING:
+    PlannerOptions: TypeAlias = Any
+    ToleranceOptions: TypeAlias = Any
+    LimitOptions: TypeAlias = Any
+else:
+    PlannerOptions = fields_of(
         Options,
         "Planning",
         {
@@ -31,22 +34,20 @@ PlannerOptions = Annotated[
             "effort": ("", "Torque limits are --effort."),
         },
         renamed={"effort": "planning_effort"},  # --effort gives torque limits
-    ),
-]
-# What a motion that is judged may be off by.
-ToleranceOptions = Annotated[
-    Mapping[str, Any], FieldsOf(Options, "Planning", ending="_tolerance")
-]
-LimitOptions = Annotated[Mapping[str, Any], FieldsOf(MotionLimits, "Robot")]
+    )
+    # What a motion that is judged may be off by.
+    ToleranceOptions = fields_of(Options, "Planning", ending="_tolerance")
+    LimitOptions = fields_of(MotionLimits, "Robot")
 
 
 # What the help lists an option under, if not under the panel of its class.
 ROBOT, SCENE, MOTION, PLANNING, OUTPUT = (
     {"panel": panel} for panel in ("Robot", "Scene", "Motion", "Planning", "Output")
 )
-OUTPUT_FILE = {"flags": ("--output", "-o")}
+OUTPUT_FILE, QUIET, VERBOSE = ({"alias": alias} for alias in ("-o", "-q", "-v"))
 
 
+@options("Robot")
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
     """What is different from the description of a robot.
@@ -72,7 +73,6 @@ class RobotOptions:
             position instead of the URDF's, and of acceleration and jerk.
     """
 
-    panel: ClassVar = "Robot"
     package_dir: list[Path] | None = None
     srdf: Path | None = None
     group: str | None = None
@@ -89,6 +89,7 @@ class RobotOptions:
     joint_limits: Path | None = None
 
 
+@options("Scene")
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(RobotOptions):
     """A robot and what is around it.
@@ -105,6 +106,7 @@ class SceneOptions(RobotOptions):
     obstacle: list[str] | None = field(default=None, metadata=SCENE)
 
 
+@options("Motion")
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions(SceneOptions):
     """A robot, what is around it, a start and a goal.
@@ -136,7 +138,6 @@ class ProblemOptions(SceneOptions):
             before it.
     """
 
-    panel: ClassVar = "Motion"
     start: str | None = None
     goal: str | None = None
     goal_position: tuple[str, float, float, float] | None = None
@@ -171,18 +172,19 @@ def is_scenario(robot: str) -> bool:
     return robot.lower().endswith(".toml")
 
 
+@options("Output")
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions:
+class ReportOptions(GeneralOptions):
     """How to report.
 
     Attributes:
         json: Report as JSON.
     """
 
-    panel: ClassVar = "Output"
     json: bool = False
 
 
+@options("Output")
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions(ReportOptions):
     """What a plan begins with, what of it to write and what to show.
@@ -223,53 +225,11 @@ class PlanOptions(ReportOptions):
     certificate: Path | None = None
     sensitivities: Path | None = None
     save_scenario: Path | None = None
-    quiet: bool = field(default=False, metadata={"flags": ("--quiet", "-q")})
-    verbose: bool = field(default=False, metadata={"flags": ("--verbose", "-v")})
+    quiet: bool = field(default=False, metadata=QUIET)
+    verbose: bool = field(default=False, metadata=VERBOSE)
 
 
-@dataclass(frozen=True, kw_only=True)
-class BatchOptions(ReportOptions):
-    """Where a batch is planned, and where its results go.
-
-    Attributes:
-        output (FOLDER): Keep the results there, an NPZ file each; what is there from a
-            former run is not planned again. Default: results.
-        workers (N): How many are planned at once. Default: as many as there are cores.
-        backend (NAME): loky (processes), threading, dask, ray, or any other of joblib.
-            Default: loky.
-        warm_start: Let problems begin with the motions of their neighbours.
-        quiet: No progress, only a report, warnings and errors.
-    """
-
-    output: Path = field(default=Path("results"), metadata=OUTPUT_FILE)
-    workers: int | None = field(default=None, metadata=PLANNING)
-    backend: str | None = field(default=None, metadata=PLANNING)
-    warm_start: bool = field(default=False, metadata=PLANNING)
-    quiet: bool = field(default=False, metadata={"flags": ("--quiet", "-q")})
-
-
-@dataclass(frozen=True, kw_only=True)
-class TourOptions(ReportOptions):
-    """What of a tour to write and what to show.
-
-    Attributes:
-        output (FILE): Write the whole cycle there: .csv, .npz, or a ROS 2 message
-            (.yaml, .json, or .mcap for a bag); replaced if it exists.
-        dt (SECONDS): Time between the rows. Default: the nodes of the motions.
-        plot (FILE): Draw a Gantt picture: .png, .pdf or .svg.
-        html (FILE): Write a page that plays the cycle: .html.
-        max_time (SECONDS): Time limit of the planning.
-        verbose: Show the log too.
-    """
-
-    output: Path | None = field(default=None, metadata=OUTPUT_FILE)
-    dt: float | None = None
-    plot: Path | None = None
-    html: Path | None = None
-    max_time: float | None = field(default=None, metadata=PLANNING)
-    verbose: bool = field(default=False, metadata={"flags": ("--verbose", "-v")})
-
-
+@options("Output")
 @dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
     """How a motion is judged.
@@ -283,65 +243,9 @@ class VerifyOptions(ReportOptions):
     interpolation: str | None = field(default=None, metadata=MOTION)
 
 
+@options("Robot")
 @dataclass(frozen=True, kw_only=True)
-class AppOptions:
-    """Where the live page is served.
-
-    Attributes:
-        port (N): Port to serve the page at. Default: 8080.
-        host (ADDRESS): Address to serve it at; 0.0.0.0 lets others on the network open
-            it. Default: 127.0.0.1.
-        no_browser: Do not open the page in the browser.
-    """
-
-    panel: ClassVar = "Page"
-    port: int = 8080
-    host: str = "127.0.0.1"
-    no_browser: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayOptions(ReportOptions):
-    """How a motion is replayed in MuJoCo.
-
-    Attributes:
-        step (SECONDS): Longest step of the simulator. Default: 0.0002.
-        goal_tolerance (RAD): What a joint may be off by at the end (rad or m), with
-            feedback. Default: 0.01.
-        robustness: Instead of replaying a motion, plan with several torque reserves
-            and tell which keeps 99 % of random loads, friction, delays and noise near
-            the motion.
-        samples (N): Number of trials for each reserve. Default: 100.
-        seed (N): Of their random numbers.
-        random_payload (KG): Largest mass that a trial carries beside what is modelled.
-            Default: 0.2.
-        random_friction (SHARE): Largest dry friction beside what is modelled, as a
-            share of the torque limit of each joint. Default: 0.01.
-        random_delay (SECONDS): Longest time from a measurement to the torque that
-            follows from it. Default: 0.002.
-        random_noise (RAD): Standard deviation of measured positions (rad or m).
-            Default: 1e-05.
-        tracking_tolerance (RAD): How far a joint may be from the motion in a trial (rad
-            or m). Default: 0.02.
-        bandwidth (NUMBER): How fast the feedback of a trial brings errors to zero
-            (1/s). Default: 100.
-    """
-
-    step: float | None = field(default=None, metadata=PLANNING)
-    goal_tolerance: float = field(default=0.01, metadata=PLANNING)
-    robustness: bool = field(default=False, metadata=PLANNING)
-    samples: int = field(default=100, metadata=PLANNING)
-    seed: int = field(default=0, metadata=PLANNING)
-    random_payload: float = field(default=0.2, metadata=PLANNING)
-    random_friction: float = field(default=0.01, metadata=PLANNING)
-    random_delay: float = field(default=0.002, metadata=PLANNING)
-    random_noise: float = field(default=1e-5, metadata=PLANNING)
-    tracking_tolerance: float = field(default=0.02, metadata=PLANNING)
-    bandwidth: float = field(default=100.0, metadata=PLANNING)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlayOptions(SceneOptions):
+class PlayOptions(SceneOptions, GeneralOptions):
     """Whose motion is shown, with what around it, and where.
 
     Attributes:

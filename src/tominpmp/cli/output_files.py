@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -11,8 +12,6 @@ from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import typer
 
 from tominpmp.cli.options import PlanOptions
 from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
@@ -170,7 +169,7 @@ class OutputFiles:
             path = Path(folder) / DEFAULT_MOTION
             found = self._export(solution, path)
             with path.open(encoding="utf-8", newline="") as file:
-                typer.echo(file.read(), nl=False)
+                sys.stdout.write(file.read())
         return replace(found, path=Path("standard output"))
 
 

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import typer
-
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.options import PlanOptions, ProblemArguments
 from tominpmp.cli.output_files import OutputFiles
@@ -22,6 +20,7 @@ from tominpmp.cli.terminal import (
     complain,
     error_console,
     logged,
+    say,
 )
 from tominpmp.exceptions import OptionsError
 from tominpmp.options import Options
@@ -119,8 +118,8 @@ def _write(solution: Solution, files: OutputFiles) -> bool:
 def _report(solution: Solution, files: OutputFiles, data: Mapping[str, Any]) -> None:
     args = files.options
     if args.json:
-        typer.echo(json_text(data))
+        say(json_text(data))
     elif not args.quiet:
-        typer.echo(report_text(data), err=files.to_stdout)
+        say(report_text(data), err=files.to_stdout)
     elif not solution.success:
-        typer.echo(solution.message, err=True)
+        say(solution.message, err=True)

@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, TextIO
 
-import typer
-
 from tominpmp.cli.own_words import in_own_words
 from tominpmp.exceptions import TominpmpError, TominpmpWarning
 
@@ -27,6 +25,23 @@ BAD_INPUT = 2
 DEFECT = 70
 INTERRUPTED = 130
 CLOSED_PIPE = 141
+
+
+class Exit(Exception):
+    """The end of a command by an error that was told.
+
+    Attributes:
+        code: The exit code.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Write a text to standard output, or to standard error."""
+    print(text, file=sys.stderr if err else sys.stdout, flush=True)
 
 
 @cache
@@ -57,40 +72,30 @@ def guarded(debug: bool = False) -> Iterator[None]:
         debug: Whether to show tracebacks too.
 
     Raises:
-        typer.Exit: With the exit code, after a line that says what is wrong.
+        Exit: With the exit code, after a line that says what is wrong.
     """
     try:
         with _warnings_shown():
             yield
-    except typer.Exit:
-        raise
     except (BrokenPipeError, SystemExit) as error:
-        # With the latter Typer ends when nobody reads the help that it writes.
+        # With the latter Rich ends when nobody reads the help that it writes.
         discard_output()
-        raise typer.Exit(CLOSED_PIPE) from error
-    except (KeyboardInterrupt, typer.Abort) as error:
+        raise Exit(CLOSED_PIPE) from error
+    except KeyboardInterrupt as error:
         complain("error", "interrupted")
-        raise typer.Exit(INTERRUPTED) from error
+        raise Exit(INTERRUPTED) from error
     except TominpmpError as error:
         _explain(str(error), debug)
-        raise typer.Exit(BAD_INPUT) from error
+        raise Exit(BAD_INPUT) from error
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
         _explain(f"{where}{error.strerror or error}", debug)
-        raise typer.Exit(BAD_INPUT) from error
+        raise Exit(BAD_INPUT) from error
     except Exception as error:
-        # Where Typer has its parser's exceptions depends on its version.
-        if hasattr(error, "format_message"):
-            complain("error", error.format_message())
-            context = getattr(error, "ctx", None)
-            if context is not None:
-                hint = f"see {context.command_path} --help"
-                error_console().print(hint, soft_wrap=True)
-            raise typer.Exit(BAD_INPUT) from error
         hint = "" if debug else "; --debug shows where"
         what = f"{type(error).__name__}: {error}"
         _explain(f"{what} (this is a defect of tominpmp{hint})", debug)
-        raise typer.Exit(DEFECT) from error
+        raise Exit(DEFECT) from error
 
 
 def _explain(message: str, debug: bool) -> None:

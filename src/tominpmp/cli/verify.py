@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import typer
 
 from tominpmp.cli.json_text import json_text, plain
 from tominpmp.cli.options import ProblemArguments, VerifyOptions, is_scenario
 from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import rows_text
-from tominpmp.cli.terminal import NO_PLAN, PLANNED
+from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import ProblemError
 from tominpmp.io.export_check import ExportCheck, check_file
 from tominpmp.samples import Interpolation
@@ -48,7 +47,7 @@ def run_verify(
         tolerances=options.tolerances,
         interpolation=cast("Interpolation | None", how.interpolation),
     )
-    typer.echo(json_text(_data(found)) if how.json else _text(found))
+    say(json_text(_data(found)) if how.json else _text(found))
     return PLANNED if found.ok else NO_PLAN
 
 

@@ -6,16 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import typer
 
 from tominpmp.cli.json_text import json_text, plain
-from tominpmp.cli.options import ProblemArguments, ReplayOptions
+from tominpmp.cli.options import ProblemArguments
 from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import rows_text
-from tominpmp.cli.terminal import NO_PLAN, PLANNED
+from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.cli.verify import check_given
+from tominpmp.exceptions import OptionsError
 from tominpmp.io.export import load_motion
 from tominpmp.options import Options
+from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
 from tominpmp.physics.robustness import (
     WANTED,
@@ -44,10 +45,10 @@ def run_replay(
     problem, options = load_problem(problem_args)
     if args.robustness:
         found = _tried(problem, options, args)
-        typer.echo(json_text(plain(found)) if args.json else _reserves_text(found))
+        say(json_text(plain(found)) if args.json else _reserves_text(found))
         return PLANNED if found.reserve is not None else NO_PLAN
     if motion is None:
-        raise typer.BadParameter("a MOTION is missing; or give --robustness")
+        raise OptionsError("a MOTION is missing; or give --robustness", "MOTION")
     trajectory = recorded_motion(
         load_motion(motion),
         problem.robot,
@@ -57,7 +58,7 @@ def run_replay(
     )
     step = STEP if args.step is None else args.step
     seen = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
-    typer.echo(json_text(_data(seen)) if args.json else _text(seen, motion))
+    say(json_text(_data(seen)) if args.json else _text(seen, motion))
     return PLANNED if seen.ok else NO_PLAN
 
 

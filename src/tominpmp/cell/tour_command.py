@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from tominpmp.bounds.result import USELESS, LowerBound
+from tominpmp.cell.options import TourOptions
 from tominpmp.cell.tours import Tour
 from tominpmp.cell.tours.tour_file import blamed, load_tour
 from tominpmp.cli.json_text import json_text
-from tominpmp.cli.options import TourOptions
 from tominpmp.cli.output_files import (
     MOTION_ENDINGS,
     PAGE_ENDINGS,
@@ -25,6 +23,7 @@ from tominpmp.cli.terminal import (
     PLANNED,
     error_console,
     logged,
+    say,
 )
 from tominpmp.exceptions import ScenarioError, TominpmpError
 from tominpmp.options import Options
@@ -59,7 +58,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
         except TominpmpError as error:
             raise blamed(scenario, error) from error
     written = _write(tour, args)
-    typer.echo(json_text(_data(tour, written)) if args.json else _text(tour, written))
+    say(json_text(_data(tour, written)) if args.json else _text(tour, written))
     if tour.status is Status.INTERRUPTED:
         return INTERRUPTED
     return PLANNED if tour.success else NO_PLAN

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import typer
-
+from tominpmp.cell.batch.folder import scenarios_in, summary
+from tominpmp.cell.batch.outcome import Outcome
+from tominpmp.cell.batch.plan_many import Progress, plan_many
+from tominpmp.cell.options import BatchOptions
 from tominpmp.cli.json_text import json_text
-from tominpmp.cli.options import BatchOptions
 from tominpmp.cli.report import rows_text
 from tominpmp.cli.signals import present
-from tominpmp.cli.terminal import NO_PLAN, PLANNED, complain
+from tominpmp.cli.terminal import NO_PLAN, PLANNED, complain, say
 
 # Problems without a motion that are named.
 NAMED = 20
@@ -31,10 +32,6 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         TominpmpError: If anything given is wrong; a broken scenario among others is
             reported instead, and the others are planned.
     """
-    from tominpmp.cell.batch.folder import scenarios_in, summary
-    from tominpmp.cell.batch.outcome import Outcome
-    from tominpmp.cell.batch.plan_many import Progress, plan_many
-
     begin = time.perf_counter()
     problems = scenarios_in(source)
 
@@ -43,7 +40,7 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         found = f"T = {last.T:.4f} s" if last.success else f"{last.status}, no motion"
         more = ", from a former run" if last.resumed else ""
         line = f"{state.done}/{state.total}  {last.name}: {found}{more}"
-        typer.echo(line, err=True)
+        say(line, err=True)
 
     given = dict(options)
     seed = given.pop("seed", 0)
@@ -67,9 +64,9 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
     for row in failed[:NAMED] if not args.json else ():
         complain("no motion", f"{row.name}: {row.message}", "bold yellow")
     if args.json:
-        typer.echo(json_text(data | {"outcomes": [_told(row) for row in rows]}))
+        say(json_text(data | {"outcomes": [_told(row) for row in rows]}))
     else:
-        typer.echo(_text(data, args))
+        say(_text(data, args))
     return NO_PLAN if failed else PLANNED
 
 

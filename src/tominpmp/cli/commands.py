@@ -1,0 +1,143 @@
+"""The commands of the core: what can be said to them.
+
+A function returns the exit code, or None for 0. To show help or refuse an option,
+nothing is imported here that takes long: that is done when a command runs.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tominpmp.cli.completion import robots as complete_robot
+from tominpmp.cli.option_fields import GeneralOptions, given
+from tominpmp.cli.options import (
+    LimitOptions,
+    PlannerOptions,
+    PlanOptions,
+    PlayOptions,
+    ProblemArguments,
+    ProblemOptions,
+    ReportOptions,
+    RobotOptions,
+    ToleranceOptions,
+    VerifyOptions,
+)
+from tominpmp.cli.terminal import say
+
+ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
+RobotName = Annotated[str, Parameter(help=f"{ROBOT}.", completer=complete_robot)]
+PlannedRobot = Annotated[
+    str,
+    Parameter(
+        help=f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, "
+        "scene and options.",
+        completer=complete_robot,
+    ),
+]
+JudgedProblem = Annotated[
+    str,
+    Parameter(
+        help="Scenario file (.toml); or a robot, with --scene and --request, or with "
+        "--start and a goal.",
+        completer=complete_robot,
+    ),
+]
+RecordedMotion = Annotated[
+    Path,
+    Parameter(
+        help="File with a motion: .csv or .npz, as tominpmp plan writes it, or a ROS 2 "
+        "message or bag with a JointTrajectory (.yaml, .json, .mcap)."
+    ),
+]
+
+
+def plan(
+    robot: PlannedRobot,
+    /,
+    *,
+    problem: ProblemOptions = ProblemOptions(),
+    limits: LimitOptions = LimitOptions(),
+    options: PlannerOptions = PlannerOptions(),
+    args: PlanOptions = PlanOptions(),
+) -> int:
+    """Plan the fastest motion from a start to a goal and write it to a file.
+
+    The motion keeps the limits of positions, velocities and torques of the robot
+    and stays clear of the obstacles. It begins and ends at rest unless a velocity
+    is given. Lists of numbers may be separated by spaces or commas. Robot, start,
+    goal and obstacles may also come from a scenario file (.toml), or start, goal
+    and obstacles from files of MoveIt (--scene, --request).
+
+    Exit codes:
+        0    a motion was planned, and its file holds it
+        1    no motion was found, or the file, as it is read, does not
+             solve the problem
+        2    bad input
+        130  interrupted (Ctrl-C); a motion that was found by then is written
+        143  terminated (SIGTERM); likewise
+    """
+    from tominpmp.cli.plan import run_plan
+
+    return run_plan(
+        ProblemArguments(robot, problem, given(limits)), given(options), args
+    )
+
+
+def verify(
+    scenario: JudgedProblem,
+    motion: RecordedMotion,
+    /,
+    *,
+    changes: ProblemOptions = ProblemOptions(),
+    limits: LimitOptions = LimitOptions(),
+    tolerances: ToleranceOptions = ToleranceOptions(),
+    args: VerifyOptions = VerifyOptions(),
+) -> int:
+    """Judge a motion: does it reach the goal, keep all limits and stay clear?
+
+    The motion may come from any planner; the problem is that of a scenario file,
+    or of a robot and files of MoveIt, or of the options. Whatever the motion
+    breaks is listed with joint or pair, time and amount.
+
+    Exit codes:
+        0    the motion solves the problem
+        1    it does not
+        2    bad input
+    """
+    from tominpmp.cli.verify import run_verify
+
+    problem = ProblemArguments(scenario, changes, given(limits))
+    return run_verify(problem, motion, given(tolerances), args)
+
+
+def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
+    """Show a motion in the browser, or write a page that plays it without network."""
+    from tominpmp.cli.play import run_play
+
+    say(f"page  {run_play(motion, args)}")
+
+
+def info(
+    robot: RobotName,
+    /,
+    *,
+    changes: RobotOptions = RobotOptions(),
+    args: ReportOptions = ReportOptions(),
+) -> None:
+    """Show the joints of a robot with their limits, its frames and group states."""
+    from tominpmp.cli.info import run_info
+
+    run_info(robot, changes, args.json)
+
+
+def robots(*, args: GeneralOptions = GeneralOptions()) -> None:
+    """List the robots known by name: bundled ones, and those of example-robot-data.
+
+    Arms come first, then what walks, flies or has many limbs.
+    """
+    from tominpmp.description.files import manipulators_first, robot_names
+
+    say("\n".join(manipulators_first(robot_names())))

@@ -1,0 +1,84 @@
+"""How the words of a command line become a call of a command."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from cyclopts import App, CycloptsError, Parameter
+
+from tominpmp.cli.front import EXAMPLES, commands
+from tominpmp.cli.help import HelpFormatter
+from tominpmp.cli.option_fields import SEVERAL
+from tominpmp.cli.terminal import BAD_INPUT, complain, error_console
+
+
+def called(words: Sequence[str]) -> int:
+    """Call the command that is named, or show its help.
+
+    Returns:
+        The exit code.
+    """
+    app = new_app()
+    if words[0] in commands():
+        arguments = app[words[0]].assemble_argument_collection()
+        several = {
+            flag
+            for argument in arguments
+            if argument.parameter.metavar in SEVERAL
+            for flag in argument.names
+        }
+        words = join_lists(words, several)
+    try:
+        return int(app(words, exit_on_error=False, print_error=False) or 0)
+    except CycloptsError as error:
+        complain("error", str(error))
+        chain = " ".join(("tominpmp", *(error.command_chain or ())))
+        error_console().print(f"see {chain} --help", soft_wrap=True)
+        return BAD_INPUT
+
+
+def new_app() -> App:
+    """The application with the commands that are there."""
+    app = App(
+        name="tominpmp",
+        help_format="plaintext",
+        help_formatter=HelpFormatter(),
+        version_flags=(),
+        default_parameter=Parameter(negative_iterable=(), show_default=False),
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
+    )
+    for name, path in commands().items():
+        app.command(path, name=name, help_epilogue=EXAMPLES if name == "plan" else "")
+    app.register_install_completion_command(add_to_startup=True)
+    return app
+
+
+def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
+    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option."""
+    joined: list[str] = []
+    for arg in args:
+        if _takes_more(joined[-2:], options) and _is_value(arg):
+            joined[-1] += f",{arg}"
+        else:
+            joined.append(arg)
+    return joined
+
+
+def _takes_more(words: Sequence[str], options: Collection[str]) -> bool:
+    """Tell whether the last words are ``--start 1`` or ``--start=1``."""
+    if len(words) == 2 and words[0] in options:
+        return True
+    option, equals, _ = words[-1].partition("=") if words else ("", "", "")
+    return bool(equals) and option in options
+
+
+def _is_value(word: str) -> bool:
+    """Tell whether a word is ``JOINT=VALUE`` or a number, perhaps with a comma."""
+    if "=" in word and not word.startswith("-"):
+        return True
+    try:
+        float(word.rstrip(","))
+    except ValueError:
+        return False
+    return True

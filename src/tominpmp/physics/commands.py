@@ -1,0 +1,50 @@
+"""The command ``replay``: what can be said to it.
+
+Only what is light is imported here, as the help is made of it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tominpmp.cli.commands import JudgedProblem
+from tominpmp.cli.option_fields import given
+from tominpmp.cli.options import (
+    LimitOptions,
+    ProblemArguments,
+    ProblemOptions,
+)
+from tominpmp.physics.options import ReplayOptions
+
+ReplayedMotion = Annotated[
+    Path | None, Parameter(help="File with the motion, as for verify.")
+]
+
+
+def replay(
+    scenario: JudgedProblem,
+    motion: ReplayedMotion = None,
+    /,
+    *,
+    changes: ProblemOptions = ProblemOptions(),
+    limits: LimitOptions = LimitOptions(),
+    args: ReplayOptions = ReplayOptions(),
+) -> int:
+    """Replay a motion in MuJoCo: by its torques alone, and with a feedback.
+
+    MuJoCo comes with the extra "mujoco". With --robustness, motions are planned
+    with several torque reserves instead, and each is tried with random loads,
+    friction, delays and noise.
+
+    Exit codes:
+        0    the motion solves the problem
+        1    it does not
+        2    bad input
+    """
+    from tominpmp.physics.replay_command import run_replay
+
+    problem = ProblemArguments(scenario, changes, given(limits))
+    return run_replay(problem, motion, args)
