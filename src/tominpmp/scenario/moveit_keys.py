@@ -19,119 +19,79 @@ UNREAD = "unread"
 # Beyond as many keys a warning names no more.
 MOST = 20
 
-HEADER = KNOWN
-SHAPE = KNOWN  # its keys are checked where it is read
-JOINT_STATE = {
-    "header": HEADER,
-    "name": KNOWN,
-    "position": KNOWN,
-    "velocity": KNOWN,
-    "effort": KNOWN,
-}
-ROBOT_STATE = {
-    "joint_state": JOINT_STATE,
-    "multi_dof_joint_state": {
-        "header": HEADER,
-        "joint_names": KNOWN,
-        "transforms": KNOWN,
-        "twist": UNREAD,
-        "wrench": KNOWN,
-    },
-    "attached_collision_objects": KNOWN,  # refused
-    "is_diff": KNOWN,
-}
-REGION = {
-    "primitives": SHAPE,
-    "primitive_poses": KNOWN,
-    "meshes": SHAPE,
-    "mesh_poses": KNOWN,
-}
-CONSTRAINTS = {
-    "name": KNOWN,
-    "joint_constraints": [
-        {
-            "joint_name": KNOWN,
-            "position": KNOWN,
-            "tolerance_above": KNOWN,
-            "tolerance_below": KNOWN,
-            "weight": KNOWN,
-        }
+
+def _table(known: str = "", *, unread: str = "", **below: Any) -> dict[str, Any]:
+    """The keys of a message.
+
+    Args:
+        known: Keys below which there is nothing to look at.
+        unread: Keys that are not read where they are given.
+        **below: What else is there: a table, or a list of tables.
+    """
+    return {
+        **dict.fromkeys(known.split(), KNOWN),
+        **dict.fromkeys(unread.split(), UNREAD),
+        **below,
+    }
+
+
+# Keys of shapes are checked where they are read.
+SHAPES = "primitives primitive_poses meshes mesh_poses"
+ROBOT_STATE = _table(
+    "attached_collision_objects is_diff",  # the first is refused
+    joint_state=_table("header name position velocity effort"),
+    multi_dof_joint_state=_table(
+        "header joint_names transforms wrench", unread="twist"
+    ),
+)
+CONSTRAINTS = _table(
+    "name visibility_constraints",  # the second is refused
+    joint_constraints=[
+        _table("joint_name position tolerance_above tolerance_below weight")
     ],
-    "position_constraints": [
-        {
-            "header": HEADER,
-            "link_name": KNOWN,
-            "target_point_offset": KNOWN,
-            "constraint_region": REGION,
-            "weight": KNOWN,
-        }
+    position_constraints=[
+        _table(
+            "header link_name target_point_offset weight",
+            constraint_region=_table(SHAPES),
+        )
     ],
-    "orientation_constraints": [
-        {
-            "header": HEADER,
-            "orientation": KNOWN,
-            "link_name": KNOWN,
-            "absolute_x_axis_tolerance": KNOWN,
-            "absolute_y_axis_tolerance": KNOWN,
-            "absolute_z_axis_tolerance": KNOWN,
-            "parameterization": UNREAD,
-            "weight": KNOWN,
-        }
+    orientation_constraints=[
+        _table(
+            "header orientation link_name absolute_x_axis_tolerance "
+            "absolute_y_axis_tolerance absolute_z_axis_tolerance weight",
+            unread="parameterization",
+        )
     ],
-    "visibility_constraints": KNOWN,  # refused
-}
-REQUEST: dict[str, Any] = {
+)
+REQUEST = _table(
     # Bounds for bases that move; ours stand still.
-    "workspace_parameters": KNOWN,
-    "start_state": ROBOT_STATE,
-    "goal_constraints": [CONSTRAINTS],
-    "path_constraints": KNOWN,  # refused
-    "trajectory_constraints": KNOWN,  # refused
-    "reference_trajectories": UNREAD,
+    "workspace_parameters "
     # How MoveIt is to look for a motion.
-    "pipeline_id": KNOWN,
-    "planner_id": KNOWN,
-    "group_name": KNOWN,
-    "num_planning_attempts": KNOWN,
-    "allowed_planning_time": KNOWN,
-    "max_velocity_scaling_factor": KNOWN,
-    "max_acceleration_scaling_factor": KNOWN,
-    "cartesian_speed_limited_link": KNOWN,  # of a speed that is refused
-    "cartesian_speed_end_effector_link": KNOWN,
-    "max_cartesian_speed": KNOWN,  # refused
-}
-SCENE: dict[str, Any] = {
-    "name": KNOWN,
-    "robot_state": ROBOT_STATE,
-    "robot_model_name": KNOWN,
-    "fixed_frame_transforms": KNOWN,
-    # Its entries about objects cause a warning; links are watched as the SRDF says.
-    "allowed_collision_matrix": KNOWN,
-    "link_padding": KNOWN,  # a warning where it is not zero
-    "link_scale": KNOWN,
-    "object_colors": KNOWN,
-    "world": {
-        "collision_objects": [
-            {
-                "header": HEADER,
-                "pose": KNOWN,
-                "id": KNOWN,
-                "type": KNOWN,
-                "primitives": SHAPE,
-                "primitive_poses": KNOWN,
-                "meshes": SHAPE,
-                "mesh_poses": KNOWN,
-                "planes": KNOWN,  # refused
-                "plane_poses": KNOWN,
-                "subframe_names": KNOWN,
-                "subframe_poses": KNOWN,
-                "operation": KNOWN,
-            }
+    "pipeline_id planner_id group_name num_planning_attempts allowed_planning_time "
+    "max_velocity_scaling_factor max_acceleration_scaling_factor "
+    # Links of a speed that is refused, as are constraints on the way.
+    "cartesian_speed_limited_link cartesian_speed_end_effector_link "
+    "max_cartesian_speed path_constraints trajectory_constraints",
+    unread="reference_trajectories",
+    start_state=ROBOT_STATE,
+    goal_constraints=[CONSTRAINTS],
+)
+SCENE = _table(
+    # Entries of the matrix about objects cause a warning, and so does padding other
+    # than zero; links are watched as the SRDF says.
+    "name robot_model_name fixed_frame_transforms allowed_collision_matrix "
+    "link_padding link_scale object_colors is_diff",
+    robot_state=ROBOT_STATE,
+    world=_table(
+        "octomap",  # refused, as are planes
+        collision_objects=[
+            _table(
+                f"header pose id type {SHAPES} planes plane_poses subframe_names "
+                "subframe_poses operation"
+            )
         ],
-        "octomap": KNOWN,  # refused
-    },
-    "is_diff": KNOWN,
-}
+    ),
+)
 
 
 def warn_of_unread(message: Field, known: Mapping[str, Any]) -> None:
