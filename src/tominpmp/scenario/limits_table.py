@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from tominpmp.exceptions import TominpmpError
 from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.scenario.motion_limits import load_motion_limits
-from tominpmp.scenario.records import field_table, make
+from tominpmp.scenario.records import make
 
 
 def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
@@ -89,17 +88,3 @@ def beyond(
         if np.any(np.isinf(own) & np.isfinite(below)):
             freed[name] = dict(zip(names, own.tolist(), strict=True))
     return replace(limits, **freed)
-
-
-def motion_limits_table(limits: MotionLimits, folder: Path) -> dict[str, Any]:
-    """Write the limits as the table for :func:`read_motion_limits`.
-
-    Raises:
-        TypeError: If a value cannot be written.
-    """
-    table = field_table(limits, {"curve": EffortCurve}, folder)
-    for curve in table.get("effort_curves", {}).values():
-        del curve["type"]
-    if not table.get("effort_curves", True):
-        del table["effort_curves"]
-    return table

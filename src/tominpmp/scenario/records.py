@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from tominpmp.constraints import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
     ScenarioError,
@@ -25,12 +26,30 @@ from tominpmp.exceptions import (
     brief,
     closest,
 )
-from tominpmp.scene import Mesh, Motion, PoseFunction, rotation_matrix
+from tominpmp.goals import Goal
+from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.payload import Payload
+from tominpmp.scene import (
+    Mesh,
+    Motion,
+    Obstacle,
+    PoseFunction,
+    Scene,
+    rotation_matrix,
+)
+from tominpmp.segments import Segment
 
 T = TypeVar("T")
 
 # How None is written where a field has another default; TOML has no word for it.
 NONE = "none"
+# Kinds of which a table names the class, and what is left out at the end of its name.
+NAMED: dict[type[Any], str | None] = {
+    Goal: None,
+    Obstacle: None,
+    PathConstraint: "",
+    Motion: None,
+}
 
 
 def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
@@ -60,12 +79,11 @@ def motions() -> dict[str, type[Any]]:
     return {name: kind for name, kind in found if kind is not PoseFunction}
 
 
-def to_table(record: Any, kinds: Mapping[str, type[Any]], folder: Path) -> Any:
+def to_table(record: Any, folder: Path) -> Any:
     """Turn a value into what TOML can hold.
 
     Args:
-        record: An instance of one of the classes, or anything that a field may hold.
-        kinds: The classes by their names.
+        record: A record of a scenario, or anything that a field of one may hold.
         folder: Folder of the file; paths inside it are written relative to it.
 
     Raises:
@@ -82,20 +100,25 @@ def to_table(record: Any, kinds: Mapping[str, type[Any]], folder: Path) -> Any:
     if isinstance(record, bool | int | float | str):
         return record
     if isinstance(record, Mapping):
-        return {str(k): to_table(v, kinds, folder) for k, v in record.items()}
+        return {str(k): to_table(v, folder) for k, v in record.items()}
     if isinstance(record, list | tuple):
-        return [to_table(item, kinds, folder) for item in record]
+        return [to_table(item, folder) for item in record]
     if isinstance(record, PoseFunction):
         raise TypeError(
             "an obstacle is moved by a function, which a file cannot hold; "
             "ConstantVelocity and Waypoints can be written"
         )
-    if isinstance(record, Motion):
-        kinds = motions()
-    names = {kind: name for name, kind in kinds.items()}
-    if type(record) not in names:
+    if isinstance(record, Scene):
+        return {"obstacles": [to_table(item, folder) for item in record]}
+    if isinstance(record, MotionLimits | EffortCurve | Payload | Segment):
+        return field_table(record, folder)
+    bases = (base for base in NAMED if isinstance(record, base))
+    named = {
+        k: name for base in bases for name, k in classes(base, NAMED[base]).items()
+    }
+    if type(record) not in named:
         raise TypeError(f"a {type(record).__name__} cannot be written")
-    table = {"type": names[type(record)]} | field_table(record, kinds, folder)
+    table = {"type": named[type(record)]} | field_table(record, folder)
     if isinstance(record, Mesh) and _is_as_in_file(record):
         table = {k: v for k, v in table.items() if k not in ("vertices", "triangles")}
     return table
@@ -113,9 +136,7 @@ def _is_as_in_file(mesh: Mesh) -> bool:
         return False
 
 
-def field_table(
-    record: Any, kinds: Mapping[str, type[Any]], folder: Path
-) -> dict[str, Any]:
+def field_table(record: Any, folder: Path) -> dict[str, Any]:
     """Turn the fields of a record that differ from their defaults into a table.
 
     Raises:
@@ -130,12 +151,14 @@ def field_table(
             default = field.default_factory()
         if default is not MISSING and same(value, default):
             continue
+        if field.name == "effort_curves" and not value:
+            continue
         if field.name == "rotation" and isinstance(value, np.ndarray):
             table[field.name] = rotation_values(value)
         else:
-            table[field.name] = (
-                NONE if value is None else to_table(value, kinds, folder)
-            )
+            table[field.name] = NONE if value is None else to_table(value, folder)
+    if table.get("dwell"):
+        del table["stop"]  # an arm that stays has stopped
     return table
 
 

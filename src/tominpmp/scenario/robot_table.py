@@ -27,8 +27,8 @@ from tominpmp.exceptions import (
 from tominpmp.payload import Payload
 from tominpmp.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
-from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
-from tominpmp.scenario.records import classes, field_table, file_name, make
+from tominpmp.scenario.limits_table import read_motion_limits
+from tominpmp.scenario.records import classes, file_name, make, to_table
 from tominpmp.scenario.robot_files import Beside, unlike
 from tominpmp.scene import Obstacle
 
@@ -172,12 +172,10 @@ def robot_table(
     locked = {k: v for k, v in robot.locked_joints.items() if k not in followers}
     if locked:
         table["locked_joints"] = locked
-    kinds = classes(Obstacle)
-    payloads = [field_table(payload, kinds, folder) for payload in robot.payloads]
-    if payloads:
-        table["payloads"] = payloads
+    if robot.payloads:
+        table["payloads"] = to_table(robot.payloads, folder)
     if robot.motion_limits is not None:
-        table["motion_limits"] = motion_limits_table(robot.motion_limits, folder)
+        table["motion_limits"] = to_table(robot.motion_limits, folder)
     return table | _overrides(robot, locked)
 
 

@@ -48,7 +48,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -62,33 +62,23 @@ from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import ScenarioError, TominpmpError
 from tominpmp.goals import Goal
 from tominpmp.io.files import write_file
-from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scenario.conditions import read_conditions
 from tominpmp.scenario.goal_table import positions, read_goal, vector
-from tominpmp.scenario.limits_table import (
-    beyond,
-    motion_limits_table,
-)
-from tominpmp.scenario.records import classes, field_table, make, same, to_table
+from tominpmp.scenario.limits_table import beyond
+from tominpmp.scenario.records import field_table, make, same, to_table
 from tominpmp.scenario.robot_files import Beside
 from tominpmp.scenario.robot_table import (
     check_given_back,
     read_robot,
     robot_table,
 )
-from tominpmp.scenario.scene_table import (
-    constraint_tables,
-    scene_table,
-)
 from tominpmp.scenario.segments_table import (
     blamed_segment,
     followed,
-    pair_lists,
     read_segments,
-    segment_table,
 )
 from tominpmp.scenario.toml_writer import toml_text
 from tominpmp.segments import Segment
@@ -335,47 +325,44 @@ def _document(
     known += ("self_collision",)
     for name in _changed(problem, without=known):
         fail(name, "scenario files do not know it")
-    document: dict[str, Any] = {}
-    if problem.may_touch:
-        document["may_touch"] = pair_lists(problem.may_touch)
-    if problem.margin:
-        document["margin"] = problem.margin
-    if problem.self_collision is not None:
-        document["self_collision"] = problem.self_collision
-    try:
-        document["robot"] = table = robot_table(problem.robot, folder, beside)
-        if check:
-            check_given_back(problem.robot, table, path, beside)
-    except TypeError as error:
-        fail("robot", error)
-    document["start"] = {"q": problem.q_start.tolist()}
+    own, limits = problem.robot.motion_limits, problem.motion_limits
+    if limits == own:
+        limits = None
+    elif limits is not None:
+        limits = beyond(limits, own, problem.robot)
+    start = {"q": problem.q_start}
     if problem.v_start is not None and np.any(problem.v_start):
-        document["start"]["v"] = problem.v_start.tolist()
+        start["v"] = problem.v_start
+    parts = {
+        "may_touch": problem.may_touch or None,
+        "margin": problem.margin or None,
+        "self_collision": problem.self_collision,
+        "robot": problem.robot,
+        "start": start,
+        "goal": None if problem.segments else problem.goal,
+        "scene": problem.scene if len(problem.scene) else None,
+        "motion_limits": limits,
+        "constraints": problem.constraints or None,
+    }
+    parts |= {f"segments[{i}]": segment for i, segment in enumerate(problem.segments)}
+    document: dict[str, Any] = {}
+    for key, part in parts.items():
+        try:
+            if isinstance(part, Segment):
+                document.setdefault("segments", []).append(to_table(part, folder))
+            elif isinstance(part, Robot):
+                document[key] = table = robot_table(part, folder, beside)
+                if check:
+                    check_given_back(part, table, path, beside)
+            elif part is not None:
+                document[key] = to_table(part, folder)
+        except TypeError as error:
+            fail(key, error)
     try:
-        key = "goal"
-        if not problem.segments:
-            document[key] = to_table(problem.goal, classes(Goal), folder)
-        key = "scene"
-        if len(problem.scene):
-            document[key] = scene_table(problem.scene, folder)
-        own = problem.robot.motion_limits
-        if problem.motion_limits not in (None, own):
-            key = "motion_limits"
-            limits = beyond(problem.motion_limits or MotionLimits(), own, problem.robot)
-            document[key] = motion_limits_table(limits, folder)
-        if problem.constraints:
-            key = "constraints"
-            document[key] = constraint_tables(problem.constraints, folder)
-        for number, segment in enumerate(problem.segments):
-            key = f"segments[{number}]"
-            document.setdefault("segments", []).append(segment_table(segment, folder))
-        key = "options"
-        table = field_table(_without_callback(options), {}, folder)
-        if table:
-            document[key] = table
+        table = field_table(replace(options, callback=None), folder)
     except TypeError as error:
-        fail(key, error)
-    return document
+        fail("options", error)
+    return document | ({"options": table} if table else {})
 
 
 def _changed(record: Any, without: Iterable[str]) -> list[str]:
@@ -389,8 +376,3 @@ def _changed(record: Any, without: Iterable[str]) -> list[str]:
         if field.init and field.name not in without and not same(value, default):
             names.append(field.name)
     return names
-
-
-def _without_callback(options: Options) -> Options:
-    values = {f.name: getattr(options, f.name) for f in fields(options) if f.init}
-    return Options(**(values | {"callback": None}))

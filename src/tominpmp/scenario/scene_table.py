@@ -1,15 +1,11 @@
-"""What stands around a robot in a scenario, and what else holds: tables and back."""
+"""What stands around a robot in a scenario, and what else holds, from tables."""
 
 from __future__ import annotations
-
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
 
 from tominpmp.constraints import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import TominpmpError
-from tominpmp.scenario.records import classes, from_table, to_table
+from tominpmp.scenario.records import classes, from_table
 from tominpmp.scene import Obstacle, Scene
 
 
@@ -31,16 +27,6 @@ def read_scene(table: Field) -> Scene:
         table.get("obstacles").fail(str(error))
 
 
-def scene_table(scene: Scene, folder: Path) -> dict[str, Any]:
-    """Write a scene as the table for :func:`read_scene`.
-
-    Raises:
-        TypeError: If a value cannot be written.
-    """
-    kinds = classes(Obstacle)
-    return {"obstacles": [to_table(item, kinds, folder) for item in scene]}
-
-
 def read_constraints(table: Field) -> tuple[PathConstraint, ...]:
     """Read a list of constraints; none if it is left out.
 
@@ -51,13 +37,3 @@ def read_constraints(table: Field) -> tuple[PathConstraint, ...]:
         return ()
     kinds = classes(PathConstraint, "")
     return tuple(from_table(item, kinds, "constraint") for item in table.items())
-
-
-def constraint_tables(constraints: Iterable[PathConstraint], folder: Path) -> list[Any]:
-    """Write constraints as the list for :func:`read_constraints`.
-
-    Raises:
-        TypeError: If a value cannot be written.
-    """
-    kinds = classes(PathConstraint, "")
-    return [to_table(item, kinds, folder) for item in constraints]

@@ -33,27 +33,20 @@ its goal says so; ``scene = {}`` is a segment without obstacles.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import ProblemError, TominpmpError
-from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.payload import Payload
 from tominpmp.robot import Robot
 from tominpmp.scenario.goal_table import read_goal
-from tominpmp.scenario.limits_table import motion_limits_table, read_motion_limits
-from tominpmp.scenario.records import classes, field_table, make, to_table
-from tominpmp.scenario.scene_table import (
-    constraint_tables,
-    read_constraints,
-    read_scene,
-    scene_table,
-)
+from tominpmp.scenario.limits_table import read_motion_limits
+from tominpmp.scenario.records import classes, make
+from tominpmp.scenario.scene_table import read_constraints, read_scene
 from tominpmp.scene import Obstacle
 from tominpmp.segments import Segment
 
@@ -208,38 +201,3 @@ def _unknown_name(table: Field, segment: Segment, robot: Robot) -> Field | None:
         except TominpmpError:
             return item
     return None
-
-
-def segment_table(segment: Segment, folder: Path) -> dict[str, Any]:
-    """Write a segment as an item of the list for :func:`read_segments`.
-
-    Args:
-        segment: The segment.
-        folder: Folder of the file; paths inside it are written relative to it.
-
-    Raises:
-        TypeError: If a value cannot be written.
-    """
-    table: dict[str, Any] = {"goal": to_table(segment.goal, classes(Goal), folder)}
-    if segment.constraints:
-        table["constraints"] = constraint_tables(segment.constraints, folder)
-    if segment.motion_limits is not None:
-        table["motion_limits"] = motion_limits_table(segment.motion_limits, folder)
-    if segment.payload is not None:
-        table["payload"] = field_table(segment.payload, classes(Obstacle), folder)
-    if segment.scene is not None:
-        table["scene"] = scene_table(segment.scene, folder)
-    if segment.may_touch:
-        table["may_touch"] = pair_lists(segment.may_touch)
-    if segment.dwell:
-        table["dwell"] = segment.dwell
-    elif segment.stop:
-        table["stop"] = True
-    if segment.arrival is not None:
-        table["arrival"] = list(segment.arrival)
-    return table
-
-
-def pair_lists(pairs: Iterable[tuple[str, str]]) -> list[list[str]]:
-    """Write pairs of names as the list for :func:`read_pairs`."""
-    return [list(pair) for pair in pairs]
