@@ -3,9 +3,9 @@
 A mesh is cut by planes, one cut after the other through the piece that is farthest from
 it, where the hulls of both halves take the least volume. The hulls of the halves cover
 all that the hull of a closed mesh contains, so that pieces are never too small: V-HACD
-left up to 7 mm of a UR5's links uncovered. CoACD (1.0.14) covers them too, but took 15 s
-for the forearm of a UR5 and 160 s for its shoulder, where this takes less than a second
-each, and gave 3 to 24 times as many corners.
+left up to 7 mm of a UR5's links uncovered. CoACD (1.0.14) covers them too, but took
+15 s for the forearm of a UR5 and 160 s for its shoulder, where this takes less than a
+second each, and gave 3 to 24 times as many corners.
 """
 
 from __future__ import annotations

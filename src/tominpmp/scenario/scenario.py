@@ -333,7 +333,7 @@ def _document(
     start = {"q": problem.q_start}
     if problem.v_start is not None and np.any(problem.v_start):
         start["v"] = problem.v_start
-    parts = {
+    parts: dict[str, Any] = {
         "may_touch": problem.may_touch or None,
         "margin": problem.margin or None,
         "self_collision": problem.self_collision,
