@@ -10,8 +10,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.cell.tours.leg_times import LegTable
 from tominpmp.cell.tours.legs import DIRECT, Legs
-from tominpmp.cell.tours.station import Station
-from tominpmp.cell.tours.tour import Tour, Visit
+from tominpmp.cell.tours.station import Station, Visit
+from tominpmp.cell.tours.tour import Tour
 from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot

@@ -10,7 +10,7 @@ from graphlib import CycleError, TopologicalSorter
 from types import NoneType
 from typing import Any
 
-from tominpmp.arrays import Record
+from tominpmp.arrays import Array, Record
 from tominpmp.checks import flag, instance, number, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import Goal
@@ -75,6 +75,23 @@ class Station(Record):
             )
         pairs = checked_pairs(self.may_touch, "may_touch")
         object.__setattr__(self, "may_touch", pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """A stay at a station.
+
+    Attributes:
+        station: Name of the station.
+        q: Configuration there, shape (n,) [rad or m].
+        arrival: When the arm arrives [s].
+        departure: When it goes on [s].
+    """
+
+    station: str
+    q: Array
+    arrival: float
+    departure: float
 
 
 def _names(given: object, field: str) -> tuple[str, ...]:

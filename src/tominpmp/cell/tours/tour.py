@@ -8,9 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tominpmp.arrays import Array
 from tominpmp.cell.tours.cycle import joined
-from tominpmp.cell.tours.station import Station
+from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
@@ -21,23 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tominpmp.sensitivities.records import Sensitivities
-
-
-@dataclass(frozen=True, eq=False)
-class Visit:
-    """A stay at a station.
-
-    Attributes:
-        station: Name of the station.
-        q: Configuration there, shape (n,) [rad or m].
-        arrival: When the arm arrives [s].
-        departure: When it goes on [s].
-    """
-
-    station: str
-    q: Array
-    arrival: float
-    departure: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tominpmp.cell.tours.station import Visit
 from tominpmp.problem import Problem
 from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import (
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from tominpmp.cell.tours.tour import Visit
 
 # Stations whose names are written; of more only some are.
 MOST_NAMES = 40
