@@ -59,6 +59,13 @@ class Outcome(Record):
         return f"<Outcome {brief(self.name, BRIEF)}: {self.status}, {found}>"
 
     @classmethod
+    def failed(
+        cls, index: int, name: str, seed: int, status: str, reason: str
+    ) -> Outcome:
+        """Of a problem that was not planned."""
+        return cls(index, name, seed, False, status, reason)
+
+    @classmethod
     def of(
         cls,
         solution: Solution,

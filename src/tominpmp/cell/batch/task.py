@@ -97,7 +97,7 @@ class Item:
 
     def failed(self, status: str, reason: str) -> Outcome:
         """The outcome of an item that was not planned."""
-        return Outcome(self.index, self.name, self.seed, False, status, reason)
+        return Outcome.failed(self.index, self.name, self.seed, status, reason)
 
 
 def item_of(index: int, given: Any, seed: int) -> Item:
