@@ -65,7 +65,9 @@ def test_capsules(tmp_path: Path, shape: str) -> None:
     box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
     parts = link("base", ""), link("l1", f"{INERTIAL}{box}{shape}</collision>")
     description = read(tmp_path, robot(*parts, joint("j1", "base", "l1")))
-    found = build_geometry(description, {}, pin.GeometryType.COLLISION)
+    found = build_geometry(
+        description, build_model(description, {}), pin.GeometryType.COLLISION
+    )
     kinds = [type(item.geometry).__name__ for item in found.geometryObjects]
     assert kinds == ["Box", "Capsule"]
     assert found.geometryObjects[1].geometry.radius == 0.1
@@ -84,7 +86,9 @@ def test_colours_of_other_links_by_name(tmp_path: Path) -> None:
         joint("j1", "base", "l1"),
     )
     description = read(tmp_path, robot(*parts))
-    found = build_geometry(description, {}, pin.GeometryType.VISUAL)
+    found = build_geometry(
+        description, build_model(description, {}), pin.GeometryType.VISUAL
+    )
     for item in found.geometryObjects:
         np.testing.assert_array_equal(item.meshColor, [1, 0, 0, 1])
 

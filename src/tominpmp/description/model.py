@@ -118,9 +118,9 @@ def _motion(joint: JointDescription, position: float) -> pin.SE3:
 
 
 def build_geometry(
-    description: UrdfDescription, locked: Mapping[str, float], kind: pin.GeometryType
+    description: UrdfDescription, model: pin.Model, kind: pin.GeometryType
 ) -> pin.GeometryModel:
-    """Build the collision or visual geometry that belongs to :func:`build_model`.
+    """Build the collision or visual geometry that belongs to a model of a description.
 
     Raises:
         RobotLoadError: If a mesh cannot be read.
@@ -128,7 +128,7 @@ def build_geometry(
     geometry, load = pin.GeometryModel(), cache(_read_mesh)
     links = {link.name: link for link in description.bodies}
     collides = kind == pin.GeometryType.COLLISION
-    for index, frame in enumerate(build_model(description, locked).frames):
+    for index, frame in enumerate(model.frames):
         if frame.type != pin.FrameType.BODY:
             continue
         link = links[frame.name]

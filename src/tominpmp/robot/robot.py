@@ -161,16 +161,12 @@ class Robot(Record):
     @cached_property
     def collision_model(self) -> pin.GeometryModel:
         """Collision geometry of the links; not to be changed."""
-        return build_geometry(
-            self.description, self.locked_joints, pin.GeometryType.COLLISION
-        )
+        return build_geometry(self.description, self.model, pin.GeometryType.COLLISION)
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
         """Geometry to look at; read at first use, as it takes up to seconds."""
-        return build_geometry(
-            self.description, self.locked_joints, pin.GeometryType.VISUAL
-        )
+        return build_geometry(self.description, self.model, pin.GeometryType.VISUAL)
 
     @cached_property
     def frame_names(self) -> tuple[str, ...]:
