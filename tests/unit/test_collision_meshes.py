@@ -13,11 +13,7 @@ from robot_samples import load, one_shape
 from scipy.spatial import ConvexHull
 
 import tominpmp as tm
-from tominpmp.collision import (
-    CollisionChecker,
-    approximations,
-    decomposition_cache,
-)
+from tominpmp.collision import CollisionChecker, decomposition_cache
 from tominpmp.collision.decomposition import CLOSE_HULL, MOST_PIECES, decompose
 from tominpmp.collision.shapes import triangle_mesh
 from tominpmp.exceptions import SceneError
@@ -146,11 +142,12 @@ def test_links_are_taken_as_pieces(tmp_path: Path) -> None:
     assert len(found["convex"].pairs) >= 2
     assert found["convex"].distances(q).min() == pytest.approx(0.08, abs=1e-6)
     assert found["convex"].distances(q, 0.01).min() >= 0.01
-    (only,) = approximations(arm)
-    assert (only.link, only.mesh) == ("l1", "l1_0")
-    assert only.pieces == len(found["convex"].pairs)
-    assert only.inward < 1e-9
-    assert only.outward < CLOSE_HULL
+    pieces = decomposition_cache.pieces_of(mesh_of(arm, "l1_0"))
+    assert pieces is not None
+    assert len(pieces.corners) == len(found["convex"].pairs)
+    assert {link for link, _ in found["convex"].pairs} == {"l1"}
+    assert pieces.inward < 1e-9
+    assert pieces.outward < CLOSE_HULL
     assert pickle.loads(pickle.dumps(found["mesh"])).geometry == "mesh"
 
 

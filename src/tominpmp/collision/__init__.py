@@ -8,19 +8,16 @@ a query.
 
 from __future__ import annotations
 
-from tominpmp.collision.bodies import Approximation, approximations
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.contact import Contact, Derivatives
 from tominpmp.collision.enclosure import Enclosure, enclosure
 from tominpmp.collision.shapes import obstacle_shape
 
 __all__ = [
-    "Approximation",
     "CollisionChecker",
     "Contact",
     "Derivatives",
     "Enclosure",
-    "approximations",
     "enclosure",
     "obstacle_shape",
 ]

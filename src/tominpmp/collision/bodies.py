@@ -92,44 +92,6 @@ def _hulls(pieces: Pieces) -> tuple[Any, ...]:
     return tuple(hull_of(corners) for corners in pieces.corners)
 
 
-@dataclass(frozen=True)
-class Approximation:
-    """How a mesh of a link is taken for distances.
-
-    Attributes:
-        link: Name of the link.
-        mesh: Name of the mesh in the collision geometry of the robot.
-        pieces: Number of convex pieces.
-        outward: How far the pieces stick out of the mesh [m], sampled.
-        inward: How far the mesh sticks out of the pieces [m], sampled.
-    """
-
-    link: str
-    mesh: str
-    pieces: int
-    outward: float
-    inward: float
-
-
-def approximations(robot: Robot) -> tuple[Approximation, ...]:
-    """How far the convex pieces of each mesh of a robot are from it."""
-    found = []
-    for item in robot.collision_model.geometryObjects:
-        link = robot.model.frames[item.parentFrame].name
-        pieces = pieces_of(item.geometry, link) if is_mesh(item.geometry) else None
-        if pieces is not None:
-            found.append(
-                Approximation(
-                    link,
-                    item.name,
-                    len(pieces.corners),
-                    pieces.outward,
-                    pieces.inward,
-                )
-            )
-    return tuple(found)
-
-
 def scene_bodies(scene: Scene, first: int) -> list[Body]:
     """Shapes of the obstacles; ``first`` is as the joint of the first that moves."""
     bodies = []

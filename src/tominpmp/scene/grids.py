@@ -114,6 +114,8 @@ class OcTree(Obstacle):
     points: Array
     resolution: float
 
+    _lengths = ("resolution",)
+
     if TYPE_CHECKING:
 
         def __init__(
@@ -128,7 +130,6 @@ class OcTree(Obstacle):
     def __post_init__(self) -> None:
         """Check points and resolution."""
         super().__post_init__()
-        self._set_lengths("resolution")
         points = array_or_nan(self.points)
         if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
             raise self._error(

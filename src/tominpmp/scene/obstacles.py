@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, ClassVar, TypedDict
 
 import numpy as np
 
@@ -74,6 +74,9 @@ class Obstacle(Record):
     rotation: Array = field(default_factory=lambda: np.eye(3))
     motion: Motion | None = None
 
+    # Fields of a kind of obstacle that hold lengths [m].
+    _lengths: ClassVar[tuple[str, ...]] = ()
+
     if TYPE_CHECKING:
 
         def __init__(self, name: str, **given: Unpack[Placed]) -> None: ...
@@ -91,6 +94,8 @@ class Obstacle(Record):
         object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
         if self.motion is not None:
             self._set_motion()
+        for key in self._lengths:
+            object.__setattr__(self, key, self._length(key, getattr(self, key)))
 
     def _take_pose(self) -> None:
         """Take the position from what has x, y and z, or both from a pose."""
@@ -177,10 +182,6 @@ class Obstacle(Record):
         expected = "a positive length [m]"
         return number(value, key, expected, above=0.0, error=self._error)
 
-    def _set_lengths(self, *keys: str) -> None:
-        for key in keys:
-            object.__setattr__(self, key, self._length(key, getattr(self, key)))
-
 
 def _is_point(value: object) -> bool:
     return array_or_nan(value).shape == (3,)
@@ -196,6 +197,8 @@ class Sphere(Obstacle):
 
     radius: float
 
+    _lengths = ("radius",)
+
     if TYPE_CHECKING:
 
         def __init__(
@@ -205,11 +208,6 @@ class Sphere(Obstacle):
             radius: float,
             **given: Unpack[Placed],
         ) -> None: ...
-
-    def __post_init__(self) -> None:
-        """Check the radius."""
-        super().__post_init__()
-        self._set_lengths("radius")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,6 +251,8 @@ class Cylinder(Obstacle):
     radius: float
     length: float
 
+    _lengths = ("radius", "length")
+
     if TYPE_CHECKING:
 
         def __init__(
@@ -263,11 +263,6 @@ class Cylinder(Obstacle):
             length: float,
             **given: Unpack[Placed],
         ) -> None: ...
-
-    def __post_init__(self) -> None:
-        """Check the sizes."""
-        super().__post_init__()
-        self._set_lengths("radius", "length")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -282,6 +277,8 @@ class Capsule(Obstacle):
     radius: float
     length: float
 
+    _lengths = ("radius", "length")
+
     if TYPE_CHECKING:
 
         def __init__(
@@ -292,8 +289,3 @@ class Capsule(Obstacle):
             length: float,
             **given: Unpack[Placed],
         ) -> None: ...
-
-    def __post_init__(self) -> None:
-        """Check the sizes."""
-        super().__post_init__()
-        self._set_lengths("radius", "length")

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from tominpmp.arrays import Record
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
@@ -129,7 +127,6 @@ def as_scene(given: object, name: str) -> Scene:
 
 def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
     """Where an obstacle is, and of what kind: what tells it from others."""
-    position = np.asarray(obstacle.position, dtype=np.float64).ravel()
-    rotation = np.asarray(obstacle.rotation, dtype=np.float64).ravel()
+    position, rotation = obstacle.position.tolist(), obstacle.rotation.ravel().tolist()
     kind = type(obstacle).__name__
-    return (obstacle.motion is not None, *position.tolist(), kind, *rotation.tolist())
+    return (obstacle.motion is not None, *position, kind, *rotation)
