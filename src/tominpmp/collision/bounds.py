@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
@@ -48,19 +48,12 @@ class Enclosure:
     @classmethod
     def of(cls, shape: Outline) -> Enclosure:
         """Enclose what an outline encloses."""
-        tight = _enclose(np.ascontiguousarray(shape.points).tobytes())
-        swell = shape.radius
-        return replace(
-            tight,
-            swell=swell,
-            radius=tight.radius + swell,
-            cover_radius=tight.cover_radius + swell,
-        )
+        return _enclose(np.ascontiguousarray(shape.points).tobytes(), shape.radius)
 
 
-# Enclosures depend on the points alone, and the same links come again in every problem.
+# Enclosures depend on outlines alone, and the same links come again in every problem.
 @lru_cache(maxsize=512)
-def _enclose(data: bytes) -> Enclosure:
+def _enclose(data: bytes, swell: float) -> Enclosure:
     points = np.frombuffer(data).reshape(-1, 3)
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1]
@@ -80,11 +73,11 @@ def _enclose(data: bytes) -> Enclosure:
         R,
         R @ middle,
         half,
-        0.0,
+        swell,
         centre,
-        radius,
+        radius + swell,
         np.array([centre for centre, _ in balls]),
-        np.array([radius for _, radius in balls]),
+        np.array([radius for _, radius in balls]) + swell,
     )
 
 

@@ -158,7 +158,7 @@ class CollisionChecker:
     @property
     def moving(self) -> bool:
         """Whether distances depend on time, for an obstacle moves."""
-        return self._obstacles.any
+        return self._obstacles.count > 0
 
     @property
     def kinks(self) -> Array:

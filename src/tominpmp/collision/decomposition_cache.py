@@ -10,7 +10,7 @@ import time
 import zipfile
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -152,13 +152,22 @@ def _checksum(*parts: Any) -> bytes:
 
 def _write(path: Path, pieces: Pieces) -> None:
     """Write a file that is either whole or not there; a failure is let pass."""
+    points = np.concatenate(pieces.corners).astype(np.float64)
+    counts = np.array([len(piece) for piece in pieces.corners])
+    deviation = np.array([pieces.outward, pieces.inward], dtype=np.float64)
+    content: dict[str, Any] = {
+        "points": points,
+        "counts": counts,
+        "deviation": deviation,
+    }
+    content["checksum"] = np.frombuffer(_checksum(*content.values()), np.uint8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(".tmp", path.stem[:8], path.parent)
         draft = Path(name)
         try:
             with os.fdopen(handle, "wb") as file:
-                _save(file, pieces)
+                np.savez_compressed(file, **content)
             draft.replace(path)
         except BaseException:
             # Closing a file may fail, too, where the disk is full.
@@ -166,13 +175,3 @@ def _write(path: Path, pieces: Pieces) -> None:
             raise
     except OSError as error:
         logger.warning("convex pieces cannot be kept in %s: %s", path.parent, error)
-
-
-def _save(file: BinaryIO, pieces: Pieces) -> None:
-    points = np.concatenate(pieces.corners).astype(np.float64)
-    counts = np.array([len(piece) for piece in pieces.corners])
-    deviation = np.array([pieces.outward, pieces.inward], dtype=np.float64)
-    checksum = np.frombuffer(_checksum(points, counts, deviation), np.uint8)
-    np.savez_compressed(
-        file, points=points, counts=counts, deviation=deviation, checksum=checksum
-    )

@@ -28,11 +28,6 @@ class MovingObstacles:
         kinks = [item.motion.kinks for item in obstacles if item.motion is not None]
         self.kinks: Array = np.unique(np.concatenate([np.zeros(0), *kinks]))
 
-    @property
-    def any(self) -> bool:
-        """Whether there are any."""
-        return self.count > 0
-
     def beside(
         self, joints: tuple[Array, Array], times: Array | None
     ) -> tuple[Array, Array]:

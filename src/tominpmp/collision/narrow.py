@@ -28,13 +28,11 @@ class Witnesses(NamedTuple):
     """Where pairs come closest.
 
     Attributes:
-        distance: Signed distances [m], shape (k,).
         normal: Unit normals from the first body to the second, shape (k, 3).
         first: Nearest points of the first bodies in the world [m], shape (k, 3).
         second: Nearest points of the second bodies in the world [m], shape (k, 3).
     """
 
-    distance: Array
     normal: Array
     first: Array
     second: Array
@@ -138,7 +136,7 @@ class NarrowPhase:
         for index in pairs:
             result = self._measure(index)
             points = result.getNearestPoint1(), result.getNearestPoint2()
-            found.append((result.min_distance, self._normal(index, result), *points))
+            found.append((self._normal(index, result), *points))
         return Witnesses(*map(np.array, zip(*found, strict=True)))
 
     def _measure(self, index: int) -> Any:
