@@ -6,10 +6,11 @@ from collections.abc import Collection, Sequence
 
 from cyclopts import App, CycloptsError, Parameter
 
-from tominpmp.cli.front import EXAMPLES, commands
+from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
 from tominpmp.cli.help import HelpFormatter
 from tominpmp.cli.option_fields import SEVERAL
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console
+from tominpmp.exceptions import OptionsError
 
 
 def called(words: Sequence[str]) -> int:
@@ -19,6 +20,12 @@ def called(words: Sequence[str]) -> int:
         The exit code.
     """
     app = new_app()
+    if words[0] in COMMANDS.keys() - commands().keys():
+        room = COMMANDS[words[0]].split(".")[1]
+        raise OptionsError(
+            f"{words[0]} is a command of the add-on {room}, which is not installed",
+            words[0],
+        )
     if words[0] in commands():
         arguments = app[words[0]].assemble_argument_collection()
         several = {
