@@ -32,7 +32,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _run(words: list[str]) -> int:
-    if words in ([], ["-h"], ["--help"]):
+    if not words or words[0] in ("-h", "--help"):
         say(front_page())
         return 0
     if words == ["--version"]:
