@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -11,6 +10,8 @@ from rich.console import Console
 from rich.status import Status
 from rich.text import Text
 
+from tominpmp.cli.terminal import log_shown
+
 if TYPE_CHECKING:
     from tominpmp.status import IterationRecord
 
@@ -18,18 +19,6 @@ if TYPE_CHECKING:
 PERIOD = 3.0
 # What takes seconds where the planning cannot tell how it goes: cutting meshes.
 LOGGER = "tominpmp.collision.decomposition_cache"
-
-
-class _Phases(logging.Handler):
-    """Shows what the log says as the phase."""
-
-    def __init__(self, progress: Progress) -> None:
-        super().__init__(logging.INFO)
-        self._progress = progress
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Show a message."""
-        self._progress.phase(record.getMessage())
 
 
 class Progress:
@@ -51,17 +40,13 @@ class Progress:
             self._status = console.status("")
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
-        self._handler = _Phases(self)
-        self._level = logging.NOTSET
+        self._log = log_shown(LOGGER, lambda record: self.phase(record.getMessage()))
 
     def __enter__(self) -> Progress:
         """Begin to show."""
         if self._status is not None:
             self._status.start()
-            logger = logging.getLogger(LOGGER)
-            self._level = logger.level
-            logger.addHandler(self._handler)
-            logger.setLevel(logging.INFO)
+            self._log.__enter__()
         return self
 
     def __exit__(
@@ -72,9 +57,7 @@ class Progress:
     ) -> None:
         """Clear the line."""
         if self._status is not None:
-            logger = logging.getLogger(LOGGER)
-            logger.removeHandler(self._handler)
-            logger.setLevel(self._level)
+            self._log.__exit__(kind, error, trace)
             self._status.stop()
 
     def phase(self, text: str) -> None:

@@ -7,8 +7,8 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from typing import TYPE_CHECKING, TextIO
 
@@ -128,27 +128,22 @@ def _warnings_shown() -> Iterator[None]:
         yield
 
 
-class _ConsoleHandler(logging.Handler):
-    """Writes a log to a console, above a line that changes."""
+class _Shown(logging.Handler):
+    """Gives what is logged to a function."""
 
-    def __init__(self, console: Console) -> None:
-        super().__init__()
-        self._console = console
+    def __init__(self, show: Callable[[logging.LogRecord], None]) -> None:
+        super().__init__(logging.INFO)
+        self._show = show
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a message."""
-        text = f"{record.levelname.lower()}: {record.getMessage()}"
-        self._console.print(text, soft_wrap=True)
+        """Show a message."""
+        self._show(record)
 
 
 @contextmanager
-def logged(verbose: bool, console: Console) -> Iterator[None]:
-    """Show the library's log, if wished for."""
-    if not verbose:
-        yield
-        return
-    logger = logging.getLogger("tominpmp")
-    handler = _ConsoleHandler(console)
+def log_shown(name: str, show: Callable[[logging.LogRecord], None]) -> Iterator[None]:
+    """Show what a logger is given."""
+    logger, handler = logging.getLogger(name), _Shown(show)
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
@@ -157,6 +152,16 @@ def logged(verbose: bool, console: Console) -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.setLevel(level)
+
+
+def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
+    """Show the library's log above a line that changes, if wished for."""
+
+    def show(record: logging.LogRecord) -> None:
+        text = f"{record.levelname.lower()}: {record.getMessage()}"
+        console.print(text, soft_wrap=True)
+
+    return log_shown("tominpmp", show) if verbose else nullcontext()
 
 
 def flush_output(code: int = 0) -> int:
