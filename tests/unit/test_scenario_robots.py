@@ -15,7 +15,7 @@ from tominpmp.description.files import find_robot, robot_names
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
 from tominpmp.robot import Robot
-from tominpmp.scenario.robot_files import unlike
+from tominpmp.scenario.robot_table import unlike
 
 URDF = find_robot("planar3r").urdf
 START, GOAL = [0.5, 1.7, -1.7], [0.6, 1.6, -1.6]

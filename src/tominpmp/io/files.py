@@ -49,3 +49,8 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
         reason = error.strerror or str(error)
         raise ScenarioError(f"{path} cannot be written: {reason}", path) from error
     return path
+
+
+def write_bytes(path: str | Path, content: bytes) -> Path:
+    """Write a content as :func:`write_file` does."""
+    return write_file(path, lambda file: file.write(content))

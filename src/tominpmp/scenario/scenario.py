@@ -41,7 +41,7 @@
     intervals = 60
 
 A motion of several segments has a list of ``[[segments]]`` in place of the goal, see
-:mod:`~tominpmp.scenario.segments_table`.
+:mod:`~tominpmp.scenario.tables`.
 """
 
 from __future__ import annotations
@@ -61,24 +61,26 @@ from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import ScenarioError, TominpmpError
 from tominpmp.goals import Goal
-from tominpmp.io.files import write_file
+from tominpmp.io.files import write_bytes
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.scenario.conditions import read_conditions
-from tominpmp.scenario.goal_table import positions, read_goal, vector
-from tominpmp.scenario.limits_table import beyond
 from tominpmp.scenario.records import field_table, make, same, to_table
-from tominpmp.scenario.robot_files import Beside
 from tominpmp.scenario.robot_table import (
+    Beside,
     check_given_back,
     read_robot,
     robot_table,
 )
-from tominpmp.scenario.segments_table import (
+from tominpmp.scenario.tables import (
+    beyond,
     blamed_segment,
     followed,
+    positions,
+    read_conditions,
+    read_goal,
     read_segments,
+    vector,
 )
 from tominpmp.scenario.toml_writer import toml_text
 from tominpmp.segments import Segment
@@ -240,7 +242,7 @@ def save_scenario(
     beside = Beside(f"{path.stem}_robot")
     content = scenario_text(path, problem, options, beside=beside).encode()
     beside.write(path.parent)
-    return write_file(path, lambda file: file.write(content))
+    return write_bytes(path, content)
 
 
 def scenario_text(

@@ -47,11 +47,16 @@ from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
 from tominpmp.options import Options
 from tominpmp.robot import Robot
-from tominpmp.scenario.conditions import read_conditions
-from tominpmp.scenario.goal_table import positions, read_goal, vector
 from tominpmp.scenario.robot_table import read_robot
 from tominpmp.scenario.scenario import read_options, read_toml
-from tominpmp.scenario.segments_table import read_pairs, read_payload
+from tominpmp.scenario.tables import (
+    positions,
+    read_conditions,
+    read_goal,
+    read_pairs,
+    read_payload,
+    vector,
+)
 
 SECTIONS = (
     "margin",
