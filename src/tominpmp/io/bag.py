@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.exceptions import ProblemError, ScenarioError, optional
-from tominpmp.io.ros import MESSAGE, message_data
+from tominpmp.io.ros import MESSAGE, POINT_FIELDS, message_data
 from tominpmp.samples import Samples
 
 TYPE = "trajectory_msgs/msg/JointTrajectory"
@@ -152,22 +152,18 @@ def _unpacker(packing: str) -> Any:
 def _plain(message: Any) -> dict[str, Any]:
     """A message of rosbags as YAML would have it."""
     points = [
-        {
-            "positions": point.positions.tolist(),
-            "velocities": point.velocities.tolist(),
-            "accelerations": point.accelerations.tolist(),
-            "effort": point.effort.tolist(),
-            "time_from_start": {
-                "sec": point.time_from_start.sec,
-                "nanosec": point.time_from_start.nanosec,
-            },
-        }
+        {name: getattr(point, name).tolist() for name in POINT_FIELDS.values()}
+        | {"time_from_start": _time(point.time_from_start)}
         for point in message.points
     ]
-    stamp = message.header.stamp
-    header = {
-        "stamp": {"sec": stamp.sec, "nanosec": stamp.nanosec},
-        "frame_id": message.header.frame_id,
+    header = message.header
+    return {
+        "header": {"stamp": _time(header.stamp), "frame_id": header.frame_id},
+        "joint_names": list(message.joint_names),
+        "points": points,
     }
-    names = list(message.joint_names)
-    return {"header": header, "joint_names": names, "points": points}
+
+
+def _time(value: Any) -> dict[str, int]:
+    """A time or a duration of rosbags as YAML would have it."""
+    return {"sec": value.sec, "nanosec": value.nanosec}

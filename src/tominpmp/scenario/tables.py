@@ -36,7 +36,7 @@ its goal says so; ``scene = {}`` is a segment without obstacles.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -286,28 +286,14 @@ def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, 
 
 def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
     table.only(*KEYS)
-    dwell, stop, scene = table.get("dwell"), table.get("stop"), table.get("scene")
+    found = read_conditions(table, robot)
+    if table.get("motion_limits").value == {}:
+        # A table without limits is another value than no table, and comes back so.
+        found["motion_limits"] = MotionLimits()
     try:
-        return Segment(
-            read_goal(table.need("goal"), robot, before),
-            constraints=read_constraints(table.get("constraints")),
-            motion_limits=_read_limits(table.get("motion_limits"), robot),
-            payload=read_payload(table.get("payload")),
-            scene=None if scene.value is None else read_scene(scene),
-            may_touch=read_pairs(table.get("may_touch")),
-            stop=False if stop.value is None else stop.flag(),
-            dwell=0.0 if dwell.value is None else dwell.number(),
-            arrival=table.get("arrival").value,
-        )
+        return Segment(read_goal(table.need("goal"), robot, before), **found)
     except ProblemError as error:
         _key(table, error.field).fail(str(error))
-
-
-def _read_limits(table: Field, robot: Robot) -> MotionLimits | None:
-    """The limits; none of them is something else than no table, and comes back so."""
-    if table.value == {}:
-        return MotionLimits()
-    return read_motion_limits(table, robot)
 
 
 def read_payload(table: Field) -> Payload | None:
@@ -411,18 +397,30 @@ def _unknown_name(table: Field, segment: Segment, robot: Robot) -> Field | None:
     return None
 
 
-def read_conditions(document: Field, robot: Robot) -> dict[str, Any]:
-    """Read what holds on the whole way, as arguments by name.
+# How the keys are read that whole scenarios and segments have.
+READERS: dict[str, Callable[[Field], Any]] = {
+    "scene": read_scene,
+    "margin": Field.number,
+    "self_collision": Field.flag,
+    "constraints": read_constraints,
+    "payload": read_payload,
+    "may_touch": read_pairs,
+    "stop": Field.flag,
+    "dwell": Field.number,
+    "arrival": lambda item: item.value,
+}
+
+
+def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
+    """Read what holds on the way of a scenario, a tour or a segment.
+
+    Returns:
+        The values that are given, as arguments by name.
 
     Raises:
-        ScenarioError: If a table is wrong.
+        ScenarioError: If a value is wrong.
     """
-    margin, own = document.get("margin"), document.get("self_collision")
-    return {
-        "scene": read_scene(document.get("scene")),
-        "margin": margin.number() if margin.value is not None else 0.0,
-        "motion_limits": read_motion_limits(document.get("motion_limits"), robot),
-        "self_collision": None if own.value is None else own.flag(),
-        "constraints": read_constraints(document.get("constraints")),
-        "may_touch": read_pairs(document.get("may_touch")),
-    }
+    items = table.table().items()
+    found = {name: READERS[name](item) for name, item in items if name in READERS}
+    limits = read_motion_limits(table.get("motion_limits"), robot)
+    return found | {"motion_limits": limits}
