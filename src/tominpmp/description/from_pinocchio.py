@@ -65,7 +65,7 @@ def describe_model(
             or a shape is none that a link can have.
     """
     path = Path(f"<pinocchio.Model {model.name}>")
-    reader = _Reader(model, path)
+    reader = _ModelReader(model, path)
     links = reader.links()
     for geometry, kind in ((collision, "collisions"), (visual, "visuals")):
         for item in () if geometry is None else geometry.geometryObjects:
@@ -89,7 +89,7 @@ def describe_model(
     return description, _semantics(reader, collision, path), _uneven_efforts(reader)
 
 
-class _Reader:
+class _ModelReader:
     """Links and joints of a model."""
 
     def __init__(self, model: pin.Model, path: Path) -> None:
@@ -269,7 +269,7 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape:
     return Shape("mesh", (1.0, 1.0, 1.0), place, "", corners, faces)
 
 
-def _uneven_efforts(reader: _Reader) -> dict[str, tuple[float, float]]:
+def _uneven_efforts(reader: _ModelReader) -> dict[str, tuple[float, float]]:
     found = {}
     for described, joint in zip(reader.joints, reader.model.joints[1:], strict=True):
         if joint.nv == 1:
@@ -281,7 +281,7 @@ def _uneven_efforts(reader: _Reader) -> dict[str, tuple[float, float]]:
 
 
 def _semantics(
-    reader: _Reader, collision: pin.GeometryModel | None, path: Path
+    reader: _ModelReader, collision: pin.GeometryModel | None, path: Path
 ) -> SemanticDescription | None:
     """What an SRDF file would say of the model."""
     states: dict[str, dict[str, float]] = {}
@@ -293,7 +293,7 @@ def _semantics(
     return SemanticDescription(pairs, states, path)
 
 
-def _positions(reader: _Reader, q: Array) -> dict[str, float]:
+def _positions(reader: _ModelReader, q: Array) -> dict[str, float]:
     """Positions by joint name in a configuration of the model."""
     found = {}
     for described, joint in zip(reader.joints, reader.model.joints[1:], strict=True):
@@ -305,7 +305,7 @@ def _positions(reader: _Reader, q: Array) -> dict[str, float]:
 
 
 def _left_out(
-    reader: _Reader, collision: pin.GeometryModel
+    reader: _ModelReader, collision: pin.GeometryModel
 ) -> tuple[tuple[str, str], ...]:
     """Pairs of links that the collision pairs leave out; none if they say nothing.
 
