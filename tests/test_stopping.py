@@ -14,9 +14,9 @@ from sample_arms import DOWNWARD, make_arm, rod
 import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.planner import direct_solve as guessed
 from tominpmp.planner.attempt import Attempt
-from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.solvers.smoothing import SmoothingSolver
 from tominpmp.stopping import Deadline, Stop

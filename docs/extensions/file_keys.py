@@ -12,12 +12,12 @@ from tominpmp.cell.tours import Station, tour_file
 from tominpmp.constraints import PathConstraint
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.payload import Payload
+from tominpmp.problem.segments import Segment
 from tominpmp.robot import load_robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scenario import robot_table, scenario
 from tominpmp.scenario.records import classes, motions
 from tominpmp.scene import Obstacle
-from tominpmp.segments import Segment
 
 # What a file has in a table of its own, or says in another way than the code.
 TABLES = {

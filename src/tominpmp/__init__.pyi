@@ -73,7 +73,7 @@ from .options import (
     Options as Options,
     Tolerances as Tolerances,
 )
-from .payload import Payload as Payload
+from .robot.payload import Payload as Payload
 from .cell.placement import (
     ImprovedPlacement as ImprovedPlacement,
     improve_placement as improve_placement,
@@ -87,7 +87,7 @@ from .robot import (
     Robot as Robot,
     load_robot as load_robot,
 )
-from .samples import Samples as Samples
+from .motion.samples import Samples as Samples
 from .scenario.joint_limits import (
     MoveItLimits as MoveItLimits,
     load_joint_limits as load_joint_limits,
@@ -117,7 +117,7 @@ from .scene import (
     Sphere as Sphere,
     Waypoints as Waypoints,
 )
-from .segments import Segment as Segment
+from .problem.segments import Segment as Segment
 from .solution import Solution as Solution
 from .status import (
     IterationRecord as IterationRecord,
@@ -129,7 +129,7 @@ from .cell.tours import (
     Visit as Visit,
     plan_tour as plan_tour,
 )
-from .trajectory import (
+from .motion.trajectory import (
     State as State,
     Trajectory as Trajectory,
 )
@@ -139,6 +139,6 @@ from .verification import (
     prove_clearance as prove_clearance,
     verify as verify,
 )
-from .workcell import Workcell as Workcell
+from .problem.workcell import Workcell as Workcell
 
 __version__: str

@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 from tominpmp.arrays import MaybeNone
 from tominpmp.checks import flag
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
-from tominpmp.motion_measures import (
+from tominpmp.motion.measures import (
     PeakAcceleration,
     energy_of,
     peak_acceleration,
     roughness,
     work_of,
 )
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.notebook import outcome_card
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.segments import SegmentOfMotion, segments_of
+from tominpmp.problem.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
-from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

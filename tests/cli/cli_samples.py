@@ -14,11 +14,11 @@ from record_samples import record
 
 from tominpmp.description.files import robot_names
 from tominpmp.io.export_check import ExportCheck
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 
 START = "0.5,1.7,-1.7"
 GOAL = "2,-1,0.5"

@@ -21,10 +21,10 @@ from cli_samples import (
 
 from tominpmp.goals import JointGoal
 from tominpmp.io.export import load_motion
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
 from tominpmp.scenario.scenario import load_scenario
-from tominpmp.trajectory import Trajectory
 
 # Scenarios
 

@@ -31,12 +31,12 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import JointGoal
 from tominpmp.io.export import load_motion
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 
 
 def test_planned(run: Run, planner: Planner, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import tominpmp as tm
 from tests.sample_arms import Link, make_arm
 from tominpmp.constraints import States
 from tominpmp.linear_programs import make_solver
-from tominpmp.program_records import LinearProgram
+from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.solvers.slp import first_weight
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants

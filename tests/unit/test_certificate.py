@@ -29,6 +29,7 @@ from tominpmp.constraints import KeepUpright, States, ToolSpeed
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AnyGoal, JointGoal, PositionGoal
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
@@ -37,7 +38,6 @@ from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 
 MASS, FORCE = 2.0, 10.0
 START = (0.5, 1.7, -1.7)

@@ -13,10 +13,10 @@ from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import JointGoal
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
-from tominpmp.trajectory import Trajectory
 
 START = np.array([-0.9, 0.2, 0.1])
 SPEED = np.array([1.5, 0.3, -0.2])

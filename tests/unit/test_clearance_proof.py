@@ -9,9 +9,9 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.collision import CollisionChecker
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
 from tominpmp.scene import Box, Scene, Sphere
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import prove_clearance
 
 

@@ -16,10 +16,10 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AllGoals, JointGoal, JointRegionGoal, PositionGoal
 from tominpmp.options import Options
-from tominpmp.payload import Payload
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scene import Scene
 
 TILTED = pin.SE3(pin.exp3(np.array([0.0, 0.4, 2.0])), np.array([1.0, 1.0, 0.3]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp.compressed import Compressed, single, sorted_in
+from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
 
 
 @pytest.fixture

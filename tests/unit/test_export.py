@@ -14,8 +14,8 @@ from motion_samples import planar_motions
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.io.export import export, load_motion
 from tominpmp.io.files import write_file
-from tominpmp.samples import Samples
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 
 HEADER = (
     "time,q_joint1,q_joint2,q_joint3,v_joint1,v_joint2,v_joint3,"

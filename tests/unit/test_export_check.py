@@ -16,12 +16,12 @@ from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.goals import JointGoal
 from tominpmp.io.export import export, load_motion
 from tominpmp.io.export_check import check_export
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import verify
 
 ENDINGS = ("csv", "npz", "yaml", "json", "mcap")

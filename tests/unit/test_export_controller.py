@@ -16,10 +16,10 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.io.export import export, load_motion
 from tominpmp.io.ros import accelerations_continue
+from tominpmp.motion.joining import join, recorded_motion
+from tominpmp.motion.samples import Samples, clock
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
-from tominpmp.sampled_motion import join, recorded_motion
-from tominpmp.samples import Samples, clock
-from tominpmp.trajectory import Trajectory
 
 ROS_ENDINGS = ("yaml", "json", "mcap")
 BETWEEN = np.linspace(0.0, 0.95, 173)

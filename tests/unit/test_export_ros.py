@@ -14,7 +14,7 @@ from motion_samples import planar_motions
 from tominpmp.exceptions import ScenarioError
 from tominpmp.io.export import export, load_motion
 from tominpmp.io.ros import nanoseconds
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 
 ENDINGS = ("yaml", "yml", "json")
 

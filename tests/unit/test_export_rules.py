@@ -19,8 +19,8 @@ from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
 from tominpmp.io.bag import TOPIC, TYPE
 from tominpmp.io.export import export, load_message, load_motion
 from tominpmp.io.ros_rules import controller_refusals
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
-from tominpmp.trajectory import Trajectory
 
 NAMES = ["joint1", "joint2", "joint3"]
 

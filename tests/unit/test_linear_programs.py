@@ -19,7 +19,7 @@ from tominpmp.linear_programs import (
 )
 from tominpmp.linear_programs import piqp as piqp_module
 from tominpmp.linear_programs.piqp import PIQP_ITERATIONS
-from tominpmp.program_records import LinearProgram
+from tominpmp.linear_programs.program import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]
 

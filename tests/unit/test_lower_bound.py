@@ -28,6 +28,7 @@ from tominpmp.goals import (
     RegionGoal,
 )
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
@@ -35,7 +36,6 @@ from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay
 from tominpmp.verification.link_displacement import Ball, LinkDisplacement
 

@@ -14,9 +14,9 @@ from tominpmp.collision import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import FrameNotFound, ProblemError
 from tominpmp.goals import JointGoal
-from tominpmp.payload import Payload
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Scene, Sphere
 
 INERTIA = np.array([[0.02, 0.001, 0.002], [0.001, 0.03, 0.003], [0.002, 0.003, 0.025]])

@@ -10,11 +10,12 @@ import pytest
 
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
+from tominpmp.problem.workcell import Workcell
 from tominpmp.robot import load_robot
 from tominpmp.scene import Box, ConstantVelocity, Cylinder, Sphere
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.bodies import robot_bodies
 from tominpmp.viz.camera import camera_view, points_in_view
 from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
@@ -22,7 +23,6 @@ from tominpmp.viz.playback import play
 from tominpmp.viz.roles import FURNITURE_COLOR, HAZARD_COLOR, obstacle_color, rgb
 from tominpmp.viz.shares import shares_of_limits
 from tominpmp.viz.skeleton import skeleton
-from tominpmp.workcell import Workcell
 
 START, END = np.array([0.5, 1.7, -1.7]), np.array([0.9, -1.2, -0.9])
 

@@ -42,10 +42,10 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.scene import Obstacle
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.bodies import STEEL, robot_bodies
 from tominpmp.viz.browser import show_page
 from tominpmp.viz.meshcat_scene import Appearance, draw, frame_times

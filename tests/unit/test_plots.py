@@ -34,9 +34,9 @@ from tominpmp.exceptions import (
     ScenarioError,
 )
 from tominpmp.goals import JointGoal, PoseGoal
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import STYLE, color
 from tominpmp.viz.plots import (
     LEAST_VIOLATION,

@@ -22,9 +22,9 @@ from tominpmp.exceptions import (
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
+from tominpmp.problem.state_checks import SNAP
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Box, Scene, Sphere
-from tominpmp.state_checks import SNAP
 
 START = (0.5, 1.7, -1.7)
 GOAL = JointGoal((0.9, -1.2, -0.9))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp.compressed import Compressed
 from tominpmp.linear_programs import HighsSolver, Nearly, PiqpSolver
+from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.linear_programs.piqp import PIQP_ITERATIONS, equation_scale
-from tominpmp.program_records import LinearProgram
+from tominpmp.linear_programs.program import LinearProgram
 
 
 def second_differences(sharpest: float) -> LinearProgram:

@@ -10,10 +10,10 @@ import pytest
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
 from tominpmp.io.export import export, load_motion
+from tominpmp.motion.joining import recorded_motion
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot, load_robot
-from tominpmp.sampled_motion import recorded_motion
-from tominpmp.samples import Samples
-from tominpmp.trajectory import Trajectory
 
 HERE = Path("m.csv")
 NAMES = ("joint1", "joint2", "joint3")

@@ -7,7 +7,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Appearance, draw
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.segments import frame_places, loads, obstacles, there

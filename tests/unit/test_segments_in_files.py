@@ -7,7 +7,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.sampled_motion import recorded_motion
+from tominpmp.motion.joining import recorded_motion
 from tominpmp.verification.stages import with_segments
 
 STAY = 0.1

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import LinearConstraint, minimize
 
 import tominpmp as tm
-from tominpmp.motion_measures import roughness
+from tominpmp.motion.measures import roughness
 from tominpmp.solvers.mean_speeds import MeanSpeeds
 from tominpmp.solvers.smoothing import SmoothingSolver
 

@@ -11,11 +11,11 @@ from motion_samples import planar_problem, quintic
 from record_samples import record
 
 from tominpmp.exceptions import PlanningFailed, ProblemError
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")

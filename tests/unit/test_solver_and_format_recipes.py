@@ -17,7 +17,7 @@ from scipy.optimize import linprog
 import tominpmp as tm
 from tominpmp.io import export
 from tominpmp.linear_programs import LpSolver, make_solver
-from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription

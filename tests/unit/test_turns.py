@@ -15,9 +15,9 @@ from sample_arms import make_arm, slide
 import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.motion.turns import SAME, Turns, reversals, torque_breaks
 from tominpmp.transcription.controls import motor_torques
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.turns import SAME, Turns, reversals, torque_breaks
 from tominpmp.verification.replay import torque_pieces
 
 FRICTION = np.array([2.0, 1.0])

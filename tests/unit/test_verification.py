@@ -14,12 +14,12 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AnyGoal, JointGoal, JointRegionGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import Scene, Sphere
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import replay, verify
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces

@@ -16,9 +16,9 @@ from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
-from tominpmp.segments import Segment
 
 # What must hold at the end, beside "joint" the pose of the frame or its position only.
 GOALS = ("joint", "pose", "position")

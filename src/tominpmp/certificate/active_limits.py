@@ -23,7 +23,7 @@ from tominpmp.certificate.perturbations import (
 )
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import InverseJacobians
-from tominpmp.trajectory import State, Trajectory
+from tominpmp.motion.trajectory import State, Trajectory
 
 # Instants of an interval at which its mean torque is taken, where nodes were joined.
 SAMPLES = 8

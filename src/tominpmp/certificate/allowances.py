@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.certificate.certificate import Certificate
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import FEWEST_PERIODS
-from tominpmp.trajectory import Trajectory
 
 # Periods of a segment are counted up to this share of one, and joints that are no
 # faster are at rest [rad/s or m/s].

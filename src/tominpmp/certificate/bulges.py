@@ -17,8 +17,8 @@ from tominpmp.certificate.instants import Instants
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import Linearised, picked
 from tominpmp.dynamics import InverseJacobians
+from tominpmp.motion.trajectory import State
 from tominpmp.motion_limits import EffortCurve
-from tominpmp.trajectory import State
 
 # Where in the intervals it is looked.
 SHARES = np.arange(1, 10) / 10

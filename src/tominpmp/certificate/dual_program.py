@@ -26,7 +26,7 @@ from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multiplier
 from tominpmp.certificate.perturbations import Linearised
 from tominpmp.certificate.stays import still_nodes
 from tominpmp.linear_programs import Nearly, PiqpSolver
-from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
 # over the duration, which changes by a share of itself.

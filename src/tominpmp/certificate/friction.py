@@ -6,8 +6,8 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.robot import Robot
-from tominpmp.trajectory import State, Trajectory
 
 
 def friction_along(robot: Robot, trajectory: Trajectory, times: Array) -> Array:

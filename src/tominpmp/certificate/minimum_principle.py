@@ -42,11 +42,11 @@ from tominpmp.certificate.optimality_report import (
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
 from tominpmp.checks import instance, number
+from tominpmp.motion.joining import checked_motion
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import checked_motion
-from tominpmp.samples import Samples
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.stages import with_segments
 from tominpmp.verification.verification import Verification, verify
 

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 
 # What is constant on an interval: the acceleration, its slope, or the torque.
 Shape: TypeAlias = Literal["steps", "ramps", "torques"]

@@ -20,9 +20,9 @@ from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.perturbations import Linearised
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.segments import spans_of
-from tominpmp.trajectory import Trajectory
+from tominpmp.problem.segments import spans_of
 
 # What a problem with times at which goals are to be met has rows of.
 ARRIVAL = "arrival"

@@ -9,8 +9,8 @@ from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
 from tominpmp.cli.problem import load_scene
 from tominpmp.goals import JointGoal
 from tominpmp.io.export import load_motion
+from tominpmp.motion.joining import recorded_motion
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import recorded_motion
 from tominpmp.viz.playback import play
 
 

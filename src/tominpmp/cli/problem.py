@@ -33,6 +33,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import EFFORTS, Options
 from tominpmp.problem import Problem
+from tominpmp.problem.state_checks import IN_RADIANS
 from tominpmp.robot import Robot, read_source
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
 from tominpmp.scenario.motion_limits import load_motion_limits
@@ -40,7 +41,6 @@ from tominpmp.scenario.moveit import load_moveit, load_moveit_scene, request_loc
 from tominpmp.scenario.robot_table import OVERRIDES
 from tominpmp.scenario.scenario import load_scenario
 from tominpmp.scene import Scene
-from tominpmp.state_checks import IN_RADIANS
 
 # What the command line may say beside a file that holds the whole problem.
 KEPT = ("margin", "self_collision", "motion_limits", "constraint")

@@ -10,9 +10,9 @@ import numpy as np
 
 from tominpmp.bounds import LowerBound
 from tominpmp.cli.json_text import plain
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
-from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from tominpmp.io.export_check import ExportCheck

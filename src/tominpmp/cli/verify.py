@@ -15,7 +15,7 @@ from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import ProblemError
 from tominpmp.io.export_check import ExportCheck, check_file
-from tominpmp.samples import Interpolation
+from tominpmp.motion.samples import Interpolation
 
 # Rules that are shown where a message breaks more.
 SHOWN = 5

@@ -20,7 +20,7 @@ from tominpmp.arrays import Array, frozen_array
 from tominpmp.checks import number, positive, vector
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.kinematics import SpatialStates, skew
-from tominpmp.payload import checked_inertia
+from tominpmp.robot.payload import checked_inertia
 
 STANDARD_GRAVITY = 9.81
 POINT = "three coordinates [m]"

@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.dynamics import STANDSTILL
 from tominpmp.exact.structure import Arcs, read_arcs
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

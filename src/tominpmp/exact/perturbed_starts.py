@@ -19,11 +19,11 @@ from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import OptimisedArcs, solve_lengths
 from tominpmp.initial_guess.inverse_kinematics import goal_configurations
 from tominpmp.linear_programs import LpSolver
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.solvers.callbacks import Callback
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.stopping import Budget
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares

@@ -23,13 +23,13 @@ from tominpmp.exact.switching_times import (
 )
 from tominpmp.exact.transcription import ArcTranscription
 from tominpmp.linear_programs import LpSolver
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.grid_refinement import refine_grid, replayed_well
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares

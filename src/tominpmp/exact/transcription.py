@@ -13,7 +13,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
 from tominpmp.exact.radau import NODES
 from tominpmp.exact.shooting import ArcProgram, Shot
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.rows import Rows
 

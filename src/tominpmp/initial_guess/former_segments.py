@@ -12,11 +12,11 @@ import numpy as np
 
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
+from tominpmp.motion.joining import checked_motion
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import checked_motion
-from tominpmp.samples import Samples
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.stages import with_segments
 
 # What such a guess is called.

@@ -27,7 +27,7 @@ from tominpmp.initial_guess.rrt import (
     sampling_available,
 )
 from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Random configurations tried when solving inverse kinematics for a goal on a frame.

@@ -19,9 +19,9 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import held_positions
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import waiting_guesses
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.segments import Segment, segments_of
-from tominpmp.trajectory import Trajectory
+from tominpmp.problem.segments import Segment, segments_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Samples of each segment of a motion that was found before.

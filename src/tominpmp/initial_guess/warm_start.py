@@ -18,8 +18,8 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.samples import Samples
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription

@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.exceptions import ProblemError, ScenarioError, optional
 from tominpmp.io.ros import MESSAGE, POINT_FIELDS, message_data
-from tominpmp.samples import Samples
+from tominpmp.motion.samples import Samples
 
 TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory_controller/joint_trajectory"

@@ -43,8 +43,8 @@ from tominpmp.io.tables import (
     write_csv,
     write_npz,
 )
-from tominpmp.samples import Interpolation, Samples, check_interpolation
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.trajectory import Trajectory
 
 # Tables as large as :mod:`~tominpmp.io.tables` reads them fit in, and messages of
 # as many values as YAML may have.
@@ -162,7 +162,7 @@ def load_motion(
     Args:
         path: CSV, NPZ, YAML, JSON or MCAP file, by its ending.
         interpolation: What becomes of the samples between their times, see
-            :class:`~tominpmp.samples.Samples`; None takes "controller" for ROS
+            :class:`~tominpmp.motion.samples.Samples`; None takes "controller" for ROS
             messages and "auto" for the others.
 
     Returns:

@@ -35,12 +35,12 @@ from tominpmp.io.ros_rules import (
     controller_refusals,
 )
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion.joining import Joined, join
+from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import Joined, join
-from tominpmp.samples import Interpolation, Samples, check_interpolation
 from tominpmp.solution import Solution
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import Verification, verify
 from tominpmp.verification.limit_violations import UNITS, LimitViolation
 

@@ -22,8 +22,8 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import choice
 from tominpmp.exceptions import ProblemError
-from tominpmp.samples import BILLION, Samples
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.samples import BILLION, Samples
+from tominpmp.motion.trajectory import Trajectory
 
 # What a point calls the quantities of samples.
 POINT_FIELDS = {

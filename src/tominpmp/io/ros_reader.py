@@ -17,7 +17,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import ScenarioError, warn_caller
 from tominpmp.io.ros import POINT_FIELDS
-from tominpmp.samples import BILLION, Samples
+from tominpmp.motion.samples import BILLION, Samples
 
 MESSAGE_KEYS = ("header", "joint_names", "points")
 POINT_KEYS = (*POINT_FIELDS.values(), "time_from_start")

@@ -19,7 +19,7 @@ from tominpmp.description.fields import Field
 from tominpmp.exceptions import ProblemError, brief, shortened
 from tominpmp.io.ros import POINT_FIELDS
 from tominpmp.io.ros_reader import find_trajectory
-from tominpmp.samples import BILLION, Samples
+from tominpmp.motion.samples import BILLION, Samples
 
 # A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.
 REST = float(np.finfo(np.float32).eps)

@@ -22,7 +22,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ScenarioError, shortened
-from tominpmp.samples import Samples
+from tominpmp.motion.samples import Samples
 
 QUANTITIES = ("q", "v", "a", "u")
 # Motions of an hour at 1 kHz have fewer rows. A small archive may hold any number of

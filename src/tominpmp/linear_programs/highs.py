@@ -9,8 +9,8 @@ import highspy
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import MANY_COLUMNS, LpSolver
-from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.stopping import check, due, seconds_left
 
 

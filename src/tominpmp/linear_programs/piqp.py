@@ -12,10 +12,10 @@ import piqp
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.compressed import Compressed
+from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.linear_programs.highs import HighsSolver
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import HUGE, MANY_COLUMNS, LpSolver
-from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.stopping import check, seconds_left
 
 # Iterations of PIQP at most. It needs 18 to 30; where it has not ended by then, it

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from tominpmp.arrays import Array
-from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 
 # Bounds beyond this are none, for solvers that have no infinity.
 HUGE = 1e30

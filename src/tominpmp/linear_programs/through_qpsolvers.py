@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import HUGE, LpSolver
-from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.stopping import check, seconds_left
 
 # What these solvers call their limit on time [s].

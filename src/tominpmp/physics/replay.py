@@ -9,9 +9,9 @@ import numpy as np
 from tominpmp.arrays import Array, Record
 from tominpmp.checks import choice, positive
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 
 # Steps of the simulator, unless something else is asked for [s].
 STEP = 2e-4

@@ -15,6 +15,7 @@ from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.cli.verify import check_given
 from tominpmp.exceptions import OptionsError
 from tominpmp.io.export import load_motion
+from tominpmp.motion.joining import recorded_motion
 from tominpmp.options import Options
 from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
@@ -25,7 +26,6 @@ from tominpmp.physics.robustness import (
     robustness,
 )
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import recorded_motion
 
 
 def run_replay(

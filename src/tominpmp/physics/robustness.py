@@ -18,12 +18,12 @@ import pinocchio as pin
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.checks import instance, number, positive, whole, wrong
 from tominpmp.exceptions import told_of
+from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.physics.replay import check_one_load
 from tominpmp.problem import Problem
-from tominpmp.trajectory import State, Trajectory
 
 RESERVES = (0.0, 0.05, 0.1, 0.2, 0.3)
 # Share of the trials that are to keep the tolerance.

@@ -11,12 +11,12 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.former_segments import former_segments
 from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
-from tominpmp.samples import Samples
 from tominpmp.stopping import Stop
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 Start = WarmStart | SegmentedGuess

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.bounds import LowerBound
-from tominpmp.motion_measures import acceleration_remark
+from tominpmp.motion.measures import acceleration_remark
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
@@ -17,7 +18,6 @@ from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import explain
 from tominpmp.verification.verification import LONGEST
 

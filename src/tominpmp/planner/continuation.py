@@ -12,6 +12,7 @@ from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.direct_solve import (
@@ -25,7 +26,6 @@ from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import solve_by_shooting
 from tominpmp.problem import Problem
 from tominpmp.status import STOPPED, Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

@@ -21,6 +21,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.linear_programs import make_solver
+from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.control_period_outcome import (
@@ -39,7 +40,6 @@ from tominpmp.solvers.rounds import FAR, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
-from tominpmp.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
 from tominpmp.certificate.stays import stays_where_it_moves
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.ticks import ticks_of
 from tominpmp.verification.verification import Verification
 

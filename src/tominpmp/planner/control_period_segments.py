@@ -17,10 +17,10 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.stays import with_stays
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem import Problem
-from tominpmp.segments import Segment, Span, spans_of
-from tominpmp.trajectory import Trajectory
+from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.transcription.bspline_segments import SegmentedBSpline
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import interpolated

@@ -16,6 +16,7 @@ from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
 from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.direct_solve import NEARLY, first_program, segmented_program
 from tominpmp.planner.later_stage import Former, Over, bettered, made
@@ -24,7 +25,6 @@ from tominpmp.solvers.energy import EnergySolver
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import QUADRATIC, Layout, split_intervals

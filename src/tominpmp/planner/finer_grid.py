@@ -19,6 +19,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.continuation import SPEED_SHARE, speed_share
@@ -32,7 +33,6 @@ from tominpmp.solvers.restoration import LIGHT, cured
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.inverse import InverseTranscription

@@ -19,13 +19,13 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.constraints.friction import interval_signs
 from tominpmp.dynamics import Dynamics
 from tominpmp.linear_programs import LpSolver
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.inverse import InverseTranscription

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.attempt import REFINEMENTS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded, seconds_left
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification import Verification, verify
 

@@ -11,6 +11,9 @@ from typing import Any
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.joining import checked_motion
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.alternatives import attempts_of_alternatives
 from tominpmp.planner.attempt import TIE, Attempt
@@ -34,12 +37,9 @@ from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import checked_motion
-from tominpmp.samples import Samples
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 

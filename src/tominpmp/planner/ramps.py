@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Joints that move no farther during their ramp are where they were, near enough [rad].

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.curves import states
 from tominpmp.initial_guess.guess import Guess
+from tominpmp.motion.curves import states
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Kept
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Largest violation of a coarse motion that is gone on with.

@@ -10,7 +10,8 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
-from tominpmp.motion_measures import roughness, way_of
+from tominpmp.motion.measures import roughness, way_of
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.later_stage import Over, bettered, made
 from tominpmp.solution import Solution
@@ -18,7 +19,6 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.smoothing import SmoothingSolver
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.ticks import Ticks, ticks_of

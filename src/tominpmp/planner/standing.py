@@ -14,12 +14,12 @@ import numpy as np
 from tominpmp.bounds import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.segments import Segment
+from tominpmp.problem.segments import Segment
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.transcription.ticks import at_ticks, whole_periods
 from tominpmp.verification import verify
 

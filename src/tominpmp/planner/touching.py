@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 
 # Instants that are looked at, the ends left out: those are the problem's.
 SAMPLES = 24

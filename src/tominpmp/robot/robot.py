@@ -35,7 +35,7 @@ from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.payload import Payload, attach
+from tominpmp.robot.payload import Payload, attach
 
 
 @dataclass(frozen=True, eq=False)

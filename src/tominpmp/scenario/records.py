@@ -28,7 +28,8 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
-from tominpmp.payload import Payload
+from tominpmp.problem.segments import Segment
+from tominpmp.robot.payload import Payload
 from tominpmp.scene import (
     Mesh,
     Motion,
@@ -37,7 +38,6 @@ from tominpmp.scene import (
     Scene,
     rotation_matrix,
 )
-from tominpmp.segments import Segment
 
 T = TypeVar("T")
 

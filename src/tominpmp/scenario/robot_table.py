@@ -26,8 +26,8 @@ from tominpmp.exceptions import (
     TominpmpError,
 )
 from tominpmp.io.files import write_bytes
-from tominpmp.payload import Payload
 from tominpmp.robot import DEFAULT_GRAVITY, Robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
 from tominpmp.scenario.records import classes, file_name, make, to_table
 from tominpmp.scenario.tables import read_motion_limits
@@ -159,8 +159,8 @@ def read_robot(table: Field) -> Robot:
             :func:`load_robot`;
             ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
             (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
-            fields of :class:`~tominpmp.payload.Payload`. Paths are relative to the
-            scenario.
+            fields of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to
+            the scenario.
 
     Raises:
         ScenarioError: If the table is wrong or the robot cannot be loaded.

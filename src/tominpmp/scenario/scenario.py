@@ -64,6 +64,7 @@ from tominpmp.goals import Goal
 from tominpmp.io.files import write_bytes
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 from tominpmp.scenario.records import field_table, make, same, to_table
 from tominpmp.scenario.robot_table import (
@@ -83,7 +84,6 @@ from tominpmp.scenario.tables import (
     vector,
 )
 from tominpmp.scenario.toml_writer import toml_text
-from tominpmp.segments import Segment
 
 try:
     import tomllib

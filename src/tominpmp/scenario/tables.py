@@ -53,12 +53,12 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
-from tominpmp.payload import Payload
+from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scenario.motion_limits import load_motion_limits
 from tominpmp.scenario.records import classes, from_table, make
 from tominpmp.scene import Obstacle, Scene
-from tominpmp.segments import Segment
 
 
 def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
@@ -268,7 +268,7 @@ def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, 
 
     Args:
         table: The list of their tables, keys as the fields of
-            :class:`~tominpmp.segments.Segment`; may be left out.
+            :class:`~tominpmp.problem.segments.Segment`; may be left out.
         robot: The robot.
         q_start: Where the first begins, shape (n,) [rad or m].
 

@@ -24,16 +24,16 @@ from tominpmp.certificate.task import Task
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion.joining import checked_motion
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import checked_motion
-from tominpmp.samples import Samples
 from tominpmp.sensitivities.limits import LimitValues
 from tominpmp.sensitivities.places import PlaceValues
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.sensitivities.sections import Section, sections
 from tominpmp.sensitivities.torques import TorqueWeights
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.stages import with_segments
 
 

@@ -19,8 +19,8 @@ from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_solution import DualSolution
 from tominpmp.certificate.instants import Instants
 from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.payload import Payload
 from tominpmp.robot import Robot
+from tominpmp.robot.payload import Payload
 
 # Multipliers below this share of the largest one change nothing.
 NOTHING = 1e-12

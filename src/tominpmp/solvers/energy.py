@@ -16,8 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.options import Options
-from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.energy_measures import (
     EnergyModel,
     Terms,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
-from tominpmp.program_records import LpSolution
+from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status

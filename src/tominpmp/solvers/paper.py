@@ -24,8 +24,8 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver
+from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.options import Options
-from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
 from tominpmp.solvers.iterate import Effort, Iterate, SlpResult
 from tominpmp.solvers.merit import Merit

@@ -20,7 +20,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver, make_solver
-from tominpmp.program_records import LpSolution
+from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.iterate import Effort, Iterate
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import GROWTH

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import solve_quadratic
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.options import Options
-from tominpmp.program_records import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import Iterate, SlpResult, Trial
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.step_search import StepSearch

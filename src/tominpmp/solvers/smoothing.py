@@ -15,8 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.options import Options
-from tominpmp.program_records import LinearProgram
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.mean_speeds import MeanSpeeds
 from tominpmp.solvers.quadratic import (

@@ -20,8 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.compressed import Compressed, single, sorted_in
-from tominpmp.program_records import LinearProgram, LpSolution
+from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.merit import NEGLIGIBLE, Merit
 from tominpmp.transcription.base import (
     Linearization,

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials, States
 from tominpmp.constraints.friction import Ways
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import StepBounds, Transcription, Variation
 from tominpmp.transcription.controls import (
     driving_torque,

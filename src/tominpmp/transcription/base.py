@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows

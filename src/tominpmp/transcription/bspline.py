@@ -25,9 +25,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array
-from tominpmp.compressed import Compressed
 from tominpmp.constraints import JointLimit, Partials, States
-from tominpmp.trajectory import Trajectory
+from tominpmp.linear_programs.compressed import Compressed
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, Variation
 from tominpmp.transcription.bspline_basis import (
     Basis,

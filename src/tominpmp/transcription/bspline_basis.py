@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.interpolate import BSpline
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.compressed import Compressed
+from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, Variation
 from tominpmp.transcription.bspline import RATE_SHARES, SHARES
 from tominpmp.transcription.bspline_basis import (

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.compressed import Compressed
+from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.transcription.base import M, StepBounds
 from tominpmp.transcription.curve import CurveTranscription
 

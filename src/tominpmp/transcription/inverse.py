@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import JointLimit, Partials, States
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, StepBounds, Variation
 from tominpmp.transcription.curve import CurveTranscription
 from tominpmp.transcription.instants import Instants

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.segments import Segment, spans_of
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
+from tominpmp.problem.segments import Segment, spans_of
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.bspline_basis import Basis
 from tominpmp.transcription.bspline_segments import SegmentedBSpline

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Arrival, GoalReached, Standstill
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
     Linearization,
     StepBounds,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.compressed import Compressed
 from tominpmp.constraints import Partials, States
+from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.spline import Spline, SplineDerivatives
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.samples import multiples
-from tominpmp.trajectory import Trajectory
+from tominpmp.motion.samples import multiples
+from tominpmp.motion.trajectory import Trajectory
 
 # Durations that are a multiple of the period but for this share of it are one.
 ROUNDING = 1e-6

@@ -23,8 +23,8 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.contact import Contact
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.stages import stages_of

@@ -15,10 +15,10 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord, Status
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.limit_violations import (
     UNITS,
     LimitViolation,

@@ -18,11 +18,11 @@ from scipy.linalg import expm
 
 from tominpmp.arrays import Array
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion.turns import torque_breaks
 from tominpmp.options import Tolerances
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.trajectory import Trajectory
-from tominpmp.turns import torque_breaks
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces

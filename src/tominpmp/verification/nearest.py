@@ -10,9 +10,9 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.selection import links_of, links_touching
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop, check
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.closest_approach import Approach, Closest, Course
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import TIME_STEP, Replay, planned

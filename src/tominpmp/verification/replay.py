@@ -21,11 +21,11 @@ from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice
+from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion.turns import torque_breaks
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.trajectory import Trajectory
-from tominpmp.turns import torque_breaks
 from tominpmp.verification.plant import STILL, Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 

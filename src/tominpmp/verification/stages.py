@@ -14,10 +14,10 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.segments import SAME, spans_of
-from tominpmp.trajectory import Trajectory
+from tominpmp.problem.segments import SAME, spans_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay

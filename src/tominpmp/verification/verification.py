@@ -20,11 +20,11 @@ from tominpmp.checks import choice, instance
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
 from tominpmp.exceptions import BRIEF, shortened
+from tominpmp.motion.joining import checked_motion
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.sampled_motion import checked_motion
-from tominpmp.samples import Samples
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification.feedback import (
     TIGHTER,
     Tracking,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tominpmp.checks import wrong
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import LIMIT_COLOR, color, finish, styled
 from tominpmp.viz.plots import curves
 from tominpmp.viz.skeleton import check_motion

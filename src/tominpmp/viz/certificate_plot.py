@@ -11,8 +11,8 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.checks import instance
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import (
     BEYOND_COLOR,
     LIMIT_COLOR,

@@ -11,10 +11,10 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.bodies import Body, robot_bodies
 from tominpmp.viz.camera import camera_view, points_in_view
 from tominpmp.viz.roles import obstacle_color, rgb

@@ -14,9 +14,9 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.checks import instance, whole
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.scene import Obstacle, Sphere
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import (
     GOAL_COLOR,
     add_legend,

@@ -13,8 +13,8 @@ from tominpmp.checks import instance, positive, whole
 from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import OptionsError, warn_caller
 from tominpmp.io.files import write_file
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.browser import show_page
 from tominpmp.viz.meshcat_scene import Appearance, draw
 from tominpmp.viz.page import build_page

@@ -11,10 +11,10 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.status import IterationRecord
-from tominpmp.trajectory import State, Trajectory
 from tominpmp.viz.figures import (
     BEYOND_COLOR,
     LIMIT_COLOR,

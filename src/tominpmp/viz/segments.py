@@ -14,12 +14,12 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import FrameMotions
-from tominpmp.payload import Payload
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scene import Obstacle, Scene
-from tominpmp.segments import Segment
-from tominpmp.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

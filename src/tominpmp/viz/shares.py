@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 
 # Instants of a motion, jumps at its nodes not counted.
 INSTANTS = 160

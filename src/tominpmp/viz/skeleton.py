@@ -10,9 +10,9 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.trajectory import Trajectory
 
 # Share of the extent of a motion below which a deviation from a plane is rounding.
 FLAT = 1e-6

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 
 # This share of the problems begins with nothing.
 FIRST = 0.125

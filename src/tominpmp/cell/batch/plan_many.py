@@ -29,8 +29,8 @@ from tominpmp.cell.batch.task import (
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError, brief
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.trajectory import Trajectory
 
 MOST_WORKERS = 100_000
 

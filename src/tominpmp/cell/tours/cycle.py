@@ -18,12 +18,12 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.trajectory import InverseDynamics, Trajectory
 from tominpmp.problem import Problem
-from tominpmp.segments import Segment, known_names, segments_of
+from tominpmp.problem.segments import Segment, known_names, segments_of
 from tominpmp.sensitivities import Sensitivities, analyse
 from tominpmp.sensitivities.records import Sensitivity
 from tominpmp.solution import Solution
-from tominpmp.trajectory import InverseDynamics, Trajectory
 
 # Nodes that a motion of degree 5 is given where others are of lower degree.
 FINE = 0.01

@@ -21,15 +21,15 @@ from tominpmp.cell.tours.station import Station
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.payload import Payload
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
-from tominpmp.segments import Segment, known_names
+from tominpmp.problem.segments import Segment, known_names
+from tominpmp.robot.payload import Payload
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, check, seconds_left
-from tominpmp.trajectory import Trajectory
 from tominpmp.verification import verify
 
 # Ways below this are none [rad or m], and shares of the duration that are the same.

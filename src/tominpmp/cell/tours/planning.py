@@ -37,10 +37,10 @@ from tominpmp.goals.targets import place_of
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.problem.segments import known_names
+from tominpmp.problem.state_checks import onto_limits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
-from tominpmp.segments import known_names
-from tominpmp.state_checks import onto_limits
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
 

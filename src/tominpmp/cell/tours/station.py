@@ -14,8 +14,8 @@ from tominpmp.arrays import Array, Record
 from tominpmp.checks import flag, instance, number, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import Goal
-from tominpmp.payload import Payload
-from tominpmp.segments import checked_pairs
+from tominpmp.problem.segments import checked_pairs
+from tominpmp.robot.payload import Payload
 
 # More stations than this are taken for a mistake.
 MOST_STATIONS = 5_000

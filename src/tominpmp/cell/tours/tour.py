@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from tominpmp.cell.tours.cycle import joined
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

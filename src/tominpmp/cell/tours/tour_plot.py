@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.cell.tours.station import Visit
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.trajectory import Trajectory
 from tominpmp.viz.figures import (
     GOAL_COLOR,
     add_legend,

@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, BoolArray, IntArray, in_brief, real_array
 from tominpmp.checks import array, number, whole, wrong
-from tominpmp.curves import polynomials, states, velocities
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.motion.curves import polynomials, states, velocities
+from tominpmp.motion.samples import Rows, Samples, clock
+from tominpmp.motion.turns import Turns
 from tominpmp.notebook import motion_card
-from tominpmp.samples import Rows, Samples, clock
-from tominpmp.turns import Turns
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.curves import states
 from tominpmp.datasheets import find_datasheet
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion.curves import states
+from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.robot import JointLimits
-from tominpmp.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
     from tominpmp.problem import Problem

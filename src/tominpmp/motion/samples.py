@@ -79,7 +79,7 @@ class Samples(Rows):
             as ROS's joint trajectory controller does, by straight lines where there are
             positions only, by cubics with velocities, by polynomials of degree 5 with
             accelerations; these three may be named too; "auto" looks for the motion
-            that they were taken from, see :mod:`~tominpmp.sampled_motion`.
+            that they were taken from, see :mod:`~tominpmp.motion.joining`.
         segment_ends: Times at which the segments of the motion end [s], in order, two
             of them the same where a segment takes no time, shape (k,); None for one
             segment, or where that is not known. What was taken from a file may be late

@@ -28,10 +28,10 @@ from tominpmp.goals import (
     Goal,
     JointGoal,
 )
-from tominpmp.problem import Problem
+from tominpmp.motion.trajectory import Trajectory
+from tominpmp.problem.problem import Problem
+from tominpmp.problem.state_checks import joint_vector
 from tominpmp.robot import Robot
-from tominpmp.state_checks import joint_vector
-from tominpmp.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,10 @@ from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.robot import Robot
-from tominpmp.scene import Obstacle, Scene
-from tominpmp.scene.scene import as_scene
-from tominpmp.segments import (
+from tominpmp.problem.segments import (
     SOME_GOAL,
     Segment,
     check_names,
@@ -33,8 +31,10 @@ from tominpmp.segments import (
     checked_segments,
     resolved_segments,
 )
-from tominpmp.state_checks import StateChecks, joint_vector, onto_limits
-from tominpmp.trajectory import Trajectory
+from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
+from tominpmp.robot import Robot
+from tominpmp.scene import Obstacle, Scene
+from tominpmp.scene.scene import as_scene
 
 # More choices of goals than this are not tried one by one.
 MOST_ALTERNATIVES = 256

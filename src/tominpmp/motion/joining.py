@@ -21,9 +21,9 @@ from tominpmp.checks import instance
 from tominpmp.dynamics import STANDSTILL, RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
-from tominpmp.samples import Interpolation, Samples, check_interpolation
-from tominpmp.trajectory import Trajectory
 
 # A locked joint may be this far from its place in a recorded motion [rad or m].
 APART = 1e-3

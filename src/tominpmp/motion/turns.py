@@ -22,7 +22,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
 
 if TYPE_CHECKING:
-    from tominpmp.trajectory import Trajectory
+    from tominpmp.motion.trajectory import Trajectory
 
 # Instants as close as this are one, as shares of the duration: floats can hardly tell
 # what is between them.

@@ -18,12 +18,12 @@ from tominpmp.checks import flag, instance, number, of_kind, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.payload import Payload
 from tominpmp.robot import Robot
+from tominpmp.robot.payload import Payload
 from tominpmp.scene import Obstacle, Scene
 from tominpmp.scene.scene import as_scene
-from tominpmp.trajectory import Trajectory
 
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # More goals than this are taken for a mistake.

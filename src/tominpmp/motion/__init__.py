@@ -1,0 +1,1 @@
+"""Motions over time: curves through nodes, samples of them, turns and measures."""
