@@ -15,7 +15,8 @@ from sample_arms import make_arm, slide
 import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.motion.turns import SAME, Turns, reversals, torque_breaks
+from tominpmp.motion.trajectory import reversals, torque_breaks
+from tominpmp.motion.turns import SAME, Turns
 from tominpmp.transcription.controls import motor_torques
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import torque_pieces

@@ -14,15 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
-
-if TYPE_CHECKING:
-    from tominpmp.motion.trajectory import Trajectory
 
 # Instants as close as this are one, as shares of the duration: floats can hardly tell
 # what is between them.
@@ -115,34 +111,6 @@ class Turns:
             count = np.searchsorted(turns, times, "right") - since
             way[:, joint] *= 1.0 - 2.0 * (count % 2)
         return way
-
-
-def torque_breaks(trajectory: Trajectory, friction: Array) -> Array:
-    """Times between which the torques of a motion are smooth [s].
-
-    Args:
-        trajectory: The motion.
-        friction: Dry friction of its joints, shape (n,) [N m or N].
-
-    Returns:
-        Its nodes, and where joints with friction turn between them if torques follow
-        from the motion; in the order of time.
-    """
-    if trajectory.inverse_dynamics is None:
-        return trajectory.t
-    return np.union1d(trajectory.t, reversals(trajectory, friction))
-
-
-def reversals(trajectory: Trajectory, friction: Array) -> Array:
-    """Times at which joints with dry friction turn, away from the nodes [s].
-
-    Args:
-        trajectory: The motion.
-        friction: Dry friction of its joints, shape (n,) [N m or N].
-    """
-    if not np.any(friction > 0.0):
-        return np.zeros(0)
-    return trajectory.turns.of_joints(friction > 0.0)
 
 
 def _bernstein(c: Array) -> Array:

@@ -14,8 +14,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
 from tominpmp.dynamics import directions
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion.turns import reversals
+from tominpmp.motion.trajectory import Trajectory, reversals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 

@@ -18,8 +18,7 @@ from scipy.linalg import expm
 
 from tominpmp.arrays import Array
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion.turns import torque_breaks
+from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.options import Tolerances
 from tominpmp.robot import Robot
 from tominpmp.stopping import check

@@ -21,8 +21,7 @@ from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion.turns import torque_breaks
+from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
