@@ -73,7 +73,13 @@ def instance(
     return value
 
 
-def of_kind(value: object, kinds: type, name: str, expected: str) -> None:
+def of_kind(
+    value: object,
+    kinds: type | tuple[type, ...],
+    name: str,
+    expected: str,
+    field: str | None = None,
+) -> None:
     """Check the type of an argument whose value says less than its type, if wrong.
 
     Raises:
@@ -81,7 +87,7 @@ def of_kind(value: object, kinds: type, name: str, expected: str) -> None:
     """
     if not isinstance(value, kinds):
         kind = type(value).__name__
-        raise ProblemError(f"{name} is a {kind}, expected {expected}", name)
+        raise ProblemError(f"{name} is a {kind}, expected {expected}", field or name)
 
 
 def flag(value: object, name: str) -> bool:

@@ -27,11 +27,6 @@ EFFORTS = ("quick", "standard", "thorough")
 ENERGIES = ("torque_squared", "work")
 REFINEMENTS = ("auto", "grid", "switching")
 LP_SOLVERS = ("auto", "highs", "piqp")
-# Numbers that may be left to the planner.
-OPTIONAL = (
-    *("max_planning_time", "initial_duration", "starts", "control_period"),
-    *("smoothing", "slack"),
-)
 CHOICES = {
     "method": METHODS,
     "step_rule": STEP_RULES,
@@ -226,9 +221,9 @@ class Options(Record):
             choice(getattr(self, name), known, name, error=OptionsError)
         for name, least in WHOLE.items():
             value, most = getattr(self, name), int(MOST[name])
-            if value is not None or name not in OPTIONAL:
+            if value is not None or not self._is_optional(name):
                 found = whole(value, name, least, most, error=OptionsError)
-                object.__setattr__(self, name, found)
+                self._keep(**{name: found})
         for name in POSITIVE:
             self._number(name, "a positive number", above=0.0)
         for name in ("smoothing", "slack"):
@@ -238,26 +233,28 @@ class Options(Record):
         if self.callback is not None and not callable(self.callback):
             raise wrong(self.callback, "callback", "a function", OptionsError)
         if self.initial_control is not None:
-            self._freeze_control()
+            control = array_or_nan(self.initial_control)
+            shaped = control.ndim in (1, 2) and control.size > 0
+            if not shaped or not np.all(np.isfinite(control)):
+                expected = "finite torques, of shape (n,) or (N, n) [N m]"
+                given = self.initial_control
+                raise wrong(given, "initial_control", expected, OptionsError)
+            self._keep(initial_control=control)
 
-    def _freeze_control(self) -> None:
-        control = array_or_nan(self.initial_control)
-        shaped = control.ndim in (1, 2) and control.size > 0
-        if not shaped or not np.all(np.isfinite(control)):
-            expected = "finite torques, of shape (n,) or (N, n) [N m]"
-            given = self.initial_control
-            raise wrong(given, "initial_control", expected, OptionsError)
-        object.__setattr__(self, "initial_control", control)
+    @classmethod
+    def _is_optional(cls, name: str) -> bool:
+        """Whether an option may be left to the planner."""
+        return getattr(cls, name) is None
 
     def _number(self, name: str, expected: str, above: float = -1.0) -> None:
         value, most = getattr(self, name), MOST.get(name, LARGEST)
-        if value is None and name in OPTIONAL:
+        if value is None and self._is_optional(name):
             return
         if number_or_nan(value) > most:
             expected = f"{expected}, at most {most:g}"
         error = OptionsError
         value = number(value, name, expected, 0.0, above, most, error=error)
-        object.__setattr__(self, name, value)
+        self._keep(**{name: value})
 
     @property
     def tolerances(self) -> Tolerances:

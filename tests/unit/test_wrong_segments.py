@@ -149,3 +149,12 @@ def test_a_replay_that_was_lost_is_reported():
     assert not solution.success
     text = report_text(report_data(solution, {}))
     assert "did not come to an end" in text
+
+
+@pytest.mark.parametrize("given", [[3], ["keep_upright"], 3])
+def test_constraints_of_segments_that_are_none_are_told(given: object) -> None:
+    robot = make_arm(slide(1.0), effort=np.array([10.0]))
+    segment = tm.Segment(tm.JointGoal([0.5]), constraints=given)  # type: ignore[arg-type]
+    with pytest.raises(tm.ProblemError, match=r"segment 1 of 1: constraints") as found:
+        tm.Problem(robot, [0.0], segments=[segment])
+    assert str(found.value.field).startswith("segments[0].constraints")

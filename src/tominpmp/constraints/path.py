@@ -235,15 +235,12 @@ def _indices(value: IntArray, name: str) -> IntArray:
     return value
 
 
-def check_window(
-    items: Sequence[PathConstraint], several: bool, field: str = "constraints"
-) -> None:
+def check_window(items: Sequence[PathConstraint], several: bool) -> None:
     """Check when constraints hold.
 
     Args:
         items: The constraints.
         several: Whether the motion has several segments.
-        field: What they are a field of.
 
     Raises:
         ProblemError: If that is no time, or told where a motion has several segments.
@@ -254,7 +251,7 @@ def check_window(
                 f"{item.name}: during is {brief(item.during)}, and the problem has "
                 "several segments: expected None, and the constraint on those segments "
                 "on which it holds",
-                f"{field}[{k}].during",
+                f"constraints[{k}].during",
             )
 
 

@@ -18,7 +18,7 @@ INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
 BILLION = 10**9
 
 
-class Rows(Record):
+class TimedRows(Record):
     """Base of records that have names of joints, and a row of numbers a time."""
 
     joint_names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Rows(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Samples(Rows):
+class Samples(TimedRows):
     """A trajectory sampled at many times, one row a time.
 
     Attributes:

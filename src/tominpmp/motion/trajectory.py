@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray, in_brief, real_array
 from tominpmp.checks import array, number, whole, wrong
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion.curves import polynomials, states, velocities
-from tominpmp.motion.samples import Rows, Samples, clock
+from tominpmp.motion.samples import Samples, TimedRows, clock
 from tominpmp.motion.turns import Turns
 from tominpmp.notebook import motion_card
 
@@ -74,7 +74,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(Rows):
+class Trajectory(TimedRows):
     """A motion of all joints from time 0 to its duration.
 
     Two trajectories are equal if their nodes are. A motion that takes no time, since it
@@ -298,19 +298,13 @@ class Trajectory(Rows):
         out, segment = np.empty_like(q), self.segment_at(times)
         for k in np.unique(segment).tolist():
             mine, dynamics = segment == k, self.segment_dynamics[k]
-            rows = times[mine], q[mine], v[mine], a[mine]
+            rows = (x[mine] for x in (times, q, v, a))
             out[mine] = self._torques_of(dynamics, *rows)
         return out
 
-    def _torques_of(
-        self,
-        dynamics: InverseDynamics | None,
-        times: Array,
-        q: Array,
-        v: Array,
-        a: Array,
-    ) -> Array:
+    def _torques_of(self, dynamics: InverseDynamics | None, *rows: Array) -> Array:
         assert dynamics is not None  # noqa: S101
+        times, q, v, a = rows
         # Methods of a robot's dynamics can be told the way; other functions decide by
         # themselves.
         owner = getattr(dynamics, "__self__", None)

@@ -128,8 +128,6 @@ class Problem(Record):
             self.goal.validate(self.robot)
         self._keep(constraints=checked(self.constraints, self.robot))
         check_window(self.constraints, bool(self.segments))
-        for k, part in enumerate(self.segments):
-            check_window(part.constraints, True, f"segments[{k}].constraints")
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
             phases, of_goal = self._phases
@@ -222,6 +220,8 @@ class Problem(Record):
             own.check(robot.joint_names)
             limits = own if limits is None else own.over(limits, robot.joint_names)
         scene = self.scene if segment.scene is None else segment.scene
+        constraints = checked(segment.constraints, robot)
+        check_window(constraints, True)
         same = robot is self.robot and scene is self.scene and not segment.may_touch
         if same:
             _ = self.checker, self.margins  # the copy shares them
@@ -233,7 +233,7 @@ class Problem(Record):
             v_start=self.v_start if number == 0 else None,
             scene=scene,
             motion_limits=limits,
-            constraints=self.constraints + checked(segment.constraints, robot),
+            constraints=self.constraints + constraints,
             may_touch=(*self.may_touch, *segment.may_touch),
             segments=(),
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array, real_array
-from tominpmp.checks import by_joint, in_order
+from tominpmp.checks import by_joint, in_order, wrong
 from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
@@ -85,18 +85,18 @@ class StateChecks:
 
     def _any_goal(self, goals: tuple[Goal, ...], rests: bool) -> tuple[Goal, list[str]]:
         """Leave out the goals that cannot be reached, as long as there are others."""
-        kept, messages, wrong = [], [], []
+        kept, messages, faults = [], [], []
         for number, goal in enumerate(goals, 1):
             try:
                 checked, snapped = self.goal(goal, rests)
             except ProblemError as error:
-                wrong.append(f"goal {number} of {len(goals)}: {error}")
+                faults.append(f"goal {number} of {len(goals)}: {error}")
             else:
                 kept.append(checked)
                 messages += snapped
         if not kept:
-            raise ProblemError("; ".join(wrong), "goal")
-        messages += [f"{text}; it is left out" for text in wrong]
+            raise ProblemError("; ".join(faults), "goal")
+        messages += [f"{text}; it is left out" for text in faults]
         return AnyGoal(tuple(kept)), messages
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
@@ -118,17 +118,13 @@ class StateChecks:
         if not moves and self.checker.is_free(q, self.margins, time or 0.0):
             return
         contact = self.checker.closest(q, self.margins, time)
-        if contact is None:
+        if contact is None or contact.distance >= contact.margin - ROUNDING:
             return
         margin = contact.margin
-        if contact.distance >= margin - ROUNDING:
-            return
-        depth = (
-            f"overlap by {-contact.distance:.4g} m"
-            if contact.distance < 0.0
-            else f"are {contact.distance:.4g} m apart, less than the margin "
-            f"{margin:.4g} m"
-        )
+        depth = f"overlap by {-contact.distance:.4g} m"
+        if contact.distance >= 0.0:
+            apart = f"are {contact.distance:.4g} m apart"
+            depth = f"{apart}, less than the margin {margin:.4g} m"
         advice = self._advice_on_links(q) if contact.own else ""
         raise ProblemError(
             f"{which} in collision: {contact.pair} {depth} at q = "
@@ -141,8 +137,8 @@ class StateChecks:
         meshes = CollisionChecker(
             self.robot, Scene(), self_collision=True, geometry="mesh"
         )
-        cause = "" if meshes.is_free(q) else " their meshes overlap, too;"
-        if not cause:
+        cause = " their meshes overlap, too;"
+        if meshes.is_free(q):
             cause = " their meshes do not, only the convex pieces these are taken as;"
         return (
             f":{cause} links that may touch belong among the disable_collisions of an "
@@ -312,15 +308,11 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
     try:
         array = real_array(value)
     except ValueError as error:
-        raise ProblemError(
-            f"{name} is {brief(value)}, expected {expected}", name
-        ) from error
+        raise wrong(value, name, expected) from error
     if array.shape != (len(joints),):
         raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
     for joint, number in zip(joints, array, strict=True):
         if not np.isfinite(number):
-            raise ProblemError(
-                f"{name}: joint {joint!r} is {number}, expected a finite number",
-                name,
-            )
+            told = f"{name}: joint {joint!r} is {number}, expected a finite number"
+            raise ProblemError(told, name)
     return array

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,10 +84,9 @@ class Workcell(Record):
         if isinstance(parts, Mapping):
             for name, item in parts.items():
                 if not isinstance(item, tuple | list) or len(item) != 2:
+                    told = f"robots: {brief(name)} is {brief(item)}"
                     raise ProblemError(
-                        f"robots: {brief(name)} is {brief(item)}, expected a robot and "
-                        "its base",
-                        "robots",
+                        f"{told}, expected a robot and its base", "robots"
                     )
             parts = [(name, *item) for name, item in parts.items()]
         robot = combine_robots(parts, gravity=self.gravity)
@@ -211,13 +210,8 @@ class Workcell(Record):
                     "if it may end anywhere",
                     "goal",
                 )
-            wanted = goals[name]
-            if not (wanted is None or isinstance(wanted, Goal)):
-                raise ProblemError(
-                    f"goal: that of {brief(name)} is a {type(wanted).__name__}, "
-                    "expected a goal or None",
-                    "goal",
-                )
+            whose = f"goal: that of {brief(name)}"
+            of_kind(goals[name], (Goal, NoneType), whose, "a goal or None", "goal")
         each = [goals[name] for name in self.robots]
         choices = [(None,) if one is None else one.alternatives for one in each]
         found = [
