@@ -42,11 +42,10 @@ import numpy as np
 if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tominpmp.reversals import torque_breaks
-
 import tominpmp as tm
 from benchmarks.cell_cases import KINDS, Case, draw_case, draw_problem, has_friction
 from benchmarks.verdicts import verdict_of
+from tominpmp.motion.trajectory import torque_breaks
 
 JUDGE = Path(__file__).with_name("cell_judge.py")
 COLUMNS = (
