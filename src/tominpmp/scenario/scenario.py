@@ -41,7 +41,7 @@
     intervals = 60
 
 A motion of several segments has a list of ``[[segments]]`` in place of the goal, see
-:mod:`~tominpmp.scenario.tables`.
+:mod:`~tominpmp.scenario.scenario_tables`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ from tominpmp.scenario.robot_table import (
     read_robot,
     robot_table,
 )
-from tominpmp.scenario.tables import (
+from tominpmp.scenario.scenario_tables import (
     beyond,
     blamed_segment,
     followed,

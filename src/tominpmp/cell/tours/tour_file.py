@@ -49,7 +49,7 @@ from tominpmp.options import Options
 from tominpmp.robot import Robot
 from tominpmp.scenario.robot_table import read_robot
 from tominpmp.scenario.scenario import read_options, read_toml
-from tominpmp.scenario.tables import (
+from tominpmp.scenario.scenario_tables import (
     positions,
     read_conditions,
     read_goal,
