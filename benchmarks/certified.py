@@ -110,7 +110,7 @@ def problems(
     count: int,
 ) -> Iterator[tuple[str, tm.Problem]]:
     """Problems of the set, then random clutter."""
-    from tominpmp.scenario.moveit import load_moveit
+    from tominpmp.files.moveit import load_moveit
 
     for scene in scenes if data is not None else ():
         for number in numbers:

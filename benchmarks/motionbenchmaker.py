@@ -230,7 +230,7 @@ def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
     import tominpmp as tm
     from tominpmp import linear_programs as lp
     from tominpmp.constraints import ClearanceConstraint
-    from tominpmp.scenario.moveit import load_moveit
+    from tominpmp.files.moveit import load_moveit
 
     files = court.case.scene_path, court.case.request_path
     limits = {

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 import tominpmp as tm
-from tominpmp.io.export import export
+from tominpmp.files.export import export
 from tominpmp.viz.motion_plot import plot_motion
 
 APART = 0.6  # distance of the bases from the middle [m]

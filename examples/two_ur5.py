@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 import tominpmp as tm
-from tominpmp.io.export import export
+from tominpmp.files.export import export
 from tominpmp.viz.motion_plot import plot_motion
 
 # Distance of the bases from the middle of the table [m].

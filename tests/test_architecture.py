@@ -190,7 +190,7 @@ def test_judges_and_makers_are_packages() -> None:
 SOURCE = Path(tominpmp.__file__).parent
 # A solution writes itself, and the file that it wrote is judged for it.
 CIRCLES = {
-    frozenset(("tominpmp.io.export_check", "tominpmp.solution")),
+    frozenset(("tominpmp.files.export_check", "tominpmp.solution")),
     frozenset(("tominpmp.sensitivities.records", "tominpmp.viz.sensitivity_plot")),
 }
 

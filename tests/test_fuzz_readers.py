@@ -266,7 +266,7 @@ def planar() -> Robot:
 
 def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
     """All readers; files that theirs refer to are put into the folder."""
-    from tominpmp.io import bag, ros, tables
+    from tominpmp.files import bag, ros, tables
 
     good = folder / "good"
     good.mkdir(exist_ok=True)

@@ -10,13 +10,13 @@ from tables import entries, field_rows, kinds
 import tominpmp as tm
 from tominpmp.cell.tours import Station, tour_file
 from tominpmp.constraints import PathConstraint
+from tominpmp.files import robot_table, scenario
+from tominpmp.files.records import classes, motions
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.segments import Segment
 from tominpmp.robot import load_robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scenario import robot_table, scenario
-from tominpmp.scenario.records import classes, motions
 from tominpmp.scene import Obstacle
 
 # What a file has in a table of its own, or says in another way than the code.

@@ -24,8 +24,8 @@ from tominpmp.cli.app import run
 from tominpmp.cli.front import COMMANDS
 from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
+from tominpmp.files.records import classes, motions
 from tominpmp.goals import Goal
-from tominpmp.scenario.records import classes, motions
 from tominpmp.scene import Obstacle
 
 PLACE = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
@@ -43,19 +43,16 @@ PARTS = {
     "task": (
         "robot",
         "combined_robots",
-        "workcell",
         "scene",
         "goals",
         "problem",
-        "segments",
         "constraints",
         "motion_limits",
-        "payload",
     ),
-    "plan": ("planner", "options", "solution", "trajectory", "status", "samples"),
+    "plan": ("planner", "options", "solution", "motion", "status"),
     "proofs": ("verification", "certificate", "bounds"),
-    "files": ("scenario", "io"),
-    "cells": ("tours", "batch", "placement"),
+    "files": ("files",),
+    "cells": ("cell",),
 }
 
 

@@ -55,13 +55,13 @@ from .goals import (
     PositionGoal as PositionGoal,
     RegionGoal as RegionGoal,
 )
-from .io.export import load_motion as load_motion
-from .io.export_check import (
+from .files.export import load_motion as load_motion
+from .files.export_check import (
     ExportCheck as ExportCheck,
     check_export as check_export,
     check_file as check_file,
 )
-from .io.ros_rules import (
+from .files.ros_rules import (
     Refusal as Refusal,
     controller_refusals as controller_refusals,
 )
@@ -88,16 +88,16 @@ from .robot import (
     load_robot as load_robot,
 )
 from .motion.samples import Samples as Samples
-from .scenario.joint_limits import (
+from .files.joint_limits import (
     MoveItLimits as MoveItLimits,
     load_joint_limits as load_joint_limits,
 )
-from .scenario.motion_limits import load_motion_limits as load_motion_limits
-from .scenario.moveit import (
+from .files.motion_limits import load_motion_limits as load_motion_limits
+from .files.moveit import (
     load_moveit as load_moveit,
     load_moveit_scene as load_moveit_scene,
 )
-from .scenario.scenario import (
+from .files.scenario import (
     Scenario as Scenario,
     load_scenario as load_scenario,
     save_scenario as save_scenario,

@@ -363,14 +363,14 @@ class Solution:
 
         The file is read back and judged as its reader will follow it, and a warning
         says so if that does not solve the problem. What was found can be had from
-        :func:`~tominpmp.io.export_check.check_export`.
+        :func:`~tominpmp.files.export_check.check_export`.
 
         Args:
             path: File to write.
             dt: Time between rows [s]; None takes the period that the motion was planned
                 for, or the nodes if there is none.
             with_effort: Whether ROS messages have the torques.
-            message: Which ROS message, see :func:`~tominpmp.io.export.export`.
+            message: Which ROS message, see :func:`~tominpmp.files.export.export`.
             verify: Whether to judge the file.
 
         Returns:
@@ -381,8 +381,8 @@ class Solution:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        from tominpmp.io.export import export
-        from tominpmp.io.export_check import check_export
+        from tominpmp.files.export import export
+        from tominpmp.files.export_check import check_export
 
         flag(verify, "verify")
         dt = self.options.control_period if dt is None else dt

@@ -13,7 +13,7 @@ import pytest
 from record_samples import record
 
 from tominpmp.description.files import robot_names
-from tominpmp.io.export_check import ExportCheck
+from tominpmp.files.export_check import ExportCheck
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem

@@ -19,9 +19,9 @@ from cli_samples import (
 )
 from command_line import invoke
 
-from tominpmp.io.export import export
+from tominpmp.files.export import export
+from tominpmp.files.scenario import load_scenario
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scenario.scenario import load_scenario
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
     fake = Planner()
     monkeypatch.setattr("tominpmp.planner.planning.plan", fake)
     # Its motions keep no limits.
-    monkeypatch.setattr("tominpmp.io.export_check.check_export", passed)
+    monkeypatch.setattr("tominpmp.files.export_check.check_export", passed)
     return fake
 
 
@@ -53,7 +53,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
 def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
     """A judge that takes no time."""
     fake = Judge()
-    monkeypatch.setattr("tominpmp.io.export_check.verify", fake)
+    monkeypatch.setattr("tominpmp.files.export_check.verify", fake)
     return fake
 
 

@@ -10,8 +10,8 @@ from cli_samples import PLAN, SCENARIO, Planner, Run
 import tominpmp as tm
 from tominpmp.cli.text_values import constraint
 from tominpmp.constraints import PathConstraint
-from tominpmp.scenario.records import classes
-from tominpmp.scenario.scenario import load_scenario
+from tominpmp.files.records import classes
+from tominpmp.files.scenario import load_scenario
 
 SPEED = "tool_speed:frame=tip:limit=2.5"
 

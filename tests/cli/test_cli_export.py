@@ -13,9 +13,9 @@ import pytest
 import yaml
 from cli_samples import PLAN, Judge, Planner, Run
 
-from tominpmp.io.export import load_motion
-from tominpmp.io.ros_rules import controller_refusals
-from tominpmp.scenario.scenario import load_scenario
+from tominpmp.files.export import load_motion
+from tominpmp.files.ros_rules import controller_refusals
+from tominpmp.files.scenario import load_scenario
 
 NAMES = ["joint1", "joint2", "joint3"]
 

@@ -19,12 +19,12 @@ from cli_samples import (
     needs_panda,
 )
 
+from tominpmp.files.export import load_motion
+from tominpmp.files.scenario import load_scenario
 from tominpmp.goals import JointGoal
-from tominpmp.io.export import load_motion
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem import Problem
-from tominpmp.scenario.scenario import load_scenario
 
 # Scenarios
 

@@ -18,8 +18,8 @@ from cli_samples import (
     needs_panda,
 )
 
+from tominpmp.files.export import load_motion
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
-from tominpmp.io.export import load_motion
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem

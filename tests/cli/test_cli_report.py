@@ -29,8 +29,8 @@ from tominpmp.exceptions import (
     ProblemError,
     TominpmpWarning,
 )
+from tominpmp.files.export import load_motion
 from tominpmp.goals import JointGoal
-from tominpmp.io.export import load_motion
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem

@@ -9,9 +9,9 @@ import pytest
 from motion_samples import END, START, quintic
 
 from tominpmp.exceptions import ProblemError, ScenarioError
+from tominpmp.files.export import export, load_motion
+from tominpmp.files.export_check import check_file
 from tominpmp.goals import JointGoal
-from tominpmp.io.export import export, load_motion
-from tominpmp.io.export_check import check_file
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot

@@ -12,8 +12,8 @@ import pytest
 from motion_samples import planar_motions
 
 from tominpmp.exceptions import ProblemError, ScenarioError
-from tominpmp.io.export import export, load_motion
-from tominpmp.io.files import write_file
+from tominpmp.files.export import export, load_motion
+from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 

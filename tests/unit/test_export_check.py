@@ -13,9 +13,9 @@ from motion_samples import START, quintic
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
+from tominpmp.files.export import export, load_motion
+from tominpmp.files.export_check import check_export
 from tominpmp.goals import JointGoal
-from tominpmp.io.export import export, load_motion
-from tominpmp.io.export_check import check_export
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem

@@ -14,8 +14,8 @@ from motion_samples import END, START, quintic, speed_up_and_brake
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
-from tominpmp.io.export import export, load_motion
-from tominpmp.io.ros import accelerations_continue
+from tominpmp.files.export import export, load_motion
+from tominpmp.files.ros import accelerations_continue
 from tominpmp.motion.joining import join, recorded_motion
 from tominpmp.motion.samples import Samples, clock
 from tominpmp.motion.trajectory import Trajectory

@@ -12,8 +12,8 @@ import yaml
 from motion_samples import planar_motions
 
 from tominpmp.exceptions import ScenarioError
-from tominpmp.io.export import export, load_motion
-from tominpmp.io.ros import nanoseconds
+from tominpmp.files.export import export, load_motion
+from tominpmp.files.ros import nanoseconds
 from tominpmp.motion.trajectory import Trajectory
 
 ENDINGS = ("yaml", "yml", "json")

@@ -11,8 +11,8 @@ import pytest
 from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
-from tominpmp.io.export import load_motion
-from tominpmp.io.export_check import check_export
+from tominpmp.files.export import load_motion
+from tominpmp.files.export_check import check_export
 from tominpmp.motion.joining import join
 from tominpmp.verification.limit_violations import limit_violations
 from tominpmp.verification.replay import torque_pieces

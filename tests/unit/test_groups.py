@@ -16,8 +16,8 @@ from tominpmp.exceptions import (
     ProblemError,
     TominpmpWarning,
 )
+from tominpmp.files.robot_table import read_robot, robot_table
 from tominpmp.robot import load_robot
-from tominpmp.scenario.robot_table import read_robot, robot_table
 
 ALL = """
 <group name="chain"><chain base_link="l1" tip_link="l3"/></group>

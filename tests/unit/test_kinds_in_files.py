@@ -8,7 +8,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.constraints import PathConstraint
-from tominpmp.scenario.records import classes
+from tominpmp.files.records import classes
 from tominpmp.scene import Obstacle
 
 

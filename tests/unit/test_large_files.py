@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.io import ros_reader, tables
+from tominpmp.files import ros_reader, tables
 from tominpmp.scene import mesh_files
 
 HEAD = b"time,q_a\n"

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
+from tominpmp.files.moveit import load_moveit
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scenario.moveit import load_moveit
 
 UR5 = [
     f"{name}_joint"

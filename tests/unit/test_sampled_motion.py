@@ -9,7 +9,7 @@ import pytest
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
-from tominpmp.io.export import export, load_motion
+from tominpmp.files.export import export, load_motion
 from tominpmp.motion.joining import recorded_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory

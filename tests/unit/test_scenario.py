@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 
 import tominpmp as tm
 from tominpmp.exceptions import ScenarioError
+from tominpmp.files.records import classes
+from tominpmp.files.scenario import load_scenario, save_scenario, tomllib
+from tominpmp.files.toml_writer import toml_text
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scenario.records import classes
-from tominpmp.scenario.scenario import load_scenario, save_scenario, tomllib
-from tominpmp.scenario.toml_writer import toml_text
 from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
 
 START, GOAL = [0.5, 1.7, -1.7], [2.0, -1.0, 0.5]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tominpmp.exceptions import ScenarioError
+from tominpmp.files.joint_limits import load_joint_limits
 from tominpmp.robot import load_robot
-from tominpmp.scenario.joint_limits import load_joint_limits
 
 FULL = """
 default_velocity_scaling_factor: 0.1

@@ -21,6 +21,7 @@ from scenario_samples import (
 )
 
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
+from tominpmp.files.moveit import load_moveit, load_moveit_scene
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -32,7 +33,6 @@ from tominpmp.goals import (
     RegionGoal,
 )
 from tominpmp.robot import Robot, load_robot
-from tominpmp.scenario.moveit import load_moveit, load_moveit_scene
 from tominpmp.scene import Box, Cylinder, Mesh, Sphere
 
 

@@ -14,8 +14,8 @@ import tominpmp as tm
 from tominpmp.description.files import find_robot, robot_names
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
+from tominpmp.files.robot_table import unlike
 from tominpmp.robot import Robot
-from tominpmp.scenario.robot_table import unlike
 
 URDF = find_robot("planar3r").urdf
 START, GOAL = [0.5, 1.7, -1.7], [0.6, 1.6, -1.6]
@@ -96,7 +96,7 @@ def test_robots_that_differ_are_told_apart() -> None:
 
 
 def test_where_no_files_can_lie_beside_it_is_said(tmp_path: Path) -> None:
-    from tominpmp.scenario.scenario import scenario_text
+    from tominpmp.files.scenario import scenario_text
 
     problem = tm.Problem(from_text(), START, tm.JointGoal(GOAL))
     with pytest.raises(ScenarioError, match=r"<text of \d+ bytes>.*from a file"):

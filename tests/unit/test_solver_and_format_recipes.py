@@ -15,7 +15,7 @@ import pytest
 from scipy.optimize import linprog
 
 import tominpmp as tm
-from tominpmp.io import export
+from tominpmp.files import export
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.slp import SlpSolver

@@ -13,7 +13,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.exceptions import BRIEF, LONGEST, brief
-from tominpmp.io.export import export
+from tominpmp.files.export import export
 from tools.fuzz.arguments import World, Wrong
 from tools.fuzz.nonsense import NONSENSE
 

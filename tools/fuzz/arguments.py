@@ -252,7 +252,7 @@ def motion_cases(world: World) -> dict[str, Case]:
 
 def file_cases(world: World) -> dict[str, Case]:
     """Whatever reads or writes a file."""
-    from tominpmp.io.export import export
+    from tominpmp.files.export import export
     from tominpmp.viz.playback import play
     from tominpmp.viz.plots import plot_trajectory
 

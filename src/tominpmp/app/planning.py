@@ -12,7 +12,7 @@ from tominpmp.app.numbers import plain_name
 from tominpmp.app.outcome import Outcome, show
 from tominpmp.app.request import Request
 from tominpmp.exceptions import ProblemError, TominpmpError, TominpmpWarning
-from tominpmp.io.export_check import check_export
+from tominpmp.files.export_check import check_export
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution

@@ -18,7 +18,7 @@ from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
 from tominpmp.solution import Solution
 
 if TYPE_CHECKING:
-    from tominpmp.io.export_check import ExportCheck
+    from tominpmp.files.export_check import ExportCheck
 
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
@@ -156,7 +156,7 @@ class OutputFiles:
 
     def _export(self, solution: Solution, path: Path) -> ExportCheck:
         """Write the motion and judge the file."""
-        from tominpmp.io.export_check import check_export
+        from tominpmp.files.export_check import check_export
 
         self._write_motion(solution, path)
         dt = self.options.dt
@@ -229,8 +229,8 @@ def _check_message(options: PlanOptions, motion: Path | None) -> None:
         ProblemError: If there is no such message.
         OptionsError: If nothing is written that they are about.
     """
-    from tominpmp.io.export import check_options
-    from tominpmp.io.ros import check_message
+    from tominpmp.files.export import check_options
+    from tominpmp.files.ros import check_message
 
     if options.ros_message is not None:
         check_message(options.ros_message)

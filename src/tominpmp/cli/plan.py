@@ -62,9 +62,9 @@ def _solve(
     """Load and plan; the time for both counts since the beginning."""
     # Loading the libraries takes long, and may be interrupted.
     from tominpmp.cli.problem import load_problem
-    from tominpmp.io.export import load_motion
+    from tominpmp.files.export import load_motion
+    from tominpmp.files.scenario import save_scenario
     from tominpmp.planner.planning import plan
-    from tominpmp.scenario.scenario import save_scenario
 
     with Progress(error_console(), quiet=args.quiet, verbose=args.verbose) as progress:
         progress.phase(f"loading {problem_args.robot}")

@@ -7,8 +7,8 @@ from pathlib import Path
 from tominpmp.cli.options import PlayOptions
 from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
 from tominpmp.cli.problem import load_scene
+from tominpmp.files.export import load_motion
 from tominpmp.goals import JointGoal
-from tominpmp.io.export import load_motion
 from tominpmp.motion.joining import recorded_motion
 from tominpmp.problem import Problem
 from tominpmp.viz.playback import play

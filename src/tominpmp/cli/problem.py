@@ -28,6 +28,11 @@ from tominpmp.cli.text_values import (
     velocities,
 )
 from tominpmp.exceptions import OptionsError, ProblemError
+from tominpmp.files.joint_limits import load_joint_limits, load_limited_robot
+from tominpmp.files.motion_limits import load_motion_limits
+from tominpmp.files.moveit import load_moveit, load_moveit_scene, request_locks
+from tominpmp.files.robot_table import OVERRIDES
+from tominpmp.files.scenario import load_scenario
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
@@ -35,11 +40,6 @@ from tominpmp.options import EFFORTS, Options
 from tominpmp.problem import Problem
 from tominpmp.problem.state_checks import IN_RADIANS
 from tominpmp.robot import Robot, read_source
-from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
-from tominpmp.scenario.motion_limits import load_motion_limits
-from tominpmp.scenario.moveit import load_moveit, load_moveit_scene, request_locks
-from tominpmp.scenario.robot_table import OVERRIDES
-from tominpmp.scenario.scenario import load_scenario
 from tominpmp.scene import Scene
 
 # What the command line may say beside a file that holds the whole problem.

@@ -15,7 +15,7 @@ from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 
 if TYPE_CHECKING:
-    from tominpmp.io.export_check import ExportCheck
+    from tominpmp.files.export_check import ExportCheck
 
 # A torque or speed this close to its limit, as a share of it, is at the limit.
 CLOSE = 0.01

@@ -13,8 +13,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints import PathConstraint
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError, SceneError
+from tominpmp.files.records import classes
 from tominpmp.robot import Robot
-from tominpmp.scenario.records import classes
 from tominpmp.scene import HeightField, Obstacle, OcTree
 
 CONSTRAINT_FORM = "KIND:KEY=VALUE:..., for example tool_speed:frame=tip:limit=0.5"

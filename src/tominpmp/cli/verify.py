@@ -14,7 +14,7 @@ from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import ProblemError
-from tominpmp.io.export_check import ExportCheck, check_file
+from tominpmp.files.export_check import ExportCheck, check_file
 from tominpmp.motion.samples import Interpolation
 
 # Rules that are shown where a message breaks more.

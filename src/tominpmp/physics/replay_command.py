@@ -14,7 +14,7 @@ from tominpmp.cli.report import rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.cli.verify import check_given
 from tominpmp.exceptions import OptionsError
-from tominpmp.io.export import load_motion
+from tominpmp.files.export import load_motion
 from tominpmp.motion.joining import recorded_motion
 from tominpmp.options import Options
 from tominpmp.physics.options import ReplayOptions

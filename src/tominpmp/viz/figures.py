@@ -15,7 +15,7 @@ import numpy as np
 
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, optional
-from tominpmp.io.files import write_file
+from tominpmp.files.writing import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,7 @@ from typing import Any
 from tominpmp.checks import instance, positive, whole
 from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import OptionsError, warn_caller
-from tominpmp.io.files import write_file
+from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.viz.browser import show_page

@@ -26,11 +26,11 @@ from tominpmp.checks import whole
 from tominpmp.description.paths import checked_path
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError, optional
-from tominpmp.io.files import write_file
+from tominpmp.files.scenario import Scenario, load_scenario
+from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.scenario.scenario import Scenario, load_scenario
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 

@@ -8,7 +8,7 @@ from typing import Any
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError
-from tominpmp.scenario.scenario import SECTIONS, read_toml
+from tominpmp.files.scenario import SECTIONS, read_toml
 
 ENDING = ".toml"
 

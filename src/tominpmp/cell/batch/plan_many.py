@@ -81,7 +81,7 @@ def plan_many(
 
     Args:
         problems: What to plan: problems, scenarios (see
-            :func:`~tominpmp.scenario.scenario.load_scenario`) or paths of their files;
+            :func:`~tominpmp.files.scenario.load_scenario`) or paths of their files;
             each may be a pair of a name and one of these; or all of them by name.
         options: Options of all plans; None for those of the scenarios, or the defaults.
         workers: How many are planned at once; None for as many as there are cores, or

@@ -25,13 +25,13 @@ import numpy as np
 from tominpmp.cell.batch.dataset import Entry, file_of, write_outcome
 from tominpmp.cell.batch.outcome import Outcome
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
+from tominpmp.files.scenario import Scenario, load_scenario, scenario_text
 from tominpmp.initial_guess.parallel import end_with
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.scenario.scenario import Scenario, load_scenario, scenario_text
 
 # Robots that a process keeps.
 MOST_ROBOTS = 16

@@ -197,7 +197,7 @@ class Tour:
             path: File to write.
             dt: Time between rows [s]; None writes the nodes.
             with_effort: Whether ROS messages have the torques.
-            message: Which ROS message, see :func:`~tominpmp.io.export.export`.
+            message: Which ROS message, see :func:`~tominpmp.files.export.export`.
 
         Returns:
             The path.
@@ -207,7 +207,7 @@ class Tour:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        from tominpmp.io.export import export
+        from tominpmp.files.export import export
 
         return export(
             self._motion(), path, dt=dt, with_effort=with_effort, message=message

@@ -45,11 +45,9 @@ from tominpmp.cell.tours import Station, Tour, plan_tour
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
-from tominpmp.options import Options
-from tominpmp.robot import Robot
-from tominpmp.scenario.robot_table import read_robot
-from tominpmp.scenario.scenario import read_options, read_toml
-from tominpmp.scenario.scenario_tables import (
+from tominpmp.files.robot_table import read_robot
+from tominpmp.files.scenario import read_options, read_toml
+from tominpmp.files.scenario_tables import (
     positions,
     read_conditions,
     read_goal,
@@ -57,6 +55,8 @@ from tominpmp.scenario.scenario_tables import (
     read_payload,
     vector,
 )
+from tominpmp.options import Options
+from tominpmp.robot import Robot
 
 SECTIONS = (
     "margin",

@@ -41,7 +41,7 @@
     intervals = 60
 
 A motion of several segments has a list of ``[[segments]]`` in place of the goal, see
-:mod:`~tominpmp.scenario.scenario_tables`.
+:mod:`~tominpmp.files.scenario_tables`.
 """
 
 from __future__ import annotations
@@ -60,20 +60,14 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import ScenarioError, TominpmpError
-from tominpmp.goals import Goal
-from tominpmp.io.files import write_bytes
-from tominpmp.options import Options
-from tominpmp.problem import Problem
-from tominpmp.problem.segments import Segment
-from tominpmp.robot import Robot
-from tominpmp.scenario.records import field_table, make, same, to_table
-from tominpmp.scenario.robot_table import (
+from tominpmp.files.records import field_table, make, same, to_table
+from tominpmp.files.robot_table import (
     Beside,
     check_given_back,
     read_robot,
     robot_table,
 )
-from tominpmp.scenario.scenario_tables import (
+from tominpmp.files.scenario_tables import (
     beyond,
     blamed_segment,
     followed,
@@ -83,7 +77,13 @@ from tominpmp.scenario.scenario_tables import (
     read_segments,
     vector,
 )
-from tominpmp.scenario.toml_writer import toml_text
+from tominpmp.files.toml_writer import toml_text
+from tominpmp.files.writing import write_bytes
+from tominpmp.goals import Goal
+from tominpmp.options import Options
+from tominpmp.problem import Problem
+from tominpmp.problem.segments import Segment
+from tominpmp.robot import Robot
 
 try:
     import tomllib

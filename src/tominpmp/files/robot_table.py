@@ -25,12 +25,12 @@ from tominpmp.exceptions import (
     ScenarioError,
     TominpmpError,
 )
-from tominpmp.io.files import write_bytes
+from tominpmp.files.joint_limits import load_joint_limits, load_limited_robot
+from tominpmp.files.records import classes, file_name, make, to_table
+from tominpmp.files.scenario_tables import read_motion_limits
+from tominpmp.files.writing import write_bytes
 from tominpmp.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scenario.joint_limits import load_joint_limits, load_limited_robot
-from tominpmp.scenario.records import classes, file_name, make, to_table
-from tominpmp.scenario.scenario_tables import read_motion_limits
 from tominpmp.scene import Obstacle
 
 # Placements and inertias of a robot that was written and read again differ by less.

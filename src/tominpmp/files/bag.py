@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.exceptions import ProblemError, ScenarioError, optional
-from tominpmp.io.ros import MESSAGE, POINT_FIELDS, message_data
+from tominpmp.files.ros import MESSAGE, POINT_FIELDS, message_data
 from tominpmp.motion.samples import Samples
 
 TYPE = "trajectory_msgs/msg/JointTrajectory"

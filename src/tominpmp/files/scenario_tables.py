@@ -51,13 +51,13 @@ from tominpmp.exceptions import (
     ScenarioError,
     TominpmpError,
 )
+from tominpmp.files.motion_limits import load_motion_limits
+from tominpmp.files.records import classes, from_table, make
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
 from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scenario.motion_limits import load_motion_limits
-from tominpmp.scenario.records import classes, from_table, make
 from tominpmp.scene import Obstacle, Scene
 
 
@@ -68,7 +68,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
         table: Their table, keys as the fields of
             :class:`~tominpmp.motion_limits.MotionLimits`; may be left out. ``file``
             names a YAML file that the other keys go before, see
-            :mod:`~tominpmp.scenario.motion_limits`.
+            :mod:`~tominpmp.files.motion_limits`.
         robot: The robot.
 
     Returns:

@@ -19,10 +19,8 @@ from tominpmp.description.groups import (
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import JointDescription, UrdfDescription
 from tominpmp.exceptions import ProblemError, brief, warn_caller
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, RobotSource, load_robot, read_source
-from tominpmp.scenario.moveit_goals import APART, read_goal
-from tominpmp.scenario.moveit_scene import (
+from tominpmp.files.moveit_goals import APART, read_goal
+from tominpmp.files.moveit_scene import (
     REQUEST,
     Frames,
     load_moveit_scene,
@@ -32,6 +30,8 @@ from tominpmp.scenario.moveit_scene import (
     refuse_attached,
     warn_of_unread,
 )
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot, RobotSource, load_robot, read_source
 
 __all__ = ["load_moveit", "load_moveit_scene"]
 

@@ -5,8 +5,8 @@ velocity [rad/s or m/s], acceleration [rad/s^2 or m/s^2] and torque [N m or N]. 
 columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``, ``a_<joint>``
 and ``u_<joint>``, without units, so that any program takes the names as they are; those
 of several segments have a last column ``segment`` with their numbers from 1. YAML
-and JSON files are messages of ROS 2, see :mod:`~tominpmp.io.ros`; MCAP files are
-bags of them, see :mod:`~tominpmp.io.bag`. Numbers are written in full: what is read
+and JSON files are messages of ROS 2, see :mod:`~tominpmp.files.ros`; MCAP files are
+bags of them, see :mod:`~tominpmp.files.bag`. Numbers are written in full: what is read
 back is what was there, to the last bit; the times of ROS messages are whole
 nanoseconds, and the motion is looked at then.
 """
@@ -26,27 +26,27 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
-from tominpmp.io.bag import parse_bag, write_bag
-from tominpmp.io.files import write_file
-from tominpmp.io.ros import (
+from tominpmp.files.bag import parse_bag, write_bag
+from tominpmp.files.ros import (
     MESSAGE,
     check_message,
     message_samples,
     write_json,
     write_yaml,
 )
-from tominpmp.io.ros_reader import parse_json, read_message
-from tominpmp.io.tables import (
+from tominpmp.files.ros_reader import parse_json, read_message
+from tominpmp.files.tables import (
     QUANTITIES,
     read_csv,
     read_npz,
     write_csv,
     write_npz,
 )
+from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
 
-# Tables as large as :mod:`~tominpmp.io.tables` reads them fit in, and messages of
+# Tables as large as :mod:`~tominpmp.files.tables` reads them fit in, and messages of
 # as many values as YAML may have.
 MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
 

@@ -17,6 +17,13 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import ScenarioError, TominpmpError, brief
+from tominpmp.files.moveit_scene import (
+    Frames,
+    read_mesh_corners,
+    read_pose,
+    read_primitive,
+    read_rotation,
+)
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -29,13 +36,6 @@ from tominpmp.goals import (
     RegionGoal,
 )
 from tominpmp.robot import Robot
-from tominpmp.scenario.moveit_scene import (
-    Frames,
-    read_mesh_corners,
-    read_pose,
-    read_primitive,
-    read_rotation,
-)
 
 # A joint that does not move may be this far from where the request has it
 # [rad or m].

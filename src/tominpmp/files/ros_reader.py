@@ -16,7 +16,7 @@ from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import ScenarioError, warn_caller
-from tominpmp.io.ros import POINT_FIELDS
+from tominpmp.files.ros import POINT_FIELDS
 from tominpmp.motion.samples import BILLION, Samples
 
 MESSAGE_KEYS = ("header", "joint_names", "points")

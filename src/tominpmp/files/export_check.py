@@ -22,14 +22,14 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError
-from tominpmp.io.export import (
+from tominpmp.files.export import (
     file_samples,
     is_message,
     load_message,
     load_motion,
     message_motion,
 )
-from tominpmp.io.ros_rules import (
+from tominpmp.files.ros_rules import (
     Refusal,
     controller_needs,
     controller_refusals,
@@ -150,7 +150,7 @@ def check_file(
 
     Args:
         problem: What it is to solve.
-        path: The file, see :func:`~tominpmp.io.export.load_motion`.
+        path: The file, see :func:`~tominpmp.files.export.load_motion`.
         tolerances: What is tolerated; None for the defaults.
         interpolation: How the points are joined; None for what the kind of file says.
 

@@ -1,1 +1,0 @@
-"""Files that describe a planning problem: scenarios, and those of MoveIt."""
