@@ -30,6 +30,7 @@ DISTRIBUTIONS = {
     "lazy_loader": "lazy-loader",
     "pinocchio": "pin",
     "tomli_w": "tomli-w",
+    "typing_extensions": "typing-extensions",
     "umsgpack": "u-msgpack-python",
     "yaml": "pyyaml",
 }
