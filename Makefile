@@ -1,4 +1,4 @@
-# Needs GNU make and Python 3.11 or newer with its venv module, nothing else.
+# Needs GNU make and Python 3.10 or newer with its venv module, nothing else.
 # `make help` lists the targets; PYTHON=python3.12 chooses an interpreter.
 
 PYTHON ?=
@@ -108,7 +108,7 @@ lock: ## Resolve the dependencies anew (LOCK_ARGS=--upgrade for newer releases)
 	@.venv-lock/bin/python -m pip install --quiet --disable-pip-version-check 'uv>=0.5.3'
 	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
 	    --extra plots --group dev \
-	    --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	    --universal --python-version 3.10 --generate-hashes --no-emit-index-url \
 	    --quiet $(LOCK_ARGS) --output-file requirements.lock
 	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
 	    --group docs --constraint requirements.lock \

@@ -11,7 +11,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tominpmp.cli.completion import robots as complete_robot
+from tominpmp.cli.completion import robots as robot_names
+from tominpmp.cli.completion import supported
 from tominpmp.cli.option_fields import GeneralOptions, given
 from tominpmp.cli.options import (
     LimitOptions,
@@ -28,13 +29,15 @@ from tominpmp.cli.options import (
 from tominpmp.cli.terminal import say
 
 ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
-RobotName = Annotated[str, Parameter(help=f"{ROBOT}.", completer=complete_robot)]
+RobotName = Annotated[
+    str, Parameter(help=f"{ROBOT}.", **supported(completer=robot_names))
+]
 PlannedRobot = Annotated[
     str,
     Parameter(
         help=f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, "
         "scene and options.",
-        completer=complete_robot,
+        **supported(completer=robot_names),
     ),
 ]
 JudgedProblem = Annotated[
@@ -42,7 +45,7 @@ JudgedProblem = Annotated[
     Parameter(
         help="Scenario file (.toml); or a robot, with --scene and --request, or with "
         "--start and a goal.",
-        completer=complete_robot,
+        **supported(completer=robot_names),
     ),
 ]
 RecordedMotion = Annotated[

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 from xml.etree.ElementTree import Element, ParseError
+
+from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
@@ -23,6 +26,16 @@ ENDINGS = (".urdf", ".toml")
 MOVING = ("revolute", "continuous", "prismatic")
 # Larger files are not looked through while one types [bytes].
 MOST_BYTES = 4_000_000
+
+
+def supported(**marks: Any) -> dict[str, Any]:
+    """Those arguments of a ``Parameter`` that the installed Cyclopts knows.
+
+    Version 4, which Python 3.10 has, completes only the names of options, and does not
+    name their values in the line of the usage.
+    """
+    known = signature(Parameter).parameters
+    return {name: value for name, value in marks.items() if name in known}
 
 
 def robots(typed: CompletionContext) -> list[str]:

@@ -25,7 +25,8 @@ from typing import (
 
 from cyclopts import Group, Parameter, Token
 
-from tominpmp.cli.completion import COMPLETIONS, words
+from tominpmp.cli.completion import COMPLETIONS, supported, words
+from tominpmp.cli.help import labelled
 from tominpmp.exceptions import OptionsError
 
 # What the options are listed under in the help, in this order.
@@ -84,11 +85,12 @@ def options(panel: str) -> Callable[[type[Record]], type[Record]]:
                     converter=_reader(hint),
                     allow_leading_hyphen=name == "output",  # - is standard output
                     alias=item.metadata.get("alias"),
-                    metavar=metavar or None,
-                    help=text,
+                    help=labelled(metavar, text),
                     group=GROUPS[item.metadata.get("panel", panel)],
                     negative=() if item.default is False else None,
-                    completer=COMPLETIONS.get(name),
+                    **supported(
+                        metavar=metavar or None, completer=COMPLETIONS.get(name)
+                    ),
                 ),
             ]
         return Parameter(name="*")(kind)
@@ -130,11 +132,13 @@ def fields_of(
         optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
         marks = Parameter(
             alias=other or None,
-            metavar=metavar or None,
-            help=f"{text} {note}".strip(),
+            help=labelled(metavar, f"{text} {note}".strip()),
             group=GROUPS[panel],
             converter=_reader(typed, optional),
-            completer=words(*choices) if choices else None,
+            **supported(
+                metavar=metavar or None,
+                completer=words(*choices) if choices else None,
+            ),
         )
         name = (renamed or {}).get(item.name, item.name)
         kept = field(default=None, metadata={"field": item.name})

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from cyclopts import App, CycloptsError, Parameter
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
-from tominpmp.cli.help import HelpFormatter
+from tominpmp.cli.help import HelpFormatter, value_name
 from tominpmp.cli.option_fields import SEVERAL
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console
 from tominpmp.exceptions import OptionsError
@@ -31,7 +31,7 @@ def called(words: Sequence[str]) -> int:
         several = {
             flag
             for argument in arguments
-            if argument.parameter.metavar in SEVERAL
+            if value_name(argument.parameter.help or "") in SEVERAL
             for flag in argument.names
         }
         words = join_lists(words, several)
