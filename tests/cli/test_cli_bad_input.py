@@ -16,6 +16,10 @@ BAD = {
     "unknown robot": ("plan planer3r --start 1 --goal 1", "Did you mean planar3r"),
     "missing file": ("plan ./no.urdf --start 1 --goal 1", "no.urdf"),
     "no number": ("plan planar3r --start 1,x,2 --goal 1,1,1", "'x' is not a number"),
+    "a word too many": (
+        "plan planar3r --start 1 2 x --goal 1,1,1",
+        "'x': neither an option nor a value of the option before",
+    ),
     "wrong count": (
         "plan planar3r --start 1,2 --goal 1,1,1",
         "--start has 2 numbers, expected 3, one for each of: joint1, joint2, joint3",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
 from tominpmp.cli.help import HelpFormatter, value_name
 from tominpmp.cli.option_fields import SEVERAL
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console
-from tominpmp.exceptions import OptionsError
+from tominpmp.exceptions import OptionsError, brief
 
 
 def called(words: Sequence[str]) -> int:
@@ -38,7 +38,11 @@ def called(words: Sequence[str]) -> int:
     try:
         return int(app(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
-        complain("error", str(error))
+        said = str(error)
+        if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
+            left = ", ".join(map(brief, error.unused_tokens))
+            said = f"{left}: neither an option nor a value of the option before"
+        complain("error", said)
         chain = " ".join(("tominpmp", *(error.command_chain or ())))
         error_console().print(f"see {chain} --help", soft_wrap=True)
         return BAD_INPUT
