@@ -90,6 +90,16 @@ def test_files_that_a_shell_completes(
     assert files(f"{tmp_path}/zz.u") == [f"{tmp_path}/zz.urdf"]
 
 
+@pytest.mark.parametrize("shell", ("bash", "zsh", "fish"))
+def test_the_completion_of_a_shell_is_shown(
+    shell: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SHELL", f"/bin/{shell}")
+    shown = invoke(["--show-completion"])
+    assert shown.exit_code == 0
+    assert "tominpmp" in shown.stdout
+
+
 @pytest.mark.parametrize(
     ("typed", "expected"),
     [

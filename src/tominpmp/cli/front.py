@@ -3,6 +3,7 @@ r"""Plan time-optimal motions of robot arms from their URDF.
 Options:
   --version             Show the version and exit.
   --install-completion  Install completion for the current shell.
+  --show-completion     Show completion for the current shell.
   --help, -h            Show this message and exit.
 
 Commands:

@@ -9,7 +9,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
 from tominpmp.cli.help import HelpFormatter, value_name
 from tominpmp.cli.option_fields import SEVERAL
-from tominpmp.cli.terminal import BAD_INPUT, complain, error_console
+from tominpmp.cli.terminal import BAD_INPUT, complain, error_console, say
 from tominpmp.exceptions import OptionsError, brief
 
 
@@ -62,6 +62,7 @@ def new_app() -> App:
     for name, path in commands().items():
         app.command(path, name=name, help_epilogue=EXAMPLES if name == "plan" else "")
     app.register_install_completion_command(add_to_startup=True)
+    app.command(lambda: say(app.generate_completion()), name="--show-completion")
     return app
 
 
