@@ -11,8 +11,8 @@ import pinocchio as pin
 from tominpmp.app.outcome import Shown
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
-from tominpmp.viz.bodies import Body
-from tominpmp.viz.surfaces import Surface, native_surface, shaded, tube
+from tominpmp.viz.bodies import STEEL, Body, geometry_bodies
+from tominpmp.viz.surfaces import Surface, shaded, tube
 
 Color = tuple[float, float, float]
 START_COLOR, GOAL_COLOR = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
@@ -79,13 +79,7 @@ def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
     """
     if sum(len(body.surface.faces) for body in bodies) <= MOST_TRIANGLES:
         return list(bodies)
-    found = []
-    for item in robot.collision_model.geometryObjects:
-        surface = native_surface(item.geometry)
-        if surface is not None:
-            place = np.array(item.placement.homogeneous)
-            joint = int(item.parentJoint)
-            found.append(Body(item.name, joint, place, surface, (1.0, 1.0, 1.0, 1.0)))
+    found = geometry_bodies(robot.collision_model, STEEL)
     return found if any(body.joint for body in found) else list(bodies)
 
 

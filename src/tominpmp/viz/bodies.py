@@ -20,6 +20,7 @@ from tominpmp.viz.surfaces import (
     joined,
     moved,
     native_surface,
+    placed,
     scaled,
 )
 
@@ -57,7 +58,7 @@ def robot_bodies(robot: Robot) -> list[Body]:
     joint to joint.
     """
     try:
-        bodies = _geometry_bodies(robot.visual_model, color=None)
+        bodies = geometry_bodies(robot.visual_model, color=None)
     except RobotLoadError as error:
         warn_caller(f"the collision geometry is shown instead: {error}")
         bodies = []
@@ -65,7 +66,7 @@ def robot_bodies(robot: Robot) -> list[Body]:
     seen = {body.joint for body in bodies}
     bodies += [
         body
-        for body in _geometry_bodies(robot.collision_model, color=STEEL)
+        for body in geometry_bodies(robot.collision_model, color=STEEL)
         if body.joint not in seen
     ]
     if not any(body.joint for body in bodies):
@@ -73,9 +74,15 @@ def robot_bodies(robot: Robot) -> list[Body]:
     return bodies
 
 
-def _geometry_bodies(
+def geometry_bodies(
     model: pin.GeometryModel, color: tuple[float, float, float, float] | None
 ) -> list[Body]:
+    """The bodies of a model.
+
+    Args:
+        model: The model.
+        color: Their colour; None for that of each.
+    """
     bodies = []
     for item in model.geometryObjects:
         surface = _surface(item)
@@ -174,9 +181,7 @@ def _sticks(robot: Robot) -> list[Body]:
 
 def _along(end: Array) -> Array:
     """Placement that brings the z axis onto the way from the origin to a point."""
-    placement = np.eye(4)
-    if np.linalg.norm(end) > 0.0:
-        axis = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(end))
-        placement[:3, :3] = axis.toRotationMatrix()
-    placement[:3, 3] = np.asarray(end) / 2
-    return placement
+    if not np.linalg.norm(end) > 0.0:
+        return np.eye(4)
+    axis = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(end))
+    return placed(np.asarray(end) / 2, axis.toRotationMatrix())

@@ -17,7 +17,7 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle
 from tominpmp.viz.bodies import Body
 from tominpmp.viz.skeleton import Skeleton, View, best_view
-from tominpmp.viz.surfaces import Surface, obstacle_surface
+from tominpmp.viz.surfaces import Surface, obstacle_placements, obstacle_surface
 
 INSTANTS = 9  # of the motion that are looked at
 AZIMUTHS = np.radians(np.arange(0.0, 360.0, 15.0))
@@ -159,9 +159,7 @@ def _boxes(
     placements, joints = [], []
     for obstacle in obstacles:
         corners.append(_corners(obstacle_surface(obstacle)))
-        poses = np.tile(np.eye(4), (len(chosen), 1, 1))
-        poses[:, :3, :3], poses[:, :3, 3] = obstacle.poses(times[chosen])
-        placements.append(poses)
+        placements.append(obstacle_placements(obstacle, times[chosen]))
         joints.append(-1)
     for body in bodies:
         corners.append(_corners(body.surface))

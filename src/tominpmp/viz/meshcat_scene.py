@@ -25,7 +25,9 @@ from tominpmp.viz.surfaces import (
     cylinder,
     moved,
     obstacle_placement,
+    obstacle_placements,
     obstacle_surface,
+    placed,
     sphere,
     tube,
 )
@@ -111,7 +113,7 @@ def draw(
             _ghosts(problem, trajectory, frame, bodies, appearance.ghosts)
         )
     moving = [
-        (_obstacle_path(name), _placements(item, times))
+        (_obstacle_path(name), obstacle_placements(item, times))
         for name, item, _ in shown
         if item.motion is not None
     ]
@@ -180,13 +182,6 @@ def _load(node: Any, load: Load) -> None:
     node.set_transform(load.placements[0])
 
 
-def _placements(obstacle: Obstacle, times: Array) -> Array:
-    """Placements of an obstacle at times, shape (m, 4, 4)."""
-    placements = np.tile(np.eye(4), (times.size, 1, 1))
-    placements[:, :3, :3], placements[:, :3, 3] = obstacle.poses(times)
-    return placements
-
-
 def _joint_path(model: pin.Model, joint: int) -> str:
     return f"/meshcat/robot/{node_name(str(model.names[joint]))}"
 
@@ -250,23 +245,14 @@ def _goal(node: Any, problem: Problem, size: float) -> None:
     target = problem.goal.target
     if isinstance(target, np.ndarray):
         put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR)
-        place = np.eye(4)
-        place[:3, 3] = target
-        node.set_transform(place)
+        node.set_transform(placed(target))
     elif target is not None:
         length = TRIAD_LENGTH * size
-        rod = moved(cylinder(0.05 * length, length), _shift(length / 2))
+        rod = moved(cylinder(0.05 * length, length), placed([0.0, 0.0, length / 2]))
         for axis, color in enumerate(TRIAD_COLORS):
-            turn = np.eye(4)
-            turn[:3, :3] = np.roll(np.eye(3), axis + 1, axis=0)
+            turn = placed(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
             put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
         node.set_transform(np.array(target.homogeneous))
-
-
-def _shift(height: float) -> Array:
-    placement = np.eye(4)
-    placement[2, 3] = height
-    return placement
 
 
 def _trail(
@@ -290,10 +276,8 @@ def _ends(
         return
     points = skeleton(robot, trajectory(times).q, frame).end
     for number, point in enumerate(points, start=1):
-        bead, place = node[str(number)], np.eye(4)
-        put_body(bead, sphere(END_RADIUS * size), END_COLOR)
-        place[:3, 3] = point
-        bead.set_transform(place)
+        put_body(node[str(number)], sphere(END_RADIUS * size), END_COLOR)
+        node[str(number)].set_transform(placed(point))
 
 
 def _ghosts(
@@ -331,7 +315,7 @@ def _obstacle_points(shown: Sequence[Obstacle], times: Array) -> list[Array]:
     found = []
     for obstacle in shown:
         surface = obstacle_surface(obstacle)
-        for placement in _placements(obstacle, times):
+        for placement in obstacle_placements(obstacle, times):
             found.append(moved(surface, placement).vertices)
             if obstacle.motion is None:
                 break
@@ -355,8 +339,7 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
     )
     camera.uuid = "camera"
     # The viewer looks at its origin; so the world is moved, not the camera.
-    world, floor = np.eye(4), np.eye(4)
-    world[:3, 3] = floor[:3, 3] = -center
+    world, floor = placed(-center), placed(-center)
     floor[2, 3] = low[2] - center[2] - 1e-3 * size
     # Its floor has 40 cells of half a metre each way.
     floor[:3, :3] *= _round_length(size / 12.0) / 0.5

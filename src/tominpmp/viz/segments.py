@@ -20,6 +20,7 @@ from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
 from tominpmp.scene import Obstacle, Scene
+from tominpmp.viz.surfaces import obstacle_placement, placed
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +79,8 @@ def _load(
     ends = np.asarray(trajectory.segment_ends)
     begins = np.concatenate([[0.0], ends[:-1]])
     first = runs[0][1]
+    # Of the first shape in the frame that carries it first.
+    before = obstacle_placement(first.geometry[0])
     carried = np.zeros(times.size, dtype=bool)
     places = np.empty((times.size, 4, 4))
     known = np.zeros(times.size, dtype=bool)
@@ -88,25 +91,15 @@ def _load(
         mine = ~known & ((times >= begin) | (number == runs[0][0]))
         held = trajectory(np.clip(times[mine], begin, end)).q
         frames = frame_places(problem.robot, held, payload.frame)
-        grip = _placement(payload) @ np.linalg.inv(_placement(first))
+        grip = obstacle_placement(payload.geometry[0]) @ np.linalg.inv(before)
         places[mine], known = frames @ grip, known | mine
     return Load(first.name, tuple(first.geometry), places, carried)
-
-
-def _placement(payload: Payload) -> Array:
-    """Placement of the first shape of a load in the frame that carries it."""
-    place = np.eye(4)
-    place[:3, :3] = payload.geometry[0].rotation
-    place[:3, 3] = payload.geometry[0].position
-    return place
 
 
 def frame_places(robot: Robot, q: Array, frame: str) -> Array:
     """Placements of a frame, homogeneous, shape (m, 4, 4), at positions (m, n)."""
     found = FrameMotions(robot, frame).placements(q)
-    places = np.tile(np.eye(4), (len(q), 1, 1))
-    places[:, :3, :3], places[:, :3, 3] = found.rotation, found.origin
-    return places
+    return placed(found.origin, found.rotation)
 
 
 def obstacles(

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.collision.shapes import obstacle_shape
 from tominpmp.exceptions import SceneError
 from tominpmp.scene import (
     Box,
@@ -182,21 +184,17 @@ def obstacle_surface(obstacle: Obstacle) -> Surface:
     Raises:
         SceneError: If its type has no surface.
     """
-    if isinstance(obstacle, Sphere):
-        return sphere(obstacle.radius)
-    if isinstance(obstacle, Box):
-        return box(obstacle.size)
-    if isinstance(obstacle, Cylinder):
-        return cylinder(obstacle.radius, obstacle.length)
-    if isinstance(obstacle, Capsule):
-        return capsule(obstacle.radius, obstacle.length)
     if isinstance(obstacle, Mesh):
         return Surface(obstacle.points, np.array(obstacle.triangles))
     if isinstance(obstacle, HeightField):
         return joined([_prism(corners) for corners in obstacle.cells])
     if isinstance(obstacle, OcTree):
         places = zip(*obstacle.boxes, strict=True)
-        return joined([_shifted(box(size), centre) for centre, size in places])
+        return joined([moved(box(size), placed(at)) for at, size in places])
+    if isinstance(obstacle, Box | Sphere | Cylinder | Capsule):
+        found = native_surface(obstacle_shape(obstacle))
+        if found is not None:
+            return found
     raise SceneError(
         f"obstacle {obstacle.name!r}: a {type(obstacle).__name__} cannot be drawn",
         obstacle.name,
@@ -209,10 +207,6 @@ def _prism(corners: Array) -> Surface:
     for here, there in ((0, 1), (1, 2), (2, 3), (3, 0)):
         faces += [[here, here + 4, there + 4], [here, there + 4, there]]
     return Surface(corners, np.array(faces, dtype=np.int64))
-
-
-def _shifted(surface: Surface, offset: Array) -> Surface:
-    return Surface(surface.vertices + offset, surface.faces)
 
 
 def joined(surfaces: list[Surface]) -> Surface:
@@ -233,11 +227,33 @@ def joined(surfaces: list[Surface]) -> Surface:
     )
 
 
+def placed(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
+    """Homogeneous matrices of placements.
+
+    Args:
+        position: Where the origins are, shape (..., 3) [m].
+        rotation: How the axes are turned, shape (..., 3, 3); None for not at all.
+
+    Returns:
+        Shape (..., 4, 4).
+    """
+    origin = np.asarray(position, dtype=np.float64)
+    placements = np.tile(np.eye(4), (*origin.shape[:-1], 1, 1))
+    placements[..., :3, 3] = origin
+    if rotation is not None:
+        placements[..., :3, :3] = rotation
+    return placements
+
+
 def obstacle_placement(obstacle: Obstacle) -> Array:
     """Placement obstacle_to_world as a homogeneous matrix, shape (4, 4)."""
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = obstacle.rotation, obstacle.position
-    return placement
+    return placed(obstacle.position, obstacle.rotation)
+
+
+def obstacle_placements(obstacle: Obstacle, times: Array) -> Array:
+    """Placements obstacle_to_world at times, shape (m, 4, 4)."""
+    rotations, positions = obstacle.poses(times)
+    return placed(positions, rotations)
 
 
 def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
@@ -258,7 +274,7 @@ def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
     solid = double_area > 1e-9 * double_area.max(initial=0.0)
     faces, cross, double_area = faces[solid], cross[solid], double_area[solid]
     unit = cross / double_area[:, None]
-    normals = _corner_normals(faces, unit, cross, len(points), np.cos(crease))
+    normals = _corner_normals(faces, unit, cross, np.cos(crease))
     parts = [
         points[faces.reshape(-1)].view(np.uint8).reshape(-1, 12),
         np.rint(127.0 * normals).astype(np.int8).view(np.uint8),
@@ -287,27 +303,22 @@ def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
 
 
 def _corner_normals(
-    faces: IntArray, unit: Array, weighted: Array, points: int, cosine: float
+    faces: IntArray, unit: Array, weighted: Array, cosine: float
 ) -> Array:
     """Average over the triangles around each corner that lie nearly level with it."""
+    count = faces.size
     owner = np.repeat(np.arange(len(faces)), 3)
-    point = faces.reshape(-1)
-    order = np.argsort(point, kind="stable")
-    count = np.bincount(point, minlength=points)
-    start = np.concatenate([[0], np.cumsum(count)])[:-1]
+    at = sparse.csr_array((np.ones(count), (np.arange(count), faces.reshape(-1))))
     # Every pair of a corner and a triangle that has the same point.
-    repeats = count[point]
-    corner = np.repeat(np.arange(len(point)), repeats)
-    offset = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
-    other = owner[order[start[point[corner]] + offset]]
+    pairs = (at @ at.T).tocoo()
+    corner, other = pairs.row, owner[pairs.col]
     level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= cosine
-    sums = np.zeros((len(point), 3))
-    for axis in range(3):
-        sums[:, axis] = np.bincount(
-            corner[level], weighted[other[level], axis], minlength=len(point)
-        )
-    length = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.where(length > 0.0, sums / np.maximum(length, 1e-300), unit[owner])
+    sums = sparse.csr_array(
+        (level.astype(np.float64), (corner, other)), (count, len(faces))
+    )
+    normals = np.asarray(sums @ weighted)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(length > 0.0, normals / np.maximum(length, 1e-300), unit[owner])
 
 
 def native_surface(geometry: Any) -> Surface | None:
