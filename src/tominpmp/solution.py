@@ -309,8 +309,7 @@ class Solution:
             ProblemError: If there is no motion.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.viz.axes_plot import plot_on_axes
-        from tominpmp.viz.plots import plot_trajectory
+        from tominpmp.viz.plots import plot_on_axes, plot_trajectory
 
         if ax is not None:
             return plot_on_axes(self.problem, self._motion(), ax, path=path)

@@ -14,15 +14,20 @@ from tominpmp.checks import instance
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.viz.figures import (
-    BEYOND_COLOR,
     LIMIT_COLOR,
     add_legend,
+    area_key,
     color,
     finish,
+    line_key,
+    name_size,
     new_figure,
+    note,
+    show_limit,
     styled,
+    time_axes,
 )
-from tominpmp.viz.plots import MOMENT, curves
+from tominpmp.viz.plots import curves
 from tominpmp.viz.skeleton import check_motion
 
 if TYPE_CHECKING:
@@ -77,10 +82,9 @@ def plot_certificate(
             _plot_joint(axes[joint], problem, trajectory, certificate, joint)
         _plot_limits(axes[n], limits, robot.joint_names)
         _plot_hamiltonian(axes[n + 1], certificate)
-        for panel in axes:
-            panel.set_xlim(0.0, trajectory.duration or MOMENT)
-            panel.tick_params(labelbottom=panel is axes[-1])
-        axes[-1].set_xlabel("time [s]")
+        for panel in axes[:-1]:
+            panel.tick_params(labelbottom=False)
+        time_axes(axes[:, None], trajectory.duration)
         axes[0].set_title(_headline(certificate), loc="left")
         add_legend(figure, _handles(), 4)
         return finish(figure, path)
@@ -110,13 +114,12 @@ def _plot_joint(
     times, state = curves(trajectory)
     panel.plot(times, (state.u[:, joint] - middle) / (half or 1.0), color=color(joint))
     for sign in (-1.0, 1.0):
-        panel.axhspan(sign, 2.0 * sign, color=BEYOND_COLOR, linewidth=0.0, zorder=0.5)
-        panel.axhline(sign, color=LIMIT_COLOR, linewidth=0.8, linestyle="--")
+        show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)
     panel.set_yticks([-1.0, 0.0, 1.0])
     name = problem.robot.joint_names[joint]
-    size = 8.0 if len(name) <= 12 else 6.5
-    panel.set_ylabel(name, color=color(joint), fontweight="bold", fontsize=size)
+    look: dict[str, Any] = {"color": color(joint), "fontweight": "bold"}
+    panel.set_ylabel(name, fontsize=name_size(name), **look)
     _shade(panel, certificate.t, ~certificate.obeys[:, joint])
     other = panel.twinx()
     other.spines["right"].set_visible(True)
@@ -181,14 +184,8 @@ def _plot_limits(
     panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
     panel.grid(False, axis="y")
     if not labels:
-        panel.annotate(
-            "no limit holds the motion",
-            (0.5, 0.5),
-            xycoords="axes fraction",
-            ha="center",
-            va="center",
-            fontsize=7.0,
-        )
+        text, look = "no limit holds the motion", {"ha": "center", "va": "center"}
+        note(panel, text, (0.5, 0.5), fontsize=7.0, **look)
 
 
 def _short(name: str, most: int = 30) -> str:
@@ -206,18 +203,10 @@ def _plot_hamiltonian(panel: Axes, certificate: Certificate) -> None:
 
 
 def _handles() -> list[Any]:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
+    look: dict[str, Any] = {"color": SWITCHING_COLOR, "linewidth": 0.9}
     return [
-        Line2D([], [], color=color(0), label="torque / limit (left)"),
-        Line2D(
-            [],
-            [],
-            color=SWITCHING_COLOR,
-            linewidth=0.9,
-            label="switching function (right, reversed)",
-        ),
-        Patch(facecolor=LIMIT_COLOR, alpha=0.18, label="sign not obeyed"),
-        Line2D([], [], color=HAMILTONIAN_COLOR, label="Hamiltonian H"),
+        line_key("torque / limit (left)", color=color(0)),
+        line_key("switching function (right, reversed)", **look),
+        area_key("sign not obeyed", facecolor=LIMIT_COLOR, alpha=0.18),
+        line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
     ]

@@ -20,8 +20,10 @@ from tominpmp.scene import Obstacle, Sphere
 from tominpmp.viz.figures import (
     GOAL_COLOR,
     add_legend,
+    area_key,
     color,
     finish,
+    line_key,
     new_figure,
     styled,
 )
@@ -48,6 +50,19 @@ ARM_COLOR = "#12375f"
 # Of several robots, the first one as if it were alone.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
 LOAD_COLOR, END_COLOR = "#a8742c", "#404b5c"
+END_LOOK: dict[str, Any] = {
+    "color": END_COLOR,
+    "marker": "o",
+    "markersize": 4.0,
+    "linestyle": "none",
+}
+GOAL_LOOK: dict[str, Any] = {
+    "color": GOAL_COLOR,
+    "marker": "x",
+    "markersize": 8.0,
+    "markeredgewidth": 2.0,
+    "linestyle": "none",
+}
 LIGHTEST = 0.16  # opacity of the first instant; the last one is solid
 
 
@@ -86,27 +101,28 @@ def plot_motion(
         raise ProblemError("there is no trajectory to plot", "trajectories")
     instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     instants = whole(instants, "instants", least=2, expected="2 or more")
-    for trajectory in trajectories.values():
+    motions = list(trajectories.values())
+    for trajectory in motions:
         check_motion(problem, trajectory)
     frame = frame or end_frame(problem)
-    poses = [_pose(problem, item, frame, instants) for item in trajectories.values()]
+    poses = [
+        skeleton(problem.robot, item(_instants(item, instants)).q, frame)
+        for item in motions
+    ]
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
-    first = next(iter(trajectories.values()))
+    first = motions[0]
     resting = [one for _, one, _ in obstacles(problem, first) if one.motion is None]
     outlines = [(_outline(item, view), obstacle_color(item)) for item in resting]
-    passing = [
-        _passing(problem, item, view, np.linspace(0.0, item.duration, instants))
-        for item in trajectories.values()
-    ]
-    carried = [
-        _carried(problem, item, view, np.linspace(0.0, item.duration, instants))
-        for item in trajectories.values()
-    ]
+    passing, carried = (
+        [draw(problem, item, view, _instants(item, instants)) for item in motions]
+        for draw in (_passing, _carried)
+    )
+    goal = _goal_point(problem, frame)
     with styled():
         everything = [item for item, _ in outlines]
         everything += itertools.chain(*passing, *carried)
-        low, high = _window(view, poses, everything, _goal_point(problem, frame))
+        low, high = _window(view, poses, everything, goal)
         figure, axes = _panels(len(trajectories), high - low)
         for panel, (label, trajectory), pose, part, load in zip(
             axes, trajectories.items(), poses, passing, carried, strict=True
@@ -118,11 +134,12 @@ def plot_motion(
                 for outline, shade in zip(some, shades, strict=False):
                     _draw_outline(panel, outline, edge, shade)
             _draw_arm(panel, view, pose)
-            times = np.linspace(0.0, trajectory.duration, PATH_POINTS)
+            times = _instants(trajectory, PATH_POINTS)
             end = skeleton(problem.robot, trajectory(times).q, frame).end
             panel.plot(*view.project(end).T, color=color(1), linewidth=1.1, zorder=2.4)
             _draw_ends(panel, view, problem, trajectory, frame)
-            _draw_goal(panel, view, _goal_point(problem, frame))
+            if goal is not None:
+                panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
             panel.set_title(f"{label}: $T$ = {trajectory.duration:.4g} s", loc="left")
             panel.set_aspect("equal")
             panel.set_xlim(low[0], high[0])
@@ -135,11 +152,8 @@ def plot_motion(
         return finish(figure, path)
 
 
-def _pose(
-    problem: Problem, trajectory: Trajectory, frame: str, instants: int
-) -> Skeleton:
-    times = np.linspace(0.0, trajectory.duration, instants)
-    return skeleton(problem.robot, trajectory(times).q, frame)
+def _instants(trajectory: Trajectory, count: int) -> Array:
+    return np.linspace(0.0, trajectory.duration, count)
 
 
 def _outline(obstacle: Obstacle, view: View) -> Array | tuple[Array, float]:
@@ -195,11 +209,7 @@ def _draw_ends(
     times = ends_on_the_way(trajectory)
     if times.size:
         points = skeleton(problem.robot, trajectory(times).q, frame).end
-        panel.plot(*view.project(points).T, **_end_look(), zorder=2.6)
-
-
-def _end_look() -> dict[str, Any]:
-    return {"color": END_COLOR, "marker": "o", "markersize": 4.0, "linestyle": "none"}
+        panel.plot(*view.project(points).T, **END_LOOK, zorder=2.6)
 
 
 def _goal_point(problem: Problem, frame: str) -> Array | None:
@@ -308,38 +318,20 @@ def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
             )
 
 
-def _draw_goal(panel: Axes, view: View, goal: Array | None) -> None:
-    if goal is not None:
-        panel.plot(*view.project(goal), **_goal_look(), zorder=3.0)
-
-
-def _goal_look() -> dict[str, Any]:
-    return {
-        "color": GOAL_COLOR,
-        "marker": "x",
-        "markersize": 8.0,
-        "markeredgewidth": 2.0,
-        "linestyle": "none",
-    }
-
-
 def _handles(
     shown: set[str], carried: list[list[Any]], trajectory: Trajectory
 ) -> list[Any]:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Any] = [
-        Line2D([], [], color=ARM_COLOR, alpha=0.35, linewidth=1.2, label="start"),
-        Line2D([], [], color=ARM_COLOR, linewidth=2.0, label="end"),
-        Line2D([], [], color=color(1), linewidth=1.1, label="path of the end"),
-        Line2D([], [], label="goal", **_goal_look()),
+    handles = [
+        line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
+        line_key("end", color=ARM_COLOR, linewidth=2.0),
+        line_key("path of the end", color=color(1), linewidth=1.1),
+        line_key("goal", **GOAL_LOOK),
     ]
     if ends_on_the_way(trajectory).size:
-        handles.append(Line2D([], [], label="end of a segment", **_end_look()))
+        handles.append(line_key("end of a segment", **END_LOOK))
     if shown:
         look = _obstacle_look(max(shown, key=lambda one: one == HAZARD_COLOR))
-        handles.append(Patch(label="obstacle", **look))
+        handles.append(area_key("obstacle", **look))
     if any(carried):
-        handles.append(Patch(label="load", facecolor="none", edgecolor=LOAD_COLOR))
+        handles.append(area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
     return handles

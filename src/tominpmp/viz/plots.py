@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.checks import wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.problem import Problem
@@ -18,13 +19,21 @@ from tominpmp.status import IterationRecord
 from tominpmp.viz.figures import (
     BEYOND_COLOR,
     LIMIT_COLOR,
+    LIMIT_LOOK,
     LINE_STYLES,
     MARKERS,
+    MOMENT,
     add_legend,
+    area_key,
     color,
     finish,
+    line_key,
+    name_size,
     new_figure,
+    note,
+    show_limit,
     styled,
+    time_axes,
 )
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.skeleton import check_motion
@@ -37,8 +46,6 @@ __all__ = ["plot_controls", "plot_convergence", "plot_motion", "plot_trajectory"
 
 # Points drawn of a motion, at least, so that what is curved looks it.
 CURVE_POINTS = 500
-# What is drawn of a motion that takes no time [s].
-MOMENT = 1e-3
 
 # A limit further off than this many times the largest value is not drawn: the curve
 # would be flat.
@@ -50,6 +57,9 @@ ITERATION_RATIO = 6.0
 
 # Of the lines where segments end: darker than the grid, lighter than the axes.
 SEGMENT_COLOR = "0.55"
+
+# Quantities over time on a caller's axes.
+TITLES = ("position [rad or m]", "velocity [rad/s or m/s]", "torque [N m or N]")
 
 # Violations below this count as none; a logarithm needs something.
 LEAST_VIOLATION = 1e-12
@@ -105,11 +115,71 @@ def plot_trajectory(
                 if i == 0:
                     heading = title if mixed else f"{title} [{unit}]"
                     panel.set_title(heading, loc="left")
-            _name_row(axes[i, 0], joint, color(i))
-        _time_axes(axes, trajectory.duration)
+            note(
+                axes[i, 0],
+                joint,
+                (-0.36, 0.5),
+                rotation=90,
+                ha="center",
+                va="center",
+                fontsize=name_size(joint),
+                fontweight="bold",
+                color=color(i),
+                annotation_clip=False,
+            )
+        time_axes(axes, trajectory.duration)
         _show_segments(axes, trajectory)
-        add_legend(figure, _limit_handles(), 2)
+        add_legend(figure, _limit_keys(), 2)
         return finish(figure, path)
+
+
+def plot_on_axes(
+    problem: Problem,
+    trajectory: Trajectory,
+    ax: Axes | Sequence[Axes],
+    path: str | Path | None = None,
+) -> Figure:
+    """Draw a motion on one or three axes of matplotlib.
+
+    Args:
+        problem: The problem, for the limits of its robot.
+        trajectory: The motion.
+        ax: One, for torques as shares of their limits, or three, for positions,
+            velocities and torques.
+        path: File to write the figure of the axes to, if any.
+
+    Returns:
+        The figure of the axes.
+
+    Raises:
+        ProblemError: If they are no such axes.
+        MissingDependency: If matplotlib is not installed.
+    """
+    check_motion(problem, trajectory)
+    with styled():
+        from matplotlib.axes import Axes
+
+        given: list[Any] = list(np.ravel(np.asarray(ax, object)))
+        if len(given) not in (1, 3) or not all(isinstance(a, Axes) for a in given):
+            raise wrong(ax, "ax", "one or three axes of matplotlib")
+    times, state = curves(trajectory)
+    limits, names = problem.robot.limits, problem.robot.joint_names
+    if len(given) == 1:
+        largest = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
+        share = state.u / np.where(largest > 0.0, largest, np.inf)
+        drawn = [("torque over its limit", share)]
+        for at in (-1.0, 1.0):
+            show_limit(given[0], at)
+    else:
+        drawn = list(zip(TITLES, (state.q, state.v, state.u), strict=True))
+    for panel, (title, values) in zip(given, drawn, strict=True):
+        for i, name in enumerate(names):
+            panel.plot(times, values[:, i], color=color(i), label=name)
+        panel.set_title(title, loc="left")
+        panel.set_xlabel("time [s]")
+    given[-1].legend(fontsize="small")
+    figure: Figure = given[0].figure
+    return finish(figure, path)
 
 
 def plot_controls(
@@ -137,8 +207,6 @@ def plot_controls(
     robot = problem.robot
     limits, prismatic = robot.limits, _prismatic(robot)
     with styled():
-        from matplotlib.lines import Line2D
-
         wide = 1 if robot.n <= 3 else 2
         rows = -(-robot.n // wide)
         figure = new_figure(3.0 + 3.2 * wide, max(2.2, 0.7 + 1.35 * rows))
@@ -152,7 +220,7 @@ def plot_controls(
             for i in range(robot.n):
                 axes[i // wide, i % wide].plot(times, state.u[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
-            handles.append(Line2D([], [], label=name, **look))
+            handles.append(line_key(name, **look))
         for i, joint in enumerate(robot.joint_names):
             panel = axes[i // wide, i % wide]
             drawn = np.concatenate([line.get_ydata() for line in panel.get_lines()])
@@ -165,8 +233,8 @@ def plot_controls(
             axes[-2, -1].tick_params(labelbottom=True)
             axes[-2, -1].set_xlabel("time [s]")
         figure.align_ylabels()
-        _time_axes(axes, max(item.duration for item in trajectories.values()))
-        add_legend(figure, [*handles, _limit_handles()[0]], 4)
+        time_axes(axes, max(item.duration for item in trajectories.values()))
+        add_legend(figure, [*handles, _limit_keys()[0]], 4)
         return finish(figure, path)
 
 
@@ -282,19 +350,11 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     edges = panel.get_ylim()
     for limit, edge, near in zip((lower, upper), edges, drawn, strict=True):
         if near:
-            panel.axhspan(limit, edge, color=BEYOND_COLOR, linewidth=0.0, zorder=0.5)
-            panel.axhline(limit, color=LIMIT_COLOR, linewidth=0.8, linestyle="--")
+            show_limit(panel, limit, edge)
     text = _far_limits((lower, upper), drawn)
     if text:
-        panel.annotate(
-            text,
-            (1.0, 1.02),
-            xycoords="axes fraction",
-            ha="right",
-            va="bottom",
-            fontsize=6.5,
-            color=LIMIT_COLOR,
-        )
+        look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
+        note(panel, text, (1.0, 1.02), fontsize=6.5, **look)
 
 
 def _far_limits(limits: tuple[float, float], drawn: Sequence[bool]) -> str:
@@ -312,37 +372,9 @@ def _far_limits(limits: tuple[float, float], drawn: Sequence[bool]) -> str:
     return f"limits {limits[0]:.3g} and {limits[1]:.3g}"
 
 
-def _limit_handles() -> list[Any]:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    line: dict[str, Any] = {"color": LIMIT_COLOR, "linewidth": 0.8, "linestyle": "--"}
-    return [
-        Line2D([], [], label="limit", **line),
-        Patch(facecolor=BEYOND_COLOR, label="beyond it"),
-    ]
-
-
-def _name_row(panel: Axes, joint: str, shade: str) -> None:
-    panel.annotate(
-        joint,
-        (-0.36, 0.5),
-        xycoords="axes fraction",
-        rotation=90,
-        ha="center",
-        va="center",
-        fontsize=8.0 if len(joint) <= 12 else 6.5,
-        fontweight="bold",
-        color=shade,
-        annotation_clip=False,
-    )
-
-
-def _time_axes(axes: np.ndarray[Any, np.dtype[np.object_]], duration: float) -> None:
-    for panel in axes.reshape(-1):
-        panel.set_xlim(0.0, duration or MOMENT)
-    for panel in axes[-1]:
-        panel.set_xlabel("time [s]")
+def _limit_keys() -> list[Any]:
+    beyond = area_key("beyond it", facecolor=BEYOND_COLOR)
+    return [line_key("limit", **LIMIT_LOOK), beyond]
 
 
 def _show_segments(
