@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from tominpmp.app.choice import RobotChoice
 from tominpmp.app.controller import Controller
-from tominpmp.app.items import Item
-from tominpmp.app.stage import GOAL_COLOR, START_COLOR
-from tominpmp.viz.surfaces import obstacle_surface, shaded, sphere
+from tominpmp.app.items import UPRIGHT, Item
+from tominpmp.app.stage import GOAL_COLOR, START_COLOR, Color, put_surface
+from tominpmp.viz.surfaces import obstacle_surface
 
 OBSTACLE_COLOR = (0.84, 0.27, 0.22)
 OBSTACLE_OPACITY = 0.72
@@ -21,16 +23,53 @@ HOLD = 1.0
 ENDS = {"q_start": START_COLOR, "q_goal": GOAL_COLOR}
 
 
-class Stage(Protocol):
-    """What handles need of the page."""
+class Host(Protocol):
+    """The page, for its parts."""
 
     controller: Controller
+    handles: Handles
 
     def ask(self, **changes: Any) -> bool:
         """Ask for the same with some fields of the request changed."""
 
+    def choose(self, choice: RobotChoice) -> None:
+        """Take another robot."""
+
     def drag(self, end: str, position: Any, quaternion: Any) -> None:
         """Bring the frame at start or goal to a handle."""
+
+    def export(self, ending: str, dt: float | None, message: str | None) -> None:
+        """Hand the motion to the browser as a file."""
+
+
+class Handle(NamedTuple):
+    """A handle that the request asks for.
+
+    Attributes:
+        position: Where it is [m], shape (3,).
+        quaternion: How it is turned (x, y, z, w).
+        scale: Its size [m].
+        turns: Whether it can be turned.
+        dragged: Called with the handle of viser when somebody drags it.
+        body: What it moves, if that is drawn with it.
+        color: Colour of the body.
+        opacity: Opacity of the body.
+    """
+
+    position: Any
+    quaternion: Any
+    scale: float
+    turns: bool
+    dragged: Callable[[Any], None]
+    body: Item | None = None
+    color: Color = OBSTACLE_COLOR
+    opacity: float = 1.0
+
+    def alike(self, other: Handle) -> bool:
+        """Whether another one looks the same, wherever it is."""
+        bodies = [one.body and (one.body.kind, one.body.size) for one in (self, other)]
+        same = (self.scale, self.turns) == (other.scale, other.turns)
+        return same and bodies[0] == bodies[1]
 
 
 class Handles:
@@ -38,153 +77,113 @@ class Handles:
 
     Args:
         scene: The scene of viser's server.
-        stage: The page.
+        host: The page.
     """
 
-    def __init__(self, scene: Any, stage: Stage) -> None:
-        self._scene, self._stage = scene, stage
+    def __init__(self, scene: Any, host: Host) -> None:
+        self._scene, self._host = scene, host
         self._size = 0.2
         self._turning = False
-        self._ends: dict[str, Any] = {}
-        self._via: list[Any] = []
-        self._items: dict[str, tuple[Item, Any]] = {}
+        self._known: dict[str, tuple[Handle, Any]] = {}
         self._held: dict[str, float] = {}
 
     def rebuild(self, size: float) -> None:
         """Make all anew, for another robot; size of the handles [m]."""
-        for handle in self._ends.values():
-            handle.remove()
-        self._size, self._ends = size, {}
-        turns = self._stage.controller.reach().turns
-        for end in ENDS:
-            handle = self._scene.add_transform_controls(
-                f"/handles/{end}",
-                scale=size,
-                disable_rotations=not turns,
-                disable_sliders=True,
-                depth_test=False,
-                line_width=3.0,
-            )
-            handle.on_update(self._on_end(end, handle))
-            self._ends[end] = handle
+        self._size = size
         self.refresh(all_anew=True)
 
     def allow_turning(self, wanted: bool) -> None:
         """Whether obstacles are turned, too."""
         self._turning = wanted
-        self.refresh(all_anew=True)
+        self.refresh()
 
     def show(self, visible: bool) -> None:
         """Show or hide all handles."""
-        for handle in (*self._ends.values(), *self._via):
-            handle.visible = visible
-        for _, handle in self._items.values():
-            handle.visible = visible
+        for _, node in self._known.values():
+            node.visible = visible
 
     def refresh(self, *, all_anew: bool = False) -> None:
         """Put handles where the request has them, but for those in somebody's hand."""
-        request, reach = self._stage.controller.request, self._stage.controller.reach()
-        for end, handle in self._ends.items():
-            if self._free(end):
-                position, quaternion = reach.pose(getattr(request, end))
-                _place(handle, position, quaternion)
-        self._refresh_via(request.via, all_anew)
-        names = {item.name for item in request.items}
-        for name in list(self._items):
-            if all_anew or name not in names:
-                self._drop(name)
+        wanted = self._wanted()
+        for key, (before, node) in list(self._known.items()):
+            if all_anew or key not in wanted or not before.alike(wanted[key]):
+                node.remove()
+                del self._known[key]
+        for key, handle in wanted.items():
+            known = self._known.get(key)
+            node = self._made(key, handle) if known is None else known[1]
+            self._known[key] = handle, node
+            if self._free(key):
+                x, y, z, w = handle.quaternion
+                node.position = np.asarray(handle.position)
+                node.wxyz = np.array([w, x, y, z])
+
+    def _wanted(self) -> dict[str, Handle]:
+        """The handles that the request asks for, by their names."""
+        controller, size = self._host.controller, self._size
+        request, reach = controller.request, controller.reach()
+        found = {}
+        for end in ENDS:
+            pose = reach.pose(getattr(request, end))
+            found[end] = Handle(*pose, size, reach.turns, partial(self._drag_end, end))
+        for number, point in enumerate(request.via):
+            ball = Item("sphere", "point", (0.12 * size,), point)
+            dragged = partial(self._drag_via, number)
+            found[f"via{number}"] = Handle(
+                point, UPRIGHT, 0.7 * size, False, dragged, ball, VIA_COLOR
+            )
         for item in request.items:
-            self._refresh_item(item)
+            found[f"item_{item.name}"] = Handle(
+                item.position,
+                item.quaternion,
+                0.9 * size,
+                self._turning,
+                partial(self._drag_item, item.name),
+                item,
+                opacity=OBSTACLE_OPACITY,
+            )
+        return found
 
-    def _refresh_via(self, points: Any, all_anew: bool) -> None:
-        if all_anew or len(points) != len(self._via):
-            for handle in self._via:
-                handle.remove()
-            self._via = [self._via_handle(number) for number in range(len(points))]
-        for number, (handle, point) in enumerate(zip(self._via, points, strict=True)):
-            if self._free(f"via{number}"):
-                handle.position = np.array(point)
-
-    def _via_handle(self, number: int) -> Any:
-        name = f"/handles/via{number}"
-        handle = self._scene.add_transform_controls(
-            name,
-            scale=0.7 * self._size,
-            disable_rotations=True,
-            disable_sliders=True,
-            depth_test=False,
-        )
-        ball = shaded(sphere(0.12 * self._size))
-        self._scene.add_mesh_simple(
-            f"{name}/ball", ball.positions, ball.faces, color=VIA_COLOR
-        )
-
-        def dragged(event: Any) -> None:
-            key = f"via{number}"
-            self._hold(key, event)
-            points = list(self._stage.controller.request.via)
-            if number < len(points):
-                points[number] = tuple(handle.position)
-                self._stage.ask(via=tuple(points))
-
-        handle.on_update(dragged)
-        return handle
-
-    def _refresh_item(self, item: Item) -> None:
-        known = self._items.get(item.name)
-        if known is not None and known[0] == item:
-            return
-        if known is not None and known[0].alike(item):
-            handle = known[1]
-        else:
-            if known is not None:
-                self._drop(item.name)
-            handle = self._item_handle(item)
-        self._items[item.name] = item, handle
-        if self._free(item.name):
-            _place(handle, item.position, item.quaternion)
-
-    def _item_handle(self, item: Item) -> Any:
-        path = f"/handles/item_{item.name}"
-        handle = self._scene.add_transform_controls(
+    def _made(self, key: str, handle: Handle) -> Any:
+        """A new handle on the stage."""
+        path = f"/handles/{key}"
+        node = self._scene.add_transform_controls(
             path,
-            scale=0.9 * self._size,
-            disable_rotations=not self._turning,
+            scale=handle.scale,
+            disable_rotations=not handle.turns,
             disable_sliders=True,
             depth_test=False,
+            **({"line_width": 3.0} if handle.body is None else {}),
         )
-        drawn = shaded(obstacle_surface(item.obstacle()))
-        self._scene.add_mesh_simple(
-            f"{path}/body",
-            drawn.positions,
-            drawn.faces,
-            color=OBSTACLE_COLOR,
-            opacity=OBSTACLE_OPACITY,
-        )
+        if handle.body is not None:
+            surface = obstacle_surface(handle.body.obstacle())
+            look = handle.color, handle.opacity
+            put_surface(self._scene, f"{path}/body", surface, *look)
 
-        def dragged(event: Any) -> None:
-            self._hold(item.name, event)
-            request = self._stage.controller.request
-            now = [one for one in request.items if one.name == item.name]
-            if now:
-                moved = now[0].placed(handle.position, _quaternion(handle))
-                self._stage.ask(items=request.with_item(moved).items)
+        def update(event: Any) -> None:
+            self._hold(key, event)
+            handle.dragged(node)
 
-        handle.on_update(dragged)
-        return handle
+        node.on_update(update)
+        return node
 
-    def _drop(self, name: str) -> None:
-        _, handle = self._items.pop(name)
-        handle.remove()
+    def _drag_end(self, end: str, node: Any) -> None:
+        self._host.drag(end, np.array(node.position), _quaternion(node))
+        if self._free(end):
+            self.refresh()
 
-    def _on_end(self, end: str, handle: Any) -> Callable[[Any], None]:
-        def dragged(event: Any) -> None:
-            self._hold(end, event)
-            self._stage.drag(end, np.array(handle.position), _quaternion(handle))
-            if self._free(end):
-                self.refresh()
+    def _drag_via(self, number: int, node: Any) -> None:
+        points = list(self._host.controller.request.via)
+        if number < len(points):
+            points[number] = tuple(node.position)
+            self._host.ask(via=tuple(points))
 
-        return dragged
+    def _drag_item(self, name: str, node: Any) -> None:
+        request = self._host.controller.request
+        for item in request.items:
+            if item.name == name:
+                moved = item.placed(node.position, _quaternion(node))
+                self._host.ask(items=request.with_item(moved).items)
 
     def _hold(self, key: str, event: Any) -> None:
         """Remember what is in somebody's hand: it is not moved under it."""
@@ -201,13 +200,7 @@ class Handles:
         return time.monotonic() - self._held.get(key, -HOLD) >= HOLD
 
 
-def _place(handle: Any, position: Any, quaternion: Any) -> None:
-    handle.position = np.asarray(position)
-    x, y, z, w = quaternion
-    handle.wxyz = np.array([w, x, y, z])
-
-
-def _quaternion(handle: Any) -> Any:
+def _quaternion(node: Any) -> Any:
     """How a handle is turned (x, y, z, w)."""
-    w, x, y, z = handle.wxyz
+    w, x, y, z = node.wxyz
     return np.array([x, y, z, w])

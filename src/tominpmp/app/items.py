@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -20,6 +22,13 @@ SIZES: dict[str, dict[str, float]] = {
     "sphere": {"radius": 0.1},
     "cylinder": {"radius": 0.06, "length": 0.3},
     "capsule": {"radius": 0.06, "length": 0.2},
+}
+
+KINDS: dict[str, Callable[..., Obstacle]] = {
+    "box": Box,
+    "sphere": Sphere,
+    "cylinder": Cylinder,
+    "capsule": Capsule,
 }
 
 
@@ -68,10 +77,6 @@ class Item:
             quaternion=UPRIGHT if turned[3] in (1.0, -1.0) else turned,
         )
 
-    def alike(self, other: Item) -> bool:
-        """Whether another one looks the same, wherever it is."""
-        return (self.kind, self.size) == (other.kind, other.size)
-
     def resized(self, size: ArrayLike) -> Item:
         """The same with other sizes [m]."""
         return replace(self, size=rounded(size))
@@ -82,31 +87,25 @@ class Item:
         Raises:
             SceneError: If a size or a position is wrong.
         """
-        place = {"position": self.position, "rotation": self.quaternion}
-        if self.kind == "box":
-            return Box(self.name, size=self.size, **place)  # type: ignore[arg-type]
-        if self.kind == "sphere":
-            return Sphere(self.name, radius=self.size[0], **place)  # type: ignore[arg-type]
-        kind = Cylinder if self.kind == "cylinder" else Capsule
-        radius, length = self.size
-        return kind(self.name, radius=radius, length=length, **place)  # type: ignore[arg-type]
+        return KINDS[self.kind](self.name, **self._arguments())
 
     def python(self) -> str:
         """The obstacle as an expression of Python."""
-        if self.kind == "box":
-            sizes = f"size={tuple_text(self.size)}"
-        else:
-            names = SIZES[self.kind]
-            sizes = ", ".join(
-                f"{name}={value!r}"
-                for name, value in zip(names, self.size, strict=True)
-            )
-        turned = ""
+        given = [
+            f"{name}={tuple_text(value) if isinstance(value, tuple) else repr(value)}"
+            for name, value in self._arguments().items()
+        ]
+        return f"tm.{self.kind.capitalize()}({self.name!r}, {', '.join(given)})"
+
+    def _arguments(self) -> dict[str, Any]:
+        """Arguments of the library's obstacle, without those not needed."""
+        found: dict[str, Any] = {"size": self.size}
+        if self.kind != "box":
+            found = dict(zip(SIZES[self.kind], self.size, strict=True))
+        found["position"] = self.position
         if self.quaternion != UPRIGHT:
-            turned = f", rotation={tuple_text(self.quaternion)}"
-        place = tuple_text(self.position)
-        kind = self.kind.capitalize()
-        return f"tm.{kind}({self.name!r}, {sizes}, position={place}{turned})"
+            found["rotation"] = self.quaternion
+        return found
 
 
 def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:

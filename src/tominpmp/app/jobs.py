@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +16,6 @@ from tominpmp.exceptions import TominpmpError
 # What was begun goes on for so long although it is out of date, so that motions are
 # seen while one drags; a plan that takes longer makes place for the newest [s].
 GRACE = 0.8
-LENGTH = struct.Struct("<Q")
 
 
 @dataclass(frozen=True)
@@ -69,8 +67,7 @@ class Exported:
 
 def send(stream: IO[bytes], item: Any) -> None:
     """Write a record to a stream."""
-    data = pickle.dumps(item)
-    stream.write(LENGTH.pack(len(data)) + data)
+    pickle.dump(item, stream)
     stream.flush()
 
 
@@ -80,14 +77,10 @@ def receive(stream: IO[bytes]) -> Any:
     Raises:
         EOFError: If the stream has ended.
     """
-    head = stream.read(LENGTH.size)
-    if len(head) < LENGTH.size:
-        raise EOFError
-    (length,) = LENGTH.unpack(head)
-    data = stream.read(length)
-    if len(data) < length:
-        raise EOFError
-    return pickle.loads(data)
+    try:
+        return pickle.load(stream)
+    except pickle.UnpicklingError as error:  # it ended within a record
+        raise EOFError from error
 
 
 class Inbox:

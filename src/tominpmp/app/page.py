@@ -17,7 +17,6 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from typing import Any
 
-from tominpmp.app.camera import look_at, size_of
 from tominpmp.app.choice import RobotChoice, loaded
 from tominpmp.app.controller import Controller
 from tominpmp.app.handles import Handles
@@ -32,7 +31,9 @@ from tominpmp.app.stage import (
     START_COLOR,
     Arm,
     draw_path,
+    look_at,
     outlines,
+    size_of,
 )
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
 from tominpmp.viz.bodies import robot_bodies

@@ -1,4 +1,4 @@
-"""The robot on the stage, its ghosts at start and goal, and the path of its end."""
+"""The stage: the robot, its ghosts at start and goal, its path, camera and floor."""
 
 from __future__ import annotations
 
@@ -9,15 +9,21 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.app.outcome import Shown
+from tominpmp.app.request import Request
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
 from tominpmp.viz.bodies import STEEL, Body, geometry_bodies
+from tominpmp.viz.skeleton import best_view, skeleton
 from tominpmp.viz.surfaces import Surface, shaded, tube
 
 Color = tuple[float, float, float]
 START_COLOR, GOAL_COLOR = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
 PATH_COLOR = (0.95, 0.64, 0.10)
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
+# Where the camera stands: its field of view [rad], its distance in sizes of the robot.
+FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
+# From where an arm is seen that is not flat; a flat one is no deeper than this share.
+SIDE, FLAT = np.array([0.6, -1.0, 0.75]), 0.05
 # More colours than this in one body are averaged.
 MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
@@ -86,30 +92,40 @@ def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
 def _put(scene: Any, name: str, body: Body, tint: tuple[Color, float] | None) -> None:
     """Put a body on the stage: one mesh for each of its colours."""
     place = pin.SE3ToXYZQUAT(pin.SE3(body.placement))
-    parts: list[tuple[Surface, Color]]
+    parts, opacity = _by_color(body), float(body.color[3])
     if tint is not None:
-        parts, opacity = (
-            [(Surface(body.surface.vertices, body.surface.faces), tint[0])],
-            tint[1],
-        )
-    else:
-        parts, opacity = _by_color(body), float(body.color[3])
+        parts, opacity = [(body.surface, tint[0])], tint[1]
     for number, (surface, color) in enumerate(parts):
-        drawn = shaded(surface)
-        scene.add_mesh_simple(
+        put_surface(
+            scene,
             f"{name}/{number}",
-            drawn.positions,
-            drawn.faces,
-            color=color,
-            opacity=None if opacity >= 1.0 else opacity,
-            side="double",
+            surface,
+            color,
+            opacity,
             # Ghosts are larger, or they would flicker with the robot on their surface.
             scale=1.0 if tint is None else GHOST_SCALE,
             cast_shadow=tint is None,
             receive_shadow=tint is None,
+            side="double",
             position=place[:3],
             wxyz=place[[6, 3, 4, 5]],
         )
+
+
+def put_surface(
+    scene: Any, name: str, surface: Surface, color: Color, opacity: float, **look: Any
+) -> None:
+    """Put a surface of one colour on the stage; the look is that of viser."""
+    # Colours of its triangles would keep apart vertices that are the same.
+    drawn = shaded(Surface(surface.vertices, surface.faces))
+    scene.add_mesh_simple(
+        name,
+        drawn.positions,
+        drawn.faces,
+        color=color,
+        opacity=None if opacity >= 1.0 else opacity,
+        **look,
+    )
 
 
 def _by_color(body: Body) -> list[tuple[Surface, Color]]:
@@ -146,3 +162,45 @@ def draw_path(scene: Any, shown: Shown, size: float) -> None:
         side="double",
         cast_shadow=False,
     )
+
+
+def look_at(server: Any, robot: Robot, request: Request, size: float) -> None:
+    """Camera and floor for the robot."""
+    both = np.array([request.q_start, request.q_goal])
+    found = skeleton(robot, both, request.frame)
+    view = best_view(found.points)
+    depth = np.ptp(found.points.reshape(-1, 3) @ view.normal)
+    flat = view.planar and depth < FLAT * size
+    normal = view.normal if flat else SIDE / np.linalg.norm(SIDE)
+    places = [item.position for item in request.items]
+    links = found.points.reshape(-1, 3)
+    points = np.concatenate([links, np.reshape(places, (-1, 3))])
+    middle = (points.min(0) + points.max(0)) / 2
+    scene, camera = server.scene, server.initial_camera
+    offset = DISTANCE * size * normal
+    camera.look_at, camera.position = tuple(middle), tuple(middle + offset)
+    camera.fov = FIELD_OF_VIEW
+    if flat:
+        camera.up = tuple(view.up)
+    for client in server.get_clients().values():
+        client.camera.position = middle + offset
+        client.camera.look_at = middle
+    scene.add_grid(
+        "/floor",
+        width=8.0 * size,
+        height=8.0 * size,
+        cell_size=0.1 * size,
+        section_size=0.5 * size,
+        cell_color=(226, 230, 236),
+        section_color=(205, 211, 220),
+        position=(0.0, 0.0, -0.002 * size),
+        fade_distance=6.0 * size,
+    )
+
+
+def size_of(robot: Robot, request: Request) -> float:
+    """Size of what the robot spans between its base and its end [m]."""
+    both = np.array([request.q_start, request.q_goal])
+    points = skeleton(robot, both, request.frame).points.reshape(-1, 3)
+    points = np.concatenate([points, np.zeros((1, 3))])
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
