@@ -12,15 +12,14 @@ import numpy as np
 from tominpmp.app.choice import RobotChoice
 from tominpmp.app.controller import Controller
 from tominpmp.app.items import UPRIGHT, Item
-from tominpmp.app.stage import GOAL_COLOR, START_COLOR, Color, put_surface
+from tominpmp.app.stage import Color, put_surface
+from tominpmp.viz.roles import HAZARD_COLOR, VIA_RGB, rgb
 from tominpmp.viz.surfaces import obstacle_surface
 
-OBSTACLE_COLOR = (0.84, 0.27, 0.22)
+OBSTACLE_COLOR = rgb(HAZARD_COLOR)
 OBSTACLE_OPACITY = 0.72
-VIA_COLOR = (0.55, 0.27, 0.80)
 # A handle that was not moved for so long is not held any more [s].
 HOLD = 1.0
-ENDS = {"q_start": START_COLOR, "q_goal": GOAL_COLOR}
 
 
 class Host(Protocol):
@@ -123,14 +122,14 @@ class Handles:
         controller, size = self._host.controller, self._size
         request, reach = controller.request, controller.reach()
         found = {}
-        for end in ENDS:
+        for end in ("q_start", "q_goal"):
             pose = reach.pose(getattr(request, end))
             found[end] = Handle(*pose, size, reach.turns, partial(self._drag_end, end))
         for number, point in enumerate(request.via):
             ball = Item("sphere", "point", (0.12 * size,), point)
             dragged = partial(self._drag_via, number)
             found[f"via{number}"] = Handle(
-                point, UPRIGHT, 0.7 * size, False, dragged, ball, VIA_COLOR
+                point, UPRIGHT, 0.7 * size, False, dragged, ball, VIA_RGB
             )
         for item in request.items:
             found[f"item_{item.name}"] = Handle(

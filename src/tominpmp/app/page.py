@@ -27,8 +27,6 @@ from tominpmp.app.readout import Readout
 from tominpmp.app.request import Request
 from tominpmp.app.stage import (
     GHOST_OPACITY,
-    GOAL_COLOR,
-    START_COLOR,
     Arm,
     draw_path,
     look_at,
@@ -37,6 +35,7 @@ from tominpmp.app.stage import (
 )
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
 from tominpmp.viz.bodies import robot_bodies
+from tominpmp.viz.roles import GOAL_RGB, START_RGB
 
 logger = logging.getLogger(__name__)
 
@@ -215,7 +214,7 @@ class Page:
                 warnings.simplefilter("ignore")
                 bodies = robot_bodies(robot)
             ghost = outlines(robot, bodies)
-            tints = ("q_start", START_COLOR), ("q_goal", GOAL_COLOR)
+            tints = ("q_start", START_RGB), ("q_goal", GOAL_RGB)
             self._arms = {
                 end: Arm(scene, f"/{end}", robot, ghost, (color, GHOST_OPACITY))
                 for end, color in tints

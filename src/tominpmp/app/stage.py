@@ -13,12 +13,11 @@ from tominpmp.app.request import Request
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
 from tominpmp.viz.bodies import STEEL, Body, geometry_bodies
+from tominpmp.viz.roles import PATH_RGB
 from tominpmp.viz.skeleton import best_view, skeleton
-from tominpmp.viz.surfaces import Surface, shaded, tube
+from tominpmp.viz.surfaces import Surface, path_tube, shaded
 
 Color = tuple[float, float, float]
-START_COLOR, GOAL_COLOR = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
-PATH_COLOR = (0.95, 0.64, 0.10)
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
 # Where the camera stands: its field of view [rad], its distance in sizes of the robot.
 FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
@@ -117,7 +116,7 @@ def put_surface(
 ) -> None:
     """Put a surface of one colour on the stage; the look is that of viser."""
     # Colours of its triangles would keep apart vertices that are the same.
-    drawn = shaded(Surface(surface.vertices, surface.faces))
+    drawn = shaded(surface.plain)
     scene.add_mesh_simple(
         name,
         drawn.positions,
@@ -136,7 +135,7 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
     colors, which = np.unique(np.round(surface.colors, 2), axis=0, return_inverse=True)
     if len(colors) > MOST_COLORS:
         mean = tuple(surface.colors.mean(axis=0).tolist())
-        return [(Surface(surface.vertices, surface.faces), mean)]
+        return [(surface.plain, mean)]
     return [
         (
             Surface(surface.vertices, surface.faces[which.ravel() == number]),
@@ -148,17 +147,14 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
 
 def draw_path(scene: Any, shown: Shown, size: float) -> None:
     """Draw the path of the frame as a tube, in place of the one before."""
-    points = shown.path
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-5 * size
-    points = points[np.concatenate([[True], apart])]
-    if len(points) < 3:
+    surface = path_tube(shown.path, PATH_RADIUS, size)
+    if surface is None:
         return
-    surface = tube(points, PATH_RADIUS * size)
     scene.add_mesh_simple(
         "/path",
         surface.vertices,
         surface.faces,
-        color=PATH_COLOR,
+        color=PATH_RGB,
         side="double",
         cast_shadow=False,
     )

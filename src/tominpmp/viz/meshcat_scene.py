@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray
@@ -17,28 +16,27 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Obstacle
 from tominpmp.viz.bodies import Body, robot_bodies
 from tominpmp.viz.camera import camera_view, points_in_view
-from tominpmp.viz.roles import obstacle_color, rgb
+from tominpmp.viz.roles import GOAL_RGB, PATH_RGB, obstacle_color, rgb
 from tominpmp.viz.segments import Load, ends_on_the_way, loads, obstacles, there
 from tominpmp.viz.skeleton import Skeleton, View, end_frame, end_of, skeleton
 from tominpmp.viz.surfaces import (
-    Surface,
     cylinder,
     moved,
     obstacle_placement,
     obstacle_placements,
     obstacle_surface,
+    path_tube,
     placed,
     sphere,
-    tube,
 )
 from tominpmp.viz.viewer import SetCopies, import_meshcat, node_name, put_body
 
 OBSTACLE_OPACITY = 0.62
 TWIN_COLOR = (0.62, 0.67, 0.76, 0.34)
-GOAL_COLOR = (0.13, 0.62, 0.36, 0.75)
+GOAL_COLOR = (*GOAL_RGB, 0.75)
 LOAD_COLOR = (0.80, 0.60, 0.35, 1.0)
 END_COLOR = (0.25, 0.30, 0.38, 1.0)
-TRAIL_COLOR = (0.95, 0.64, 0.10, 1.0)
+TRAIL_COLOR = (*PATH_RGB, 1.0)
 TRIAD_COLORS = ((0.85, 0.2, 0.2), (0.2, 0.65, 0.25), (0.2, 0.35, 0.85))
 GHOST_OPACITY = 0.16
 
@@ -96,12 +94,10 @@ def draw(
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     view = camera_view(robot, around, motion, bodies, times)
     _surroundings(viewer, view, points, size)
-    _robot(viewer, robot.model, bodies, motion)
+    joints = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
     for name, obstacle, _ in shown:
-        node = viewer[_obstacle_path(name)]
         color = (*rgb(obstacle_color(obstacle)), OBSTACLE_OPACITY)
-        put_body(node, obstacle_surface(obstacle), color)
-        node.set_transform(obstacle_placement(obstacle))
+        _obstacle(viewer[_obstacle_path(name)], obstacle, color)
     carried = loads(problem, trajectory, on_the_way)
     for load in carried:
         _load(viewer[_load_path(load)], load)
@@ -118,45 +114,18 @@ def draw(
         if item.motion is not None
     ]
     moving += [(_load_path(load), load.placements) for load in carried]
-    joints = [
-        (_joint_path(robot.model, joint), motion.placements[:, joint])
-        for joint in range(1, robot.model.njoints)
-    ]
+    movable = [body for body in bodies if body.joint]
     for number, twin in enumerate(appearance.twins):
-        joints += _twin(viewer, robot, bodies, twin, times, f"/meshcat/twins/{number}")
+        q = twin(np.minimum(times, twin.duration)).q
+        poses = skeleton(robot, q, end_of(robot)).placements
+        path = f"/meshcat/twins/{number}"
+        joints += _robot(viewer, robot, movable, poses, path, TWIN_COLOR)
     seen = {
         _obstacle_path(name): there(spans, on_the_way)
         for name, _, spans in shown
         if not np.array_equal(spans, [[0.0, trajectory.duration]])
     }
     _animate(viewer, times, [*joints, *moving], seen)
-
-
-def _twin(
-    viewer: Any,
-    robot: Robot,
-    bodies: list[Body],
-    twin: Trajectory,
-    times: Array,
-    path: str,
-) -> list[tuple[str, Array]]:
-    """Draw a pale copy of the robot; return its joints and where they are at times."""
-    poses = skeleton(
-        robot, twin(np.minimum(times, twin.duration)).q, end_of(robot)
-    ).placements
-    moving = [body for body in bodies if body.joint]
-    paths = {
-        joint: f"{path}/{node_name(str(robot.model.names[joint]))}"
-        for joint in {body.joint for body in moving}
-    }
-    for body in moving:
-        node = viewer[f"{paths[body.joint]}/{node_name(body.name)}"]
-        surface = Surface(body.surface.vertices, body.surface.faces)
-        put_body(node, surface, TWIN_COLOR)
-        node.set_transform(body.placement)
-    for joint, place in paths.items():
-        viewer[place].set_transform(poses[0, joint])
-    return [(place, poses[:, joint]) for joint, place in sorted(paths.items())]
 
 
 def frame_times(duration: float, fps: float) -> Array:
@@ -173,27 +142,48 @@ def _load_path(load: Load) -> str:
     return f"/meshcat/loads/{node_name(load.name)}"
 
 
+def _obstacle(node: Any, obstacle: Obstacle, color: Sequence[float]) -> None:
+    surface, place = obstacle_surface(obstacle), obstacle_placement(obstacle)
+    put_body(node, surface, color, place)
+
+
 def _load(node: Any, load: Load) -> None:
     """A load, where it is first."""
     for shape in load.shapes:
-        part = node[node_name(shape.name)]
-        put_body(part, obstacle_surface(shape), LOAD_COLOR)
-        part.set_transform(obstacle_placement(shape))
+        _obstacle(node[node_name(shape.name)], shape, LOAD_COLOR)
     node.set_transform(load.placements[0])
 
 
-def _joint_path(model: pin.Model, joint: int) -> str:
-    return f"/meshcat/robot/{node_name(str(model.names[joint]))}"
+def _robot(
+    viewer: Any,
+    robot: Robot,
+    bodies: list[Body],
+    poses: Array,
+    path: str,
+    tint: Sequence[float] | None = None,
+) -> list[tuple[str, Array]]:
+    """Draw bodies of a robot on its joints.
 
+    Args:
+        viewer: The viewer.
+        robot: The robot.
+        bodies: Its bodies.
+        poses: Placements joint_to_world of all joints, shape (m, joints, 4, 4).
+        path: Where in the tree of the scene.
+        tint: Colour of all bodies; None for that of each.
 
-def _robot(viewer: Any, model: pin.Model, bodies: list[Body], motion: Skeleton) -> None:
+    Returns:
+        Paths of the joints that move, and their placements, shape (m, 4, 4).
+    """
+    joints = sorted({body.joint for body in bodies})
+    paths = {i: f"{path}/{node_name(str(robot.model.names[i]))}" for i in joints}
     for body in bodies:
-        node = viewer[f"{_joint_path(model, body.joint)}/{node_name(body.name)}"]
-        put_body(node, body.surface, body.color)
-        node.set_transform(body.placement)
-    for joint in sorted({body.joint for body in bodies}):
-        place = motion.placements[0, joint]
-        viewer[_joint_path(model, joint)].set_transform(place)
+        node = viewer[f"{paths[body.joint]}/{node_name(body.name)}"]
+        surface = body.surface if tint is None else body.surface.plain
+        put_body(node, surface, tint or body.color, body.placement)
+    for joint in joints:
+        viewer[paths[joint]].set_transform(poses[0, joint])
+    return [(paths[joint], poses[:, joint]) for joint in joints if joint]
 
 
 def _animate(
@@ -244,8 +234,7 @@ def _animate(
 def _goal(node: Any, problem: Problem, size: float) -> None:
     target = problem.goal.target
     if isinstance(target, np.ndarray):
-        put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR)
-        node.set_transform(placed(target))
+        put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR, placed(target))
     elif target is not None:
         length = TRIAD_LENGTH * size
         rod = moved(cylinder(0.05 * length, length), placed([0.0, 0.0, length / 2]))
@@ -260,11 +249,9 @@ def _trail(
 ) -> None:
     times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
     points = skeleton(robot, trajectory(times).q, frame).end
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
-    points = points[np.concatenate([[True], apart])]
-    if len(points) > 1:
-        node = viewer[f"/meshcat/path of {node_name(frame)}"]
-        put_body(node, tube(points, TRAIL_RADIUS * size), TRAIL_COLOR)
+    line = path_tube(points, TRAIL_RADIUS, size)
+    if line is not None:
+        put_body(viewer[f"/meshcat/path of {node_name(frame)}"], line, TRAIL_COLOR)
 
 
 def _ends(
@@ -276,8 +263,8 @@ def _ends(
         return
     points = skeleton(robot, trajectory(times).q, frame).end
     for number, point in enumerate(points, start=1):
-        put_body(node[str(number)], sphere(END_RADIUS * size), END_COLOR)
-        node[str(number)].set_transform(placed(point))
+        bead = sphere(END_RADIUS * size)
+        put_body(node[str(number)], bead, END_COLOR, placed(point))
 
 
 def _ghosts(

@@ -12,6 +12,9 @@ BOARD = 3.0
 
 FURNITURE_COLOR = "#8d98a5"
 HAZARD_COLOR = "#d6453a"
+# Start, goal, points on the way, and path of the end of an arm in space.
+START_RGB, GOAL_RGB = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
+VIA_RGB, PATH_RGB = (0.55, 0.27, 0.80), (0.95, 0.64, 0.10)
 
 
 def is_furniture(obstacle: Obstacle) -> bool:

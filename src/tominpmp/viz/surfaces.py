@@ -53,6 +53,11 @@ class Surface:
     faces: IntArray
     colors: Array | None = None
 
+    @property
+    def plain(self) -> Surface:
+        """The same without colours."""
+        return Surface(self.vertices, self.faces)
+
 
 @dataclass(frozen=True, eq=False)
 class ShadedSurface:
@@ -176,6 +181,19 @@ def tube(points: Array, radius: float, around: int = 8) -> Surface:
         faces.append(np.stack([low + here, low + there, high + there], axis=1))
         faces.append(np.stack([low + here, high + there, high + here], axis=1))
     return Surface(rings.reshape(-1, 3), np.concatenate(faces))
+
+
+def path_tube(points: Array, radius: float, size: float) -> Surface | None:
+    """A tube along the path of a frame; None if it stays where it is.
+
+    Args:
+        points: Points of the path, which may rest, shape (m, 3) [m].
+        radius: Radius as a share of the size.
+        size: Size of the scene [m].
+    """
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
+    points = points[np.concatenate([[True], apart])]
+    return tube(points, radius * size) if len(points) > 1 else None
 
 
 def obstacle_surface(obstacle: Obstacle) -> Surface:

@@ -109,9 +109,16 @@ def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
     }
 
 
-def put_body(viewer: Any, surface: Surface, color: Sequence[float]) -> None:
+def put_body(
+    viewer: Any,
+    surface: Surface,
+    color: Sequence[float],
+    placement: Array | None = None,
+) -> None:
     """Put a body of one surface into the scene; colours are RGBA from 0 to 1."""
     viewer.set_object(_mesh(viewer.path.lower(), surface, color))
+    if placement is not None:
+        viewer.set_transform(placement)
 
 
 def _mesh(path: str, surface: Surface, color: Sequence[float]) -> Any:
