@@ -79,7 +79,7 @@ def test_clearance_is_proved_up_to_what_there_is(planar3r: Robot) -> None:
 def test_proof_is_given_up_where_it_takes_too_long(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
-    found = prove_clearance(checker, motion, 0.5, max_stretches=4)
+    found = prove_clearance(checker, motion, 0.8989, max_stretches=4)
     assert not found.proved and not found.contact
     assert "Neither" in found.message
 

@@ -1,7 +1,8 @@
 r"""Proof that a motion keeps clear, between the samples too (conservative advancement).
 
 A stretch of time is clear if the distance of every pair in its middle is more than any
-of their points can move meanwhile. Where that is not so, the stretch is halved. A point
+of their points can move meanwhile. Where that is not so, the stretch is cut, for that
+pair alone: the search is that of :mod:`~.closest_approach`. A point
 that hangs on the joints i moves by at most :math:`\sum_i r_i |\Delta q_i|` while the
 joints move by :math:`|\Delta q_i|` at most, where r_i bounds its distance from the axis
 of joint i (1 for sliding joints). A point of an obstacle that moves comes closer by
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan
+from tominpmp.arrays import Array, array_or_nan
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision import CollisionChecker
@@ -25,8 +26,9 @@ from tominpmp.collision.contact import Contact
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
-from tominpmp.verification.polynomials import Pieces
+from tominpmp.verification.closest_approach import Approach, Course
+from tominpmp.verification.nearest import held
+from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
 
 # Stretches looked at before the proof is given up.
@@ -35,8 +37,8 @@ MAX_STRETCHES = 20_000
 MOST_KINDS = 3
 # What pairs are called.
 KINDS = ("links and obstacles", "links of the robot")
-# Parts into which a stretch is cut that is not proved.
-PARTS = 3
+# Polynomials may be off by this many times what is measured between two rows.
+OFF = 2.0
 
 
 class Kept(NamedTuple):
@@ -79,7 +81,7 @@ class ClearanceProof:
             with the least room to its margin; None without pairs.
         time: When that is [s].
         contact: Whether a distance less than the required one was measured.
-        stretches: How many stretches of time were looked at.
+        stretches: How many stretches of time were looked at, for each pair alone.
     """
 
     proved: bool
@@ -187,7 +189,8 @@ def prove_clearance(
             at the margin, the proof needs stretches in which links move no farther.
         deviation: How far the motion that is meant may be from the trajectory, by
             joint, shape (n,) [rad or m]: that of a replay, say.
-        max_stretches: Number of stretches after which the proof is given up.
+        max_stretches: Number of stretches after which the proof is given up, in the
+            mean over the pairs.
 
     Returns:
         The proof, or where it failed. Where an obstacle is moved by a function of which
@@ -209,9 +212,10 @@ def prove_clearance(
     if not checker.pairs:
         return ClearanceProof(True, (), None, 0.0, False, 0)
     margins = np.broadcast_to(margin, (len(checker.pairs),))
-    span = 0.0, trajectory.duration
-    prover = _Prover(checker, trajectory, span, deviation)
-    return prover.run(margins, slack, int(max_stretches))
+    motion, stray = _rows(trajectory)
+    if deviation is not None:
+        stray = stray + np.abs(deviation)
+    return _proof(checker, motion, margins, stray, slack, int(max_stretches))
 
 
 def clearance_of(
@@ -225,11 +229,14 @@ def clearance_of(
         deviation: See :func:`prove_clearance`.
     """
     proofs = []
+    motion, stray = _rows(trajectory)
+    if deviation is not None:
+        stray = stray + np.abs(deviation)
     for stage in stages_of(problem, trajectory):
         checker = stage.problem.checker
         if checker.pairs and stage.end > stage.begin:
-            prover = _Prover(checker, trajectory, (stage.begin, stage.end), deviation)
-            proofs.append(prover.run(stage.problem.margins, 0.0, MAX_STRETCHES))
+            part = motion.between(stage.begin, stage.end)
+            proofs.append(_proof(checker, part, stage.problem.margins, stray))
     if not proofs:
         return ClearanceProof(True, (), None, 0.0, False, 0)
     worst = min(proofs, key=lambda item: (item.proved, item.room))
@@ -249,114 +256,55 @@ def _lengths(value: object, name: str, count: int | None) -> Array:
     return array
 
 
-@dataclass(frozen=True, eq=False)
-class _Stretches:
-    """Stretches of pieces of the motion: piece, middle and half length in its s."""
+def _proof(
+    checker: CollisionChecker,
+    motion: Replay,
+    margins: Array,
+    stray: Array,
+    slack: float = 0.0,
+    max_stretches: int = MAX_STRETCHES,
+) -> ClearanceProof:
+    """The proof of a motion, or where it fails.
 
-    piece: IntArray
-    middle: Array
-    half: Array
+    Args:
+        checker: Distances of the pairs.
+        motion: The motion.
+        margins: Distances to keep by pair, shape (pairs,) [m].
+        stray: How far joints may be from the motion, shape (n,) [rad or m].
+        slack: What the distances may lack [m].
+        max_stretches: Number of stretches after which the proof is given up.
+    """
+    least, most = margins - slack, max_stretches * margins.size
+    allowed = np.zeros((2, margins.size))
+    search = Approach(checker, motion, least, allowed, 0.0, stray, most)
+    found = search.run()
+    own = np.arange(margins.size) >= checker.obstacle_pairs
+    pair = found.pair
+    nearest = Contact(
+        *checker.pairs[pair],
+        found.room + float(least[pair]),
+        own=bool(own[pair]),
+        margin=float(margins[pair]),
+    )
+    proved = not found.violated and found.doubt == 0.0
+    bounds = least + max(search.sure, 0.0)
+    each = zip(own.tolist(), margins.tolist(), bounds.tolist(), strict=True)
+    kept = _kept(Kept(KINDS[own], *rest) for own, *rest in each) if proved else ()
+    return ClearanceProof(
+        proved, kept, nearest, found.time, found.violated, search.stretches
+    )
 
-    @property
-    def size(self) -> int:
-        return int(self.piece.size)
 
-    def cut(self, chosen: BoolArray) -> _Stretches:
-        """Cut some into parts."""
-        places = (2.0 * np.arange(PARTS) + 1.0 - PARTS) / PARTS
-        middle = self.middle[chosen, None] + self.half[chosen, None] * places
-        return _Stretches(
-            np.repeat(self.piece[chosen], PARTS),
-            middle.ravel(),
-            np.repeat(self.half[chosen] / PARTS, PARTS),
-        )
+def _rows(trajectory: Trajectory) -> tuple[Replay, Array]:
+    """A motion in rows, and what the cubic polynomials between them may be off by.
 
-
-class _Prover:
-    def __init__(
-        self,
-        checker: CollisionChecker,
-        trajectory: Trajectory,
-        span: tuple[float, float],
-        deviation: Array | None,
-    ) -> None:
-        self.checker, robot = checker, checker.robot
-        path = replace(trajectory, inverse_dynamics=None)  # its torques take time
-        inside = path.t[(path.t > span[0]) & (path.t < span[1])]
-        times = np.concatenate([span[:1], inside, span[1:]])
-        self.pieces = Pieces.of(lambda times: path(times).q, times)
-        self.stray = np.zeros(robot.n) if deviation is None else np.abs(deviation)
-        self.stray = self.stray + self._rounding(trajectory)
-        self.reach = LinkDisplacement(robot, link_balls(checker))
-        own = np.arange(len(checker.pairs)) >= checker.obstacle_pairs
-        self.motion = self.reach.relative(checker.pairs, own)
-
-    def _rounding(self, trajectory: Trajectory) -> Array:
-        """What the polynomials may be off by."""
-        return np.asarray(
-            self.pieces.deviation * np.max(np.abs(trajectory.q), initial=0.0)
-            + np.zeros(trajectory.n)
-        )
-
-    def run(self, margins: Array, slack: float, max_stretches: int) -> ClearanceProof:
-        count, least = self.pieces.count, margins - slack
-        todo = _Stretches(np.arange(count), np.zeros(count), np.ones(count))
-        bounds = np.full(margins.size, np.inf)
-        room, contact, proved = np.inf, False, True
-        time, seen = 0.0, 0
-        while todo.size:
-            seen += todo.size
-            apart, moved = self._look(todo, least)
-            spare = np.min(apart - least, axis=1)
-            k = int(np.argmin(spare))
-            if spare[k] < room:
-                room = float(spare[k])
-                time = float(self._time(todo, todo.middle)[k])
-            sure = apart - moved
-            unproved = ~np.all(sure >= least, axis=1)
-            known = np.min(sure[~unproved], axis=0, initial=np.inf)
-            bounds = np.minimum(bounds, known)
-            contact = room < 0.0
-            if contact or (unproved.any() and seen > max_stretches):
-                proved = False
-                break
-            todo = todo.cut(unproved)
-        # What was measured there may have been a bound that was good enough.
-        at = np.clip(time, self.pieces.t[0], self.pieces.t[-1])
-        instant = np.array([at])
-        exact = self.checker.distances(self.pieces(instant), times=instant)[0]
-        pair = int(np.argmin(exact - least))
-        own = np.arange(margins.size) >= self.checker.obstacle_pairs
-        nearest = Contact(
-            *self.checker.pairs[pair],
-            float(exact[pair]),
-            own=bool(own[pair]),
-            margin=float(margins[pair]),
-        )
-        each = zip(own.tolist(), margins.tolist(), bounds.tolist(), strict=True)
-        kept = _kept(Kept(KINDS[own], *rest) for own, *rest in each) if proved else ()
-        return ClearanceProof(proved, kept, nearest, time, contact, seen)
-
-    def _look(self, todo: _Stretches, least: Array) -> tuple[Array, Array]:
-        """Distances in the middles, and how far pairs can move towards each other.
-
-        Returns:
-            Shapes (m, pairs) each [m].
-        """
-        shifted = self.pieces.around(todo.piece, todo.middle, todo.half)
-        q = shifted[:, :, 0]
-        swing = np.sum(np.abs(shifted[:, :, 1:]), axis=2) + self.stray
-        moved = self.motion.bound(q, swing)
-        times = self._time(todo, todo.middle)
-        if self.checker.moving:
-            half = todo.half * 0.5 * np.diff(self.pieces.t)[todo.piece]
-            begin = np.maximum(times - half, 0.0)
-            speeds = self.checker.obstacle_speeds(begin, times + half)
-            moved += speeds * half[:, None]
-        # Beyond this, distances need not be known to prove all of the stretches.
-        enough = least + np.max(moved, axis=0)
-        return self.checker.distances(q, enough, times), moved
-
-    def _time(self, todo: _Stretches, places: Array) -> Array:
-        begin, end = self.pieces.t[todo.piece], self.pieces.t[todo.piece + 1]
-        return np.asarray(begin + 0.5 * (end - begin) * (1.0 + places))
+    Returns:
+        The rows, and an angle or a length by joint, shape (n,) [rad or m].
+    """
+    path = replace(trajectory, inverse_dynamics=None)  # its torques take time
+    rows = planned(path)
+    if rows.t.size < 2:
+        return held(rows), np.zeros(trajectory.n)
+    probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
+    gaps = np.abs(Course(rows).positions(probes) - path(probes).q)
+    return rows, OFF * np.max(gaps, axis=0)

@@ -39,7 +39,7 @@ PARTS, CUTS = 4, 9
 RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6
 # Numbers of a table of stretches by pairs, and of pairs in stretches, at a time.
 TABLE, LIST = 400_000, 20_000
-# Pairs in stretches that are looked at before the rest is left in doubt.
+# Pairs in stretches that a replay is looked at in before the rest is left in doubt.
 MOST = 5_000_000
 # Pairs that are measured at first, to know how near anything comes, and places at
 # which the closest is looked for more closely, so often.
@@ -80,10 +80,12 @@ class Course:
 
     Args:
         replay: The motion.
+        stray: How far joints may be from it, shape (n,) [rad or m].
     """
 
-    def __init__(self, replay: Replay) -> None:
+    def __init__(self, replay: Replay, stray: Array | float = 0.0) -> None:
         self.t, self.q, self.v = replay.t, replay.q, replay.v
+        self._stray = stray
 
     @property
     def last(self) -> int:
@@ -103,7 +105,9 @@ class Course:
                 (self.v[row], self.v[row + 1]),
             ):
                 np.maximum(swing, np.abs(points - q), out=swing)
-        return Stretches(self.t[first], self.t[behind], self.t[middle], q, swing)
+        return Stretches(
+            self.t[first], self.t[behind], self.t[middle], q, swing + self._stray
+        )
 
     def between(self, begin: Array, end: Array) -> Stretches:
         """Stretches between two rows, from time to time [s], shape (m,) each."""
@@ -116,7 +120,7 @@ class Course:
             end - begin, (ends[0][0], ends[1][0]), (ends[0][1], ends[1][1])
         ):
             np.maximum(swing, np.abs(points - q), out=swing)
-        return Stretches(begin, end, time, q, swing)
+        return Stretches(begin, end, time, q, swing + self._stray)
 
     def positions(self, times: Array) -> Array:
         """Positions at times [s], shape (m,) to (m, n)."""
@@ -173,6 +177,12 @@ class Approach:
         allowed: What pairs may lack near the start and near the end, shape (2, pairs)
             [m].
         near: How far from there that is, by joint [rad or m].
+        stray: How far joints may be from the motion, shape (n,) [rad or m].
+        most: Pairs in stretches that are looked at before the rest is left in doubt.
+
+    Attributes:
+        stretches: How many pairs in stretches were looked at.
+        given_up: Room that pairs have where they were looked at no closer [m].
     """
 
     def __init__(
@@ -182,13 +192,24 @@ class Approach:
         margins: Array,
         allowed: Array,
         near: float,
+        stray: Array | float = 0.0,
+        most: int = MOST,
     ) -> None:
-        self._checker, self._course, self._margins = checker, Course(replay), margins
+        self._checker, self._margins = checker, margins
+        self._course = Course(replay, stray)
         self._allowed, self._near = allowed, near
         self._ends = replay.q[0], replay.q[-1]
         self._motion = relative_motion(checker)
         self._found = Closest(0, float(replay.t[0]), np.inf, False, 0.0)
-        self._left = MOST
+        self._most, self.stretches, self.given_up = most, 0, np.inf
+
+    @property
+    def sure(self) -> float:
+        """Room that every pair has at all times, if it lacks no more than it may [m].
+
+        It may be less where that is more than what a pair may lack.
+        """
+        return min(self._wanted, self.given_up)
 
     def run(self) -> Closest:
         """Search."""
@@ -239,8 +260,9 @@ class Approach:
         lower = self._measure(stretches, stretch, pair, moved) - moved
         lack = self._may_lack(stretches, stretch, pair)
         open_ = lower < self._bar(lack)
-        self._left -= stretch.size
-        if level == len(SPANS) - 1 + CUTS or self._left < 0:
+        self.stretches += stretch.size
+        if level == len(SPANS) - 1 + CUTS or self.stretches > self._most:
+            self.given_up = min(self.given_up, np.min(lower, initial=np.inf))
             short = float(np.max((-lack - lower)[open_], initial=0.0))
             self._found = replace(self._found, doubt=max(self._found.doubt, short))
             return
@@ -324,11 +346,15 @@ class Approach:
 
     def _bar(self, lack: Array) -> Array:
         """Room beyond which nothing need be known where pairs may lack so much [m]."""
-        best = self._found.room
-        wanted = best - max(RESOLUTION * abs(best), LEAST_RESOLUTION)
         if self._found.violated:
-            return np.full(lack.shape, wanted)
-        return np.maximum(-lack, wanted)
+            return np.full(lack.shape, self._wanted)
+        return np.maximum(-lack, self._wanted)
+
+    @property
+    def _wanted(self) -> float:
+        """Room that pairs must come below to be looked at for the least [m]."""
+        best = self._found.room
+        return best - max(RESOLUTION * abs(best), LEAST_RESOLUTION)
 
     def _may_lack(
         self, stretches: Stretches, stretch: IntArray | slice, pair: IntArray

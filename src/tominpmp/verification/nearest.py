@@ -83,7 +83,7 @@ def closest(
     """
     check()
     if replay.t.size < 2:
-        replay = _held(replay)
+        replay = held(replay)
     if checker.lone:
         if not checker.with_cut(frozenset()).pairs:
             return None
@@ -173,7 +173,7 @@ def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Neare
     return Nearest(violation, found.room + float(margins[found.pair]))
 
 
-def _held(replay: Replay) -> Replay:
+def held(replay: Replay) -> Replay:
     """A motion of one row as one that stands there for an instant."""
     t = replay.t[0] + np.array([0.0, INSTANT])
     q = np.vstack([replay.q, replay.q])

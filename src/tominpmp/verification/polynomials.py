@@ -1,14 +1,13 @@
-"""Piecewise polynomials fitted to any curve, for the replay and for proofs.
+"""Piecewise polynomials fitted to any curve, for the replay.
 
-The replay asks for torques at instants of its own choosing, thousands of times, and a
-proof needs bounds over stretches of time. Between any two nodes a trajectory is smooth:
-a polynomial through Chebyshev points, which lie inside the piece and so never on a
-jump, follows it to rounding.
+The replay asks for torques at instants of its own choosing, thousands of times. Between
+any two nodes a trajectory is smooth: a polynomial through Chebyshev points, which lie
+inside the piece and so never on a jump, follows it to rounding.
 
 SciPy's ``PPoly`` was measured beside it: equal to 6e-16, 1.3 times faster at thousands
 of instants at once, but 8.5 us against 3.2 us for the single instant that an
 integration asks for, where a whole evaluation of the dynamics takes 9.7 us; and it
-neither fits curves nor gives the polynomials of shorter stretches.
+does not fit curves.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 
 # Points of a piece, and the relative deviation between them that is let pass.
 POINTS = 10
@@ -128,18 +127,3 @@ class Pieces:
         s = (2.0 * times - begin - end) / (end - begin)
         powers = np.vander(s, self.coefficients.shape[2], increasing=True)
         return np.asarray(np.einsum("mnk,mk->mn", self.coefficients[piece], powers))
-
-    def around(self, piece: IntArray, middle: Array, half: Array) -> Array:
-        """Polynomials of shorter stretches, each of r in [-1, 1].
-
-        Stretches of pieces, by their middle and half their length in the s of the
-        piece, shape (m,) each; coefficients of 1, r, r^2, ..., shape (m, n, K).
-        """
-        rest = self.coefficients[piece].copy()
-        terms = rest.shape[2]
-        # Taylor shift by repeated synthetic division (Horner).
-        for low in range(terms):
-            for k in range(terms - 2, low - 1, -1):
-                rest[:, :, k] += middle[:, None] * rest[:, :, k + 1]
-        powers = np.vander(half, terms, increasing=True)
-        return np.asarray(rest * powers[:, None, :])

@@ -12,7 +12,7 @@ import contextlib
 import threading
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -95,6 +95,23 @@ class Replay(Record):
     def duration(self) -> float:
         """Time that was replayed [s]."""
         return float(self.t[-1])
+
+    def rows(self, mine: IntArray) -> Replay:
+        """Some of its rows, one after the other, shape (k,)."""
+        nodes = self.nodes[np.isin(self.nodes, mine)]
+        return replace(
+            self,
+            t=self.t[mine],
+            q=self.q[mine],
+            v=self.v[mine],
+            u=self.u[mine],
+            way=self.way[mine[:-1]],
+            nodes=np.searchsorted(mine, nodes),
+        )
+
+    def between(self, begin: float, end: float) -> Replay:
+        """Its rows between two times [s], those among them."""
+        return self.rows(np.flatnonzero((self.t >= begin) & (self.t <= end)))
 
 
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:

@@ -78,27 +78,17 @@ class Stage:
         """Its rows of a replay; none if the replay was lost before."""
         if self.count == 1:
             return replay
-        t = replay.t
-        mine = np.flatnonzero((t >= self.begin) & (t <= self.end))
-        q, v, u = (np.array(part[mine]) for part in (replay.q, replay.v, replay.u))
-        piece = int(np.searchsorted(torque.t, self.end)) - 1
+        part = replay.between(self.begin, self.end)
+        t, u = part.t, np.array(part.u)
+        complete = bool(t.size) and t[-1] == self.end
         if self.begin == self.end:
             # Nothing is exerted in no time: it is that which holds the arm.
-            u = RobotDynamics(self.problem.robot).inverse(q, v, 0.0 * v)
-        elif mine.size and t[mine[-1]] == self.end and not self.last:
+            u = RobotDynamics(self.problem.robot).inverse(part.q, part.v, 0.0 * part.v)
+        elif complete and not self.last:
             # The row of a node is what holds just after it, on the next segment.
+            piece = int(np.searchsorted(torque.t, self.end)) - 1
             u[-1] = torque.ends()[piece, 1]
-        nodes = replay.nodes[np.isin(replay.nodes, mine)]
-        return replace(
-            replay,
-            t=t[mine],
-            q=q,
-            v=v,
-            u=u,
-            way=replay.way[mine[:-1]],
-            nodes=np.searchsorted(mine, nodes),
-            complete=bool(mine.size) and t[mine[-1]] == self.end,
-        )
+        return replace(part, u=u, complete=complete)
 
     def of_torque(self, torque: Pieces) -> Pieces:
         """Its pieces of the torque."""
