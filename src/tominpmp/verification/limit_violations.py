@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +12,6 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
@@ -146,31 +146,39 @@ class _Limits:
         )
 
     def all(self) -> list[LimitViolation]:
-        limits, replay = self.problem.robot.limits, self.replay
-        width = limits.position_upper - limits.position_lower
-        beyond = np.maximum(
-            replay.q - limits.position_upper, limits.position_lower - replay.q
-        )
-        found = [
-            self._worst("position", replay.t, beyond, _finite(width)),
-            self._worst(
-                "velocity",
-                replay.t,
-                np.abs(replay.v) - limits.velocity,
-                _finite(limits.velocity),
-            ),
-            self._effort(),
-        ]
-        extra = self.problem.motion_limits
-        if extra is not None:
-            found += self._extra(extra)
-        found += self._constraints()
-        return [item for item in found if item is not None]
+        found = [self._worst(*row) for row in self._of_joints()]
+        return [item for item in found if item is not None] + self._constraints()
 
-    def _constraints(self) -> list[LimitViolation | None]:
+    def _of_joints(self) -> Iterator[tuple[str, Array, Array, Array]]:
+        """Kinds of limits on joints.
+
+        Yields:
+            Name, times of shape (m,), amounts beyond the limits of shape (m, n), and
+            measures of the limits of shape (n,).
+        """
+        limits, replay, rows = self.problem.robot.limits, self.replay, self.rows
+        low, high, top = limits.position_lower, limits.position_upper, limits.velocity
+        beyond = np.maximum(replay.q - high, low - replay.q)
+        yield "position", replay.t, beyond, high - low
+        yield "velocity", replay.t, np.abs(replay.v) - top, top
+        yield "effort", rows.t, *self._effort()
+        extra = self.problem.motion_limits
+        if extra is None:
+            return
+        kinds = "effort_rate", "acceleration", "jerk"
+        rate, highest, steepest = (extra.by_joint(kind, self.joints) for kind in kinds)
+        if np.any(np.isfinite(rate)):
+            dry = self.problem.robot.friction * self.ways
+            yield "effort rate", *self._rates(rows.u, rate, dry), rate
+        if np.any(np.isfinite([highest, steepest])):
+            a = self.accelerations
+            yield "acceleration", rows.t, np.min(np.abs(a), axis=0) - highest, highest
+            yield "jerk", *self._rates(a[0], steepest), steepest
+
+    def _constraints(self) -> list[LimitViolation]:
         """What the problem asks for beyond the limits of the robot."""
         rows = self.rows
-        found: list[LimitViolation | None] = []
+        found: list[LimitViolation] = []
         for item in self.problem.ready_constraints:
             every = self.accelerations
             if item.order < 2:
@@ -195,7 +203,8 @@ class _Limits:
             )
         return found
 
-    def _effort(self) -> LimitViolation | None:
+    def _effort(self) -> tuple[Array, Array]:
+        """Amounts beyond the limits of torque, and measures of these."""
         limits, rows = self.problem.robot.limits, self.rows
         middle = 0.5 * (limits.effort_upper + limits.effort_lower)
         half = 0.5 * (limits.effort_upper - limits.effort_lower)
@@ -209,23 +218,7 @@ class _Limits:
             beyond[:, i] = np.maximum(beyond[:, i], excess)
         # Against a joint without a motor, the strongest one is the measure.
         scale = np.where(half > 0.0, half, np.max(half, initial=1e-12))
-        return self._worst("effort", rows.t, beyond, scale)
-
-    def _extra(self, extra: MotionLimits) -> list[LimitViolation | None]:
-        names = self.joints
-        found: list[LimitViolation | None] = []
-        top = extra.by_joint("effort_rate", names)
-        if np.any(np.isfinite(top)):
-            dry = self.problem.robot.friction * self.ways
-            found.append(self._rate("effort rate", self.rows.u, top, dry))
-        highest = extra.by_joint("acceleration", names)
-        steepest = extra.by_joint("jerk", names)
-        if np.any(np.isfinite(highest)) or np.any(np.isfinite(steepest)):
-            a, t, scale = self.accelerations, self.rows.t, _finite(highest)
-            beyond = np.min(np.abs(a), axis=0) - highest
-            found.append(self._worst("acceleration", t, beyond, scale))
-            found.append(self._rate("jerk", a[0], steepest))
-        return found
+        return beyond, scale
 
     @cached_property
     def ways(self) -> Array:
@@ -252,17 +245,19 @@ class _Limits:
         state = rows.q, rows.v, rows.u
         return np.array([dynamics.forward_along(*state, way) for way in self.ways])
 
-    def _rate(
-        self, kind: str, values: Array, limit: Array, own: Array | None = None
-    ) -> LimitViolation | None:
-        """Worst jerk or effort rate; a jump counts as if it took a millisecond.
+    def _rates(
+        self, values: Array, limit: Array, own: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Jerks or effort rates; a jump counts as if it took a millisecond.
 
         Args:
-            kind: Which.
             values: At the rows, shape (m + P, n).
             limit: The largest rates, shape (n,).
             own: Values whose jumps are no fault: of dry friction where a joint turns,
                 which no rate of a motor can follow. Shape (k, m + P, n).
+
+        Returns:
+            Times, and amounts beyond the limit.
         """
         t = self.replay.t
         before, after = self._sides(values)
@@ -274,7 +269,7 @@ class _Limits:
                 jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
             )
         beyond = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
-        return self._worst(kind, np.concatenate([t[:-1], t]), beyond, _finite(limit))
+        return np.concatenate([t[:-1], t]), beyond
 
     def _sides(self, values: Array) -> tuple[Array, Array]:
         """Values just before and just after the times of the replay, (m, n) each."""
@@ -288,7 +283,8 @@ class _Limits:
     ) -> LimitViolation | None:
         """The worst of amounts of shape (m, n) at times of shape (m,)."""
         beyond = np.where(np.isnan(beyond), np.inf, beyond)
-        share = beyond / scale
+        # A limit that is infinite or zero is measured by 1.
+        share = beyond / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
         row, joint = np.unravel_index(int(np.argmax(share)), share.shape)
         amount = float(beyond[row, joint])
         if amount == -np.inf:
@@ -302,8 +298,3 @@ class _Limits:
             float(share[row, joint]),
             bool(share[row, joint] > self.tolerance),
         )
-
-
-def _finite(scale: Array) -> Array:
-    """Measures of limits; 1 where there is none."""
-    return np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
