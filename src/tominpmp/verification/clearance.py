@@ -212,9 +212,7 @@ def prove_clearance(
     if not checker.pairs:
         return ClearanceProof(True, (), None, 0.0, False, 0)
     margins = np.broadcast_to(margin, (len(checker.pairs),))
-    motion, stray = _rows(trajectory)
-    if deviation is not None:
-        stray = stray + np.abs(deviation)
+    motion, stray = _rows(trajectory, deviation)
     return _proof(checker, motion, margins, stray, slack, int(max_stretches))
 
 
@@ -229,9 +227,7 @@ def clearance_of(
         deviation: See :func:`prove_clearance`.
     """
     proofs = []
-    motion, stray = _rows(trajectory)
-    if deviation is not None:
-        stray = stray + np.abs(deviation)
+    motion, stray = _rows(trajectory, deviation)
     for stage in stages_of(problem, trajectory):
         checker = stage.problem.checker
         if checker.pairs and stage.end > stage.begin:
@@ -295,16 +291,21 @@ def _proof(
     )
 
 
-def _rows(trajectory: Trajectory) -> tuple[Replay, Array]:
-    """A motion in rows, and what the cubic polynomials between them may be off by.
+def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Array]:
+    """A motion in rows, and how far joints may be from the polynomials between them.
+
+    Args:
+        trajectory: The motion.
+        deviation: How far joints may be from it, shape (n,) [rad or m]; None for zero.
 
     Returns:
         The rows, and an angle or a length by joint, shape (n,) [rad or m].
     """
+    stray = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
     path = replace(trajectory, inverse_dynamics=None)  # its torques take time
     rows = planned(path)
     if rows.t.size < 2:
-        return held(rows), np.zeros(trajectory.n)
+        return held(rows), stray
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
     gaps = np.abs(Course(rows).positions(probes) - path(probes).q)
-    return rows, OFF * np.max(gaps, axis=0)
+    return rows, stray + OFF * np.max(gaps, axis=0)

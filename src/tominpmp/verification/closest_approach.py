@@ -20,11 +20,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision import CollisionChecker
-from tominpmp.verification.link_displacement import (
-    LinkDisplacement,
-    RelativeMotion,
-    link_balls,
-)
+from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
 from tominpmp.verification.replay import Replay
 
 # Numbers of rows, or times: where stretches begin and end.
@@ -199,7 +195,9 @@ class Approach:
         self._course = Course(replay, stray)
         self._allowed, self._near = allowed, near
         self._ends = replay.q[0], replay.q[-1]
-        self._motion = relative_motion(checker)
+        own = np.arange(margins.size) >= checker.obstacle_pairs
+        reach = LinkDisplacement(checker.robot, link_balls(checker))
+        self._motion = reach.relative(checker.pairs, own)
         self._found = Closest(0, float(replay.t[0]), np.inf, False, 0.0)
         self._most, self.stretches, self.given_up = most, 0, np.inf
 
@@ -411,10 +409,3 @@ def _rows_within(first: Edges, behind: Edges, span: int) -> tuple[Edges, Edges]:
     parts = -(-int(np.max(behind - first)) // span)
     begin = np.minimum(first[:, None] + span * np.arange(parts), behind[:, None])
     return begin, np.minimum(begin + span, behind[:, None])
-
-
-def relative_motion(checker: CollisionChecker) -> RelativeMotion:
-    """Bounds on how far the pairs of a checker can come closer."""
-    reach = LinkDisplacement(checker.robot, link_balls(checker))
-    own = np.arange(len(checker.pairs)) >= checker.obstacle_pairs
-    return reach.relative(checker.pairs, own)

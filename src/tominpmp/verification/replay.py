@@ -96,8 +96,9 @@ class Replay(Record):
         """Time that was replayed [s]."""
         return float(self.t[-1])
 
-    def rows(self, mine: IntArray) -> Replay:
-        """Some of its rows, one after the other, shape (k,)."""
+    def between(self, begin: float, end: float) -> Replay:
+        """Its rows between two times [s], those among them."""
+        mine = np.flatnonzero((self.t >= begin) & (self.t <= end))
         nodes = self.nodes[np.isin(self.nodes, mine)]
         return replace(
             self,
@@ -108,10 +109,6 @@ class Replay(Record):
             way=self.way[mine[:-1]],
             nodes=np.searchsorted(mine, nodes),
         )
-
-    def between(self, begin: float, end: float) -> Replay:
-        """Its rows between two times [s], those among them."""
-        return self.rows(np.flatnonzero((self.t >= begin) & (self.t <= end)))
 
 
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:

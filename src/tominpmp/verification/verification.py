@@ -266,12 +266,10 @@ def _counts(
     growth: float,
     tolerances: Tolerances,
 ) -> bool:
-    """Whether a replay is all right, and would be with a tighter integration too.
+    """Whether a replay that is all right would be with a tighter integration too.
 
     It is integrated a second time only where the growth of errors says that it matters.
     """
-    if alone.violations:
-        return False
     if not doubtful(growth, tolerances.goal, first.error):
         return True
     replay = alone.replay
@@ -360,16 +358,16 @@ def _checkers(
 ) -> list[CollisionChecker]:
     if checker is not None and len(stages) == 1:
         return [checker]
-    return [_checker(stage.problem, geometry) for stage in stages]
-
-
-def _checker(problem: Problem, geometry: Geometry) -> CollisionChecker:
+    problems = [stage.problem for stage in stages]
     if geometry == "convex":
-        return problem.checker
-    return CollisionChecker(
-        problem.robot,
-        problem.scene,
-        self_collision=problem.checker.self_collision,
-        geometry=geometry,
-        may_touch=problem.checker.may_touch,
-    )
+        return [problem.checker for problem in problems]
+    return [
+        CollisionChecker(
+            problem.robot,
+            problem.scene,
+            self_collision=problem.checker.self_collision,
+            geometry=geometry,
+            may_touch=problem.checker.may_touch,
+        )
+        for problem in problems
+    ]
