@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from tominpmp.constraints.arrival import Arrival
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
-from tominpmp.constraints.final import GoalReached, Standstill
+from tominpmp.constraints.final import Arrival, GoalReached, Standstill
 from tominpmp.constraints.firm_grasp import FirmGrasp
 from tominpmp.constraints.joint_limits import (
     AccelerationLimit,
@@ -15,20 +14,18 @@ from tominpmp.constraints.joint_limits import (
     PositionLimit,
     VelocityLimit,
 )
-from tominpmp.constraints.orientation import AxisFixed, KeepOrientation
+from tominpmp.constraints.orientation import AxisFixed, KeepOrientation, KeepUpright
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.stable_contact import StableContact
-from tominpmp.constraints.tool_acceleration import ToolAcceleration
 from tominpmp.constraints.tool_path import ToolArc, ToolLine, ToolPolyline
 from tominpmp.constraints.tool_region import KeepAway, WithinRegion
-from tominpmp.constraints.tool_speed import ToolSpeed
+from tominpmp.constraints.tool_speed import ToolAcceleration, ToolSpeed
 from tominpmp.constraints.torque import (
     Motors,
     TorqueLimit,
     TorqueOverSpeed,
     TorqueRate,
 )
-from tominpmp.constraints.upright import KeepUpright
 
 __all__ = [
     "AccelerationLimit",

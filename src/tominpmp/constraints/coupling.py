@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, number_or_nan
 from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.constraints.quantity import one_row
+from tominpmp.constraints.quantity import Linear, one_row
 from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.robot import Robot
 
@@ -130,9 +130,7 @@ class JointCoupling(PathConstraint):
         """The sum over the scale."""
         return self._sums(q)[:, None] / self.scale
 
-    def term_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """The same with its derivatives."""
         values, row = self.value_rows(q, v, a), self._row() / self.scale
         by_q = np.broadcast_to(row, (len(values), 1, row.size))

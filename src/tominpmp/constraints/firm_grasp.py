@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array
 from tominpmp.checks import VectorLike, direction, positive
 from tominpmp.constraints.held_load import HeldLoad
+from tominpmp.constraints.quantity import Linear
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +81,7 @@ class FirmGrasp(HeldLoad):
         """What both pads hold [N]."""
         return 2.0 * self.friction * self.force
 
-    def vector_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Forces across the axis, and moments about it over the radius [N]."""
         w, by = self.wrench_slopes(q, v, a)
         rows = self._across()

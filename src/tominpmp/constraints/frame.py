@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.checks import instance, positive, text
+from tominpmp.checks import instance, text
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.constraints.quantity import Quantity, one_row
+from tominpmp.constraints.quantity import Linear, Quantity, one_row
 from tominpmp.kinematics import FrameMotions
 from tominpmp.robot import Robot
 
@@ -61,26 +61,10 @@ class FrameRows(FrameConstraint):
         """The quantity at one state."""
         return float(self.measure_rows(*one_row(q, v, a))[0])
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    def vector(self, q: Array, v: Array, a: Array) -> Linear:
         """The vector at one state."""
         if type(self).vector_rows is Quantity.vector_rows:
             return super().vector(q, v, a)
         vector, *by = self.vector_rows(*one_row(q, v, a))
         by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
         return vector[0], by_q, by_v, by_a
-
-
-class FrameLimit(FrameRows):
-    """A quantity of a frame below its field ``limit``."""
-
-    limit: float
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        super().__post_init__()
-        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
-
-    @property
-    def largest(self) -> float:
-        """The limit."""
-        return self.limit

@@ -11,6 +11,9 @@ from tominpmp.arrays import Array
 from tominpmp.checks import JOINTS, array
 from tominpmp.constraints.base import Constraint
 
+# Values and their derivatives by q, v and a; empty where they do not depend on it.
+Linear = tuple[Array, Array, Array, Array]
+
 
 class Quantity(Constraint):
     """A quantity of the state with its limit.
@@ -40,7 +43,7 @@ class Quantity(Constraint):
     def measure(self, q: Array, v: Array, a: Array) -> float:
         """The quantity at one state, shapes (n,); what is not asked for is empty."""
 
-    def vector(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    def vector(self, q: Array, v: Array, a: Array) -> Linear:
         """A vector whose length is the quantity, and its derivatives.
 
         Returns:
@@ -61,9 +64,7 @@ class Quantity(Constraint):
         found = [self.measure(*state) for state in _states(q, v, a)]
         return np.array(found, dtype=np.float64)
 
-    def vector_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Those of :meth:`vector`: shapes (m, k), and (m, k, n) or empty."""
         every = [self.vector(*state) for state in _states(q, v, a)]
         vector, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
@@ -78,9 +79,7 @@ class Quantity(Constraint):
         found = [self.values(*state) for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
-    def term_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Those of :meth:`terms`: shapes (m, count), and (m, count, n) or empty."""
         if not self._is_length:
             every = [self.terms(*state) for state in _states(q, v, a)]
@@ -125,7 +124,7 @@ class Quantity(Constraint):
         """Those of :meth:`terms` alone, where that is quicker, shape (count,)."""
         return self.terms(q, v, a)[0]
 
-    def terms(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    def terms(self, q: Array, v: Array, a: Array) -> Linear:
         """Smooth values at a state, and their derivatives.
 
         Returns:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, array_or_nan, frozen_array, is_single
 from tominpmp.checks import VectorLike, number, positive, wrong
 from tominpmp.constraints.held_load import HeldLoad
-from tominpmp.constraints.quantity import length_bend
+from tominpmp.constraints.quantity import Linear, length_bend
 
 # How far from the tip of a cone, where a load has no weight, it is rounded off [shares
 # of what it holds at rest]: the fastest motions let loads fall almost freely on their
@@ -102,9 +102,7 @@ class StableContact(HeldLoad):
         found: tuple[Array, Array] = self.__dict__["_edges"]
         return found
 
-    def term_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """What is missing to hold the load, in shares of its weight."""
         w, by = self.wrench_slopes(q, v, a)
         every = [self._slipping(w), *self._tipping(w)]

@@ -17,6 +17,7 @@ from tominpmp.arrays import Array, array_or_nan
 from tominpmp.checks import VectorLike, array, number, positive, vector, whole, wrong
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import Way
+from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import brief
 
 NONE = np.zeros(0)
@@ -79,9 +80,7 @@ class Tube(FrameRows):
         points = self.motions.placements(q).origin
         return np.array([np.linalg.norm(self.from_curve(point)[0]) for point in points])
 
-    def vector_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Vectors from the nearest points of the curve [m]."""
         every = [self.from_curve(point) for point in self.motions.placements(q).origin]
         found = np.array([vector for vector, _ in every])

@@ -11,6 +11,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import PoseLike, VectorLike, positive, vector
 from tominpmp.constraints.frame import FrameRows
+from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import checked_pose, pose_values
 
@@ -107,9 +108,7 @@ class WithinRegion(FrameRows):
         sides = np.concatenate([self.lower - point, point - self.upper], axis=1)
         return np.asarray(sides[:, self._sides] / self.scale)
 
-    def term_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """The same with its derivatives."""
         jacobian = self.motions.jacobians(q)[:, :3]
         if self.pose is not None:
@@ -176,9 +175,7 @@ class KeepAway(FrameRows):
         square = np.sum(self._out(q) ** 2, axis=1)
         return np.asarray(0.5 * (1.0 - square / self.distance**2)[:, None])
 
-    def term_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """The same with its derivatives."""
         out = self._out(q)[:, None, :]
         by_q = -(out @ self.motions.jacobians(q)[:, :3]) / self.distance**2

@@ -1,4 +1,4 @@
-"""A limit of the speed of a tool."""
+"""Limits of the speed and of the acceleration of a tool."""
 
 from __future__ import annotations
 
@@ -7,9 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.frame import FrameLimit
+from tominpmp.checks import positive
+from tominpmp.constraints.frame import FrameRows
+from tominpmp.constraints.quantity import Linear
 
 NONE = np.zeros(0)
+
+
+class FrameLimit(FrameRows):
+    """A quantity of a frame below its field ``limit``."""
+
+    limit: float
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        super().__post_init__()
+        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
+
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return self.limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +59,35 @@ class ToolSpeed(FrameLimit):
         """Speeds [m/s]."""
         return np.asarray(np.linalg.norm(self.motions.velocities(q, v), axis=1))
 
-    def vector_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Velocities [m/s]."""
         return *self.motions.velocity_slopes(q, v), NONE
+
+
+@dataclass(frozen=True, eq=False)
+class ToolAcceleration(FrameLimit):
+    """The origin of a frame accelerates no more than a limit, at all times.
+
+    Attributes:
+        frame: Name of the frame.
+        limit: Largest acceleration of its origin in the world [m/s^2].
+
+    Raises:
+        ProblemError: If the limit is no positive number.
+    """
+
+    frame: str
+    limit: float
+
+    quantity = "acceleration"
+    order = 2
+    unit = "m/s^2"
+
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Accelerations [m/s^2]."""
+        found = self.motions.accelerations(q, v, a)
+        return np.asarray(np.linalg.norm(found, axis=1))
+
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
+        """Accelerations [m/s^2]."""
+        return self.motions.acceleration_slopes(q, v, a)

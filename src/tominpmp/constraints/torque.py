@@ -116,6 +116,11 @@ class MotorLimit(Constraint):
         """Whether it is known which way they move."""
         return not self.assumes or self.motors.ways is not None
 
+    @property
+    def usable(self) -> Array:
+        """Torques and their rates may not pass their limits between the instants."""
+        return np.zeros(self.count)
+
     def assumed(self, states: States, beside: Array) -> Constraint:
         """With the way that joints with dry friction move in a motion."""
         return replace(self, motors=self.motors.assumed(states, beside))
@@ -144,11 +149,6 @@ class TorqueLimit(MotorLimit):
     def count(self) -> int:
         """One value a joint."""
         return int(self.motors.half.size)
-
-    @property
-    def usable(self) -> Array:
-        """Torques may not pass their limits between the instants."""
-        return np.zeros(self.count)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """One either way; less where a joint with dry friction turns."""
@@ -184,11 +184,6 @@ class TorqueOverSpeed(MotorLimit):
     def count(self) -> int:
         """Two values for each such joint, one either way."""
         return 2 * len(self.curves)
-
-    @property
-    def usable(self) -> Array:
-        """Torques may not pass their curves between the instants."""
-        return np.zeros(self.count)
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """Torques beyond the curves."""
@@ -242,11 +237,6 @@ class TorqueRate(MotorLimit):
     def count(self) -> int:
         """One value for each such joint."""
         return int(self.joints.size)
-
-    @property
-    def usable(self) -> Array:
-        """Torque rates may not pass their limits between the instants."""
-        return np.zeros(self.count)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """One either way."""
