@@ -1,4 +1,4 @@
-"""What holds along a motion: one class, in one file, for each kind of constraint."""
+"""What holds along a motion: one class for each kind of constraint."""
 
 from __future__ import annotations
 

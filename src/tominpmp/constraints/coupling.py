@@ -67,13 +67,12 @@ class JointCoupling(PathConstraint):
             names = ()
         if not names or not all(isinstance(name, str) for name in names):
             raise wrong(self.joints, "joints", "names of joints")
-        object.__setattr__(self, "joints", tuple(names))
+        self._keep(joints=tuple(names))
         count = len(names)
         given = [self.weights] if np.isscalar(self.weights) else self.weights
         expected = f"{count} number{'' if count == 1 else 's'}, one for each joint"
-        object.__setattr__(self, "weights", vector(given, "weights", expected, count))
-        for name in ("lower", "upper"):
-            object.__setattr__(self, name, number_or_nan(getattr(self, name)))
+        self._keep(weights=vector(given, "weights", expected, count))
+        self._keep(lower=number_or_nan(self.lower), upper=number_or_nan(self.upper))
         if not self.lower <= self.upper or self.lower == np.inf:
             raise ProblemError(
                 f"lower is {self.lower:g} and upper {self.upper:g}, expected the lower "

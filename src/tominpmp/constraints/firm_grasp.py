@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array
-from tominpmp.checks import VectorLike, direction, positive
+from tominpmp.checks import VectorLike, direction
 from tominpmp.constraints.held_load import HeldLoad
 from tominpmp.constraints.quantity import Linear
+from tominpmp.goals.fields import above_zero, checks
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +69,12 @@ class FirmGrasp(HeldLoad):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        for name, unit in (("force", "N"), ("friction", "1"), ("pad_radius", "m")):
-            number = positive(getattr(self, name), name, unit)
-            object.__setattr__(self, name, number)
-        object.__setattr__(self, "axis", direction(self.axis, "axis"))
+    _checks = checks(
+        force=above_zero("N"),
+        friction=above_zero("1"),
+        pad_radius=above_zero("m"),
+        axis=direction,
+    )
 
     @property
     def largest(self) -> float:

@@ -7,9 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.checks import instance, text
+from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.quantity import Linear, Quantity, one_row
+from tominpmp.goals.fields import checks, frame_name
 from tominpmp.kinematics import FrameMotions
 from tominpmp.robot import Robot
 
@@ -20,10 +21,7 @@ class FrameConstraint(PathConstraint):
     frame: str
     quantity: ClassVar[str]
 
-    def __post_init__(self) -> None:
-        """Check when it holds, and the name of the frame."""
-        super().__post_init__()
-        text(self.frame, "frame", "the name of a frame")
+    _checks = checks(frame=frame_name)
 
     @property
     def name(self) -> str:

@@ -17,13 +17,13 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.checks import number, positive, vector
+from tominpmp.checks import number
 from tominpmp.constraints.frame import FrameRows
+from tominpmp.goals.fields import above_zero, checks, coordinates, optional
 from tominpmp.kinematics import SpatialStates, skew
 from tominpmp.robot.payload import checked_inertia
 
 STANDARD_GRAVITY = 9.81
-POINT = "three coordinates [m]"
 
 
 class HeldLoad(FrameRows):
@@ -37,14 +37,11 @@ class HeldLoad(FrameRows):
     order = 2
     curable = True
 
-    def __post_init__(self) -> None:
-        """Check and copy what the load is."""
-        super().__post_init__()
-        object.__setattr__(self, "mass", positive(self.mass, "mass", "kg"))
-        object.__setattr__(self, "center", vector(self.center, "center", POINT, 3))
-        if self.inertia is not None:
-            tensor = checked_inertia(self.inertia, "inertia")
-            object.__setattr__(self, "inertia", frozen_array(tensor))
+    _checks = checks(
+        mass=above_zero("kg"),
+        center=coordinates,
+        inertia=optional(lambda *given: frozen_array(checked_inertia(*given))),
+    )
 
     @property
     def weight(self) -> float:

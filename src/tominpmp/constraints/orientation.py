@@ -9,11 +9,13 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.checks import RotationLike, VectorLike, direction, positive
+from tominpmp.checks import RotationLike, VectorLike
+from tominpmp.checks import direction as checked_direction
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
+from tominpmp.goals.fields import above_zero, checks
 from tominpmp.scene import rotation_matrix
 
 NONE = np.zeros(0)
@@ -29,14 +31,7 @@ class FrameAngle(FrameRows):
     order = 0
     unit = "rad"
 
-    def _check_tolerance(self) -> None:
-        """Check the tolerance.
-
-        Raises:
-            ProblemError: If it is no angle above zero.
-        """
-        angle = positive(self.tolerance, "tolerance", self.unit, most=np.pi)
-        object.__setattr__(self, "tolerance", angle)
+    _checks = checks(tolerance=above_zero(unit, most=np.pi))
 
     @property
     def largest(self) -> float:
@@ -84,13 +79,7 @@ class KeepUpright(FrameAngle):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        for name in ("axis", "direction"):
-            value = direction(getattr(self, name), name)
-            object.__setattr__(self, name, value)
-        self._check_tolerance()
+    _checks = checks(axis=checked_direction, direction=checked_direction)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Angles [rad]."""
@@ -141,6 +130,13 @@ class AxisFixed(KeepUpright):
         ) -> None: ...
 
 
+def _checked_rotation(value: RotationLike, name: str) -> Array:
+    try:
+        return frozen_array(rotation_matrix(value))
+    except SceneError as error:
+        raise ProblemError(str(error), name) from error
+
+
 @dataclass(frozen=True, eq=False)
 class KeepOrientation(FrameAngle):
     """A frame keeps an orientation, at all times.
@@ -172,15 +168,7 @@ class KeepOrientation(FrameAngle):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        try:
-            rotation = rotation_matrix(self.rotation)
-        except SceneError as error:
-            raise ProblemError(str(error), "rotation") from error
-        object.__setattr__(self, "rotation", frozen_array(rotation))
-        self._check_tolerance()
+    _checks = checks(rotation=_checked_rotation)
 
     def _turns(self, q: Array) -> Array:
         return np.asarray(self.rotation.T @ self.motions.placements(q).rotation)

@@ -6,7 +6,6 @@ command line by its name, held by every transcription, replayed, and certified.
 
 from __future__ import annotations
 
-import copy
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,12 +13,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray, Record
+from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import JOINTS, array, instance, number, wrong
 from tominpmp.constraints.base import NO_TIMES, Partials, States
 from tominpmp.constraints.quantity import Quantity
 from tominpmp.constraints.window import Window, checked_during
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.goals.fields import CheckedFields, checks
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -32,7 +32,7 @@ Way = Callable[[Array, Array, int], Array]
 
 
 @dataclass(frozen=True, eq=False)
-class PathConstraint(Record, Quantity):
+class PathConstraint(CheckedFields, Quantity):
     """A quantity that is to stay below a limit at all times of a motion.
 
     Or ``during`` a part of it: from one time of the motion until another [s]. Where it
@@ -47,9 +47,7 @@ class PathConstraint(Record, Quantity):
 
     during: tuple[float, float] | None = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
-        """Check when it holds."""
-        object.__setattr__(self, "during", checked_during(self.during))
+    _checks = checks(during=lambda value, _: checked_during(value))
 
     @property
     @abstractmethod
@@ -89,11 +87,12 @@ class PathConstraint(Record, Quantity):
     def on(self: Own, robot: Robot) -> Own:
         """The constraint for a robot, ready to be evaluated."""
         self.validate(robot)
-        ready = copy.copy(self)
-        object.__setattr__(ready, "_window", Window.of(self.during))
-        ready.__dict__.pop("_motions", None)  # of another robot
-        object.__setattr__(ready, "_kinematics", RobotKinematics(robot))
-        return ready
+        # Motions of the frame belong to another robot.
+        return self._altered(
+            "_motions",
+            _window=Window.of(self.during),
+            _kinematics=RobotKinematics(robot),
+        )
 
     @property
     def kinematics(self) -> RobotKinematics:
@@ -116,9 +115,7 @@ class PathConstraint(Record, Quantity):
         """The same with rows at more times [s]."""
         if self.window is None:
             return self
-        other = copy.copy(self)
-        object.__setattr__(other, "_window", self.window.with_times(times))
-        return other
+        return self._altered(_window=self.window.with_times(times))
 
     @property
     def kinks(self) -> Array:

@@ -12,6 +12,7 @@ from tominpmp.arrays import Array, array_or_nan, frozen_array, is_single
 from tominpmp.checks import VectorLike, number, positive, wrong
 from tominpmp.constraints.held_load import HeldLoad
 from tominpmp.constraints.quantity import Linear, length_bend
+from tominpmp.goals.fields import above_zero, checks
 
 # How far from the tip of a cone, where a load has no weight, it is rounded off [shares
 # of what it holds at rest]: the fastest motions let loads fall almost freely on their
@@ -19,6 +20,18 @@ from tominpmp.constraints.quantity import Linear, length_bend
 TIP = 3e-3
 # Force across z, moment across z, and force along z, of a wrench.
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
+
+
+def _checked_pull(value: float, name: str) -> float:
+    return number(value, name, "a number >= 0 [N]", least=0.0)
+
+
+def _checked_support(value: ArrayLike | None, name: str) -> float | Array | None:
+    if value is None:
+        return None
+    if is_single(value):
+        return positive(value, name, "m")
+    return frozen_array(_polygon(value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +89,15 @@ class StableContact(HeldLoad):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
+    _checks = checks(
+        friction=above_zero("1"), adhesion=_checked_pull, support=_checked_support
+    )
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        object.__setattr__(self, "friction", positive(self.friction, "friction", "1"))
-        pull = number(self.adhesion, "adhesion", "a number >= 0 [N]", least=0.0)
-        object.__setattr__(self, "adhesion", pull)
-        if is_single(self.support) and self.support is not None:
-            radius = positive(self.support, "support", "m")
-            object.__setattr__(self, "support", radius)
-        elif self.support is not None:
-            corners = frozen_array(_polygon(self.support))
-            object.__setattr__(self, "support", corners)
-            object.__setattr__(self, "_edges", _edges_of(corners))
+        if isinstance(self.support, np.ndarray):
+            self._keep(_edges=_edges_of(self.support))
 
     @property
     def count(self) -> int:

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan
-from tominpmp.checks import VectorLike, array, number, positive, vector, whole, wrong
+from tominpmp.checks import VectorLike, array, number, whole, wrong
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import Way
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import brief
+from tominpmp.goals.fields import above_zero, checks, coordinates
 
 NONE = np.zeros(0)
 # Narrower tubes are measured by this, so that rows stay of order one [m].
@@ -34,6 +35,8 @@ class Tube(FrameRows):
     quantity = "distance from its path"
     order = 0
     unit = "m"
+
+    _checks = checks(radius=above_zero(unit))
 
     @abstractmethod
     def from_curve(self, point: Array) -> tuple[Array, Array]:
@@ -120,14 +123,7 @@ class ToolLine(Tube):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        for name in ("start", "end"):
-            object.__setattr__(
-                self, name, vector(getattr(self, name), name, f"three {POINT}", 3)
-            )
-        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+    _checks = checks(start=coordinates, end=coordinates)
 
     def progress(self, point: Array) -> float:
         """Share of the line."""
@@ -141,6 +137,14 @@ class ToolLine(Tube):
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the line."""
         return from_segment(point, self.start, self.end)
+
+
+def _checked_corners(value: ArrayLike, name: str) -> Array:
+    points = array_or_nan(value)
+    right = points.ndim == 2 and points.shape[0] > 1 and points.shape[1] == 3
+    if not right or not np.all(np.isfinite(points)):
+        raise wrong(value, name, f"two or more points of three {POINT}")
+    return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +176,7 @@ class ToolPolyline(Tube):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        points = array_or_nan(self.points)
-        right = points.ndim == 2 and points.shape[0] > 1 and points.shape[1] == 3
-        if not right or not np.all(np.isfinite(points)):
-            raise wrong(self.points, "points", f"two or more points of three {POINT}")
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+    _checks = checks(points=_checked_corners)
 
     @property
     def _lengths(self) -> Array:
@@ -250,16 +246,16 @@ class ToolArc(Tube):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
+    _checks = checks(
+        center=coordinates,
+        start=coordinates,
+        axis=coordinates,
+        angle=above_zero("rad", most=2.0 * np.pi),
+    )
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        for name in ("center", "start", "axis"):
-            object.__setattr__(
-                self, name, vector(getattr(self, name), name, f"three {POINT}", 3)
-            )
-        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
-        angle = positive(self.angle, "angle", "rad", most=2.0 * np.pi)
-        object.__setattr__(self, "angle", angle)
         spoke = self.start - self.center
         sizes = np.linalg.norm(self.axis), np.linalg.norm(spoke)
         if not min(sizes) > 0.0 or abs(self.axis @ spoke) > 1e-6 * sizes[0] * sizes[1]:

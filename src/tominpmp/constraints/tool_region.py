@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import PoseLike, VectorLike, positive, vector
+from tominpmp.checks import PoseLike, VectorLike
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import ProblemError
+from tominpmp.goals.fields import above_zero, checks, coordinates, corner, optional
 from tominpmp.goals.frames import checked_pose, pose_values
 
 NONE = np.zeros(0)
-CORNER = "three coordinates [m]"
 # What an excess is measured by [m].
 SCALE = 0.1
 
@@ -59,12 +59,11 @@ class WithinRegion(FrameRows):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
+    _checks = checks(lower=corner, upper=corner, pose=optional(checked_pose))
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        for name in ("lower", "upper"):
-            corner = vector(getattr(self, name), name, CORNER, 3, infinite=True)
-            object.__setattr__(self, name, corner)
         wrong = (self.lower > self.upper) | (self.lower == np.inf)
         if np.any(wrong | (self.upper == -np.inf)):
             raise ProblemError(
@@ -74,8 +73,6 @@ class WithinRegion(FrameRows):
             )
         if not np.any(np.isfinite([self.lower, self.upper])):
             raise ProblemError("lower, upper: the box is infinite", "lower")
-        if self.pose is not None:
-            object.__setattr__(self, "pose", checked_pose(self.pose, "pose"))
 
     def _values(self) -> tuple[Any, ...]:
         return pose_values(self)
@@ -150,12 +147,7 @@ class KeepAway(FrameRows):
             during: tuple[float, float] | None = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        object.__setattr__(self, "point", vector(self.point, "point", CORNER, 3))
-        distance = positive(self.distance, "distance", self.unit)
-        object.__setattr__(self, "distance", distance)
+    _checks = checks(point=coordinates, distance=above_zero(unit))
 
     @property
     def scale(self) -> float:

@@ -22,7 +22,7 @@ class FrameLimit(FrameRows):
     def __post_init__(self) -> None:
         """Check the values."""
         super().__post_init__()
-        object.__setattr__(self, "limit", positive(self.limit, "limit", self.unit))
+        self._keep(limit=positive(self.limit, "limit", self.unit))
 
     @property
     def largest(self) -> float:

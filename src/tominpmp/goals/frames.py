@@ -9,31 +9,83 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Record, array_or_nan, comparable
+from tominpmp.arrays import Array, array_or_nan, comparable
 from tominpmp.checks import (
     POSE,
     PoseLike,
     VectorLike,
     array,
-    direction,
     instance,
     split_pose,
     text,
     vector,
     wrong,
 )
+from tominpmp.checks import direction as checked_direction
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import deviation
+from tominpmp.goals.fields import (
+    CheckedFields,
+    checks,
+    coordinates,
+    frame_name,
+    optional,
+)
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation, rotation_matrix
 
-COORDINATES = "three coordinates [m]"
+
+def _velocity(value: VectorLike, name: str) -> Array:
+    return vector(value, name, "three components [m/s]", 3)
 
 
-class FrameGoal(Goal):
+def _distance(value: float, name: str) -> float:
+    return goal_tolerance(value, name, "m")
+
+
+def _angle(value: float, name: str) -> float:
+    return goal_tolerance(value, name, "rad", np.pi)
+
+
+def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
+    """Copy a caller's pose.
+
+    Args:
+        pose: The pose.
+        name: What it is called in messages.
+
+    Raises:
+        ProblemError: If it is none.
+    """
+    parts = split_pose(pose)
+    position = array_or_nan(None if parts is None else parts[0])
+    turn = array_or_nan(None if parts is None else parts[1])
+    if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
+        raise wrong(pose, name, POSE)
+    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
+        raise ProblemError(f"{name} is not finite", field=name)
+    if turn.shape == (4,):
+        try:
+            turn = rotation_matrix(turn)
+        except SceneError as error:
+            raise ProblemError(
+                f"{name} has the quaternion {turn.tolist()}, expected one that is not "
+                "zero",
+                name,
+            ) from error
+    if not is_rotation(turn):
+        raise ProblemError(
+            f"the rotation of {name} is not a rotation matrix (orthonormal columns, "
+            "determinant 1)",
+            field=name,
+        )
+    return pin.SE3(np.array(turn), np.array(position))
+
+
+class FrameGoal(CheckedFields, Goal):
     """Goal on a frame; what its placement has to be is left to the subclasses.
 
     Attributes:
@@ -45,23 +97,8 @@ class FrameGoal(Goal):
     frame: str
     v: Array | None
 
-    def _check_frame(self) -> None:
-        text(self.frame, "goal.frame", "the name of a frame")
-
-    def _check_velocity(self) -> None:
-        if self.v is not None:
-            v = vector(self.v, "goal.v", "three components [m/s]", 3)
-            object.__setattr__(self, "v", v)
-
-    def _check_tolerances(self) -> None:
-        for name, unit, most in (
-            ("tolerance", "m", np.inf),
-            ("angle_tolerance", "rad", np.pi),
-        ):
-            if hasattr(self, name):
-                given = getattr(self, name)
-                number = goal_tolerance(given, f"goal.{name}", unit, most)
-                object.__setattr__(self, name, number)
+    _owner = "goal."
+    _checks = checks(frame=frame_name, v=optional(_velocity))
 
     def validate(self, robot: Robot) -> None:
         """Check that the frame exists."""
@@ -112,7 +149,7 @@ class FrameGoal(Goal):
 
 
 @dataclass(frozen=True, eq=False)
-class PositionGoal(Record, FrameGoal):
+class PositionGoal(FrameGoal):
     """Bring the origin of a frame to a point, in any orientation.
 
     Attributes:
@@ -137,13 +174,7 @@ class PositionGoal(Record, FrameGoal):
             tolerance: float = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        self._check_frame()
-        position = vector(self.position, "goal.position", COORDINATES, 3)
-        object.__setattr__(self, "position", position)
-        self._check_velocity()
-        self._check_tolerances()
+    _checks = checks(position=coordinates, tolerance=_distance)
 
     @property
     def target(self) -> Array:
@@ -167,7 +198,7 @@ class PositionGoal(Record, FrameGoal):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal(Record, FrameGoal):
+class PoseGoal(FrameGoal):
     """Bring a frame to a pose.
 
     Attributes:
@@ -197,12 +228,7 @@ class PoseGoal(Record, FrameGoal):
             angle_tolerance: float = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        self._check_frame()
-        object.__setattr__(self, "pose", checked_pose(self.pose))
-        self._check_velocity()
-        self._check_tolerances()
+    _checks = checks(pose=checked_pose, tolerance=_distance, angle_tolerance=_angle)
 
     def _values(self) -> tuple[Any, ...]:
         return pose_values(self)
@@ -248,7 +274,7 @@ class PoseGoal(Record, FrameGoal):
 
 
 @dataclass(frozen=True, eq=False)
-class AxisGoal(Record, FrameGoal):
+class AxisGoal(FrameGoal):
     """Point an axis of a frame into a direction, turned about it in any way.
 
     Attributes:
@@ -283,17 +309,13 @@ class AxisGoal(Record, FrameGoal):
             angle_tolerance: float = ...,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        self._check_frame()
-        for name in ("axis", "direction"):
-            value = direction(getattr(self, name), f"goal.{name}")
-            object.__setattr__(self, name, value)
-        if self.position is not None:
-            position = vector(self.position, "goal.position", COORDINATES, 3)
-            object.__setattr__(self, "position", position)
-        self._check_velocity()
-        self._check_tolerances()
+    _checks = checks(
+        axis=checked_direction,
+        direction=checked_direction,
+        position=optional(coordinates),
+        tolerance=_distance,
+        angle_tolerance=_angle,
+    )
 
     @property
     def ball(self) -> Ball | None:
@@ -334,41 +356,6 @@ def turned(rotation: Array) -> Array:
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:
     """Rotation vector [rad] and its derivative by a turn in the axes turned to."""
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
-
-
-def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
-    """Copy a caller's pose.
-
-    Args:
-        pose: The pose.
-        name: What it is called in messages.
-
-    Raises:
-        ProblemError: If it is none.
-    """
-    parts = split_pose(pose)
-    position = array_or_nan(None if parts is None else parts[0])
-    turn = array_or_nan(None if parts is None else parts[1])
-    if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
-        raise wrong(pose, name, POSE)
-    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
-        raise ProblemError(f"{name} is not finite", field=name)
-    if turn.shape == (4,):
-        try:
-            turn = rotation_matrix(turn)
-        except SceneError as error:
-            raise ProblemError(
-                f"{name} has the quaternion {turn.tolist()}, expected one that is not "
-                "zero",
-                name,
-            ) from error
-    if not is_rotation(turn):
-        raise ProblemError(
-            f"the rotation of {name} is not a rotation matrix (orthonormal columns, "
-            "determinant 1)",
-            field=name,
-        )
-    return pin.SE3(np.array(turn), np.array(position))
 
 
 def pose_values(goal: Any) -> tuple[Any, ...]:

@@ -61,13 +61,13 @@ class JointGoal(Record, Goal):
         """Copy the arrays; their lengths are checked against the robot."""
         joints, q = named_row(self.q, "goal.q")
         if joints is not None:
-            object.__setattr__(self, "joints", joints)
+            self._keep(joints=joints)
         expected = "one number for each joint [rad or m]"
-        object.__setattr__(self, "q", vector(q, "goal.q", expected))
+        self._keep(q=vector(q, "goal.q", expected))
         if self.joints is not None:
-            object.__setattr__(self, "joints", _checked_names(self.joints, self.q))
+            self._keep(joints=_checked_names(self.joints, self.q))
         if self.v is not None:
-            object.__setattr__(self, "v", self._checked_velocity())
+            self._keep(v=self._checked_velocity())
 
     def _checked_velocity(self) -> Array:
         expected = "one number for each joint [rad/s or m/s]"
@@ -172,12 +172,12 @@ class JointRegionGoal(Record, Goal):
         """Check and copy the values."""
         joints, q = named_row(self.q, "goal.q")
         if joints is not None:
-            object.__setattr__(self, "joints", joints)
+            self._keep(joints=joints)
         expected = "one number for each joint [rad or m]"
-        object.__setattr__(self, "q", vector(q, "goal.q", expected))
-        object.__setattr__(self, "tolerance", self._checked_tolerance())
+        self._keep(q=vector(q, "goal.q", expected))
+        self._keep(tolerance=self._checked_tolerance())
         if self.joints is not None:
-            object.__setattr__(self, "joints", _checked_names(self.joints, self.q))
+            self._keep(joints=_checked_names(self.joints, self.q))
 
     def _checked_tolerance(self) -> float | Array:
         if is_single(self.tolerance):

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, frozen_array, is_single
+from tominpmp.arrays import Array, frozen_array, is_single
 from tominpmp.checks import PoseLike, VectorLike, array, vector, wrong
 from tominpmp.exceptions import ProblemError
+from tominpmp.goals.fields import checks, corner, optional
 from tominpmp.goals.frames import (
     FrameGoal,
     checked_pose,
@@ -21,12 +22,21 @@ from tominpmp.goals.frames import (
 from tominpmp.goals.place import Place
 from tominpmp.kinematics import RobotKinematics
 
-EDGES = "three coordinates [m]"
 ANGLES = "an angle >= 0 or three of them [rad]"
 
 
+def _checked_angles(given: Any, name: str) -> float | Array:
+    one = is_single(given)
+    row, size = ([given], 1) if one else (given, 3)
+    angles = vector(row, name, ANGLES, size, infinite=True)
+    if np.any(angles < 0.0):
+        raise wrong(given, name, ANGLES)
+    angles = np.minimum(angles, np.pi)
+    return float(angles[0]) if one else frozen_array(angles)
+
+
 @dataclass(frozen=True, eq=False)
-class RegionGoal(Record, FrameGoal):
+class RegionGoal(FrameGoal):
     """Bring the origin of a frame into a box, in any orientation or in some.
 
     MoveIt's position constraint with a box, and its orientation constraint with
@@ -63,13 +73,16 @@ class RegionGoal(Record, FrameGoal):
             v: VectorLike | None = ...,
         ) -> None: ...
 
+    _checks = checks(
+        lower=corner,
+        upper=corner,
+        pose=optional(checked_pose),
+        angle_tolerance=_checked_angles,
+    )
+
     def __post_init__(self) -> None:
         """Check and copy the values."""
-        self._check_frame()
-        for name in ("lower", "upper"):
-            given = getattr(self, name)
-            corner = vector(given, f"goal.{name}", EDGES, 3, infinite=True)
-            object.__setattr__(self, name, corner)
+        super().__post_init__()
         for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
             if low > high or low == np.inf or high == -np.inf:
                 raise ProblemError(
@@ -77,26 +90,12 @@ class RegionGoal(Record, FrameGoal):
                     "expected the lower corner below the upper one",
                     "goal.lower",
                 )
-        if self.pose is not None:
-            object.__setattr__(self, "pose", checked_pose(self.pose))
-        object.__setattr__(self, "angle_tolerance", self._checked_angles())
         if not (np.any(np.isfinite([self.lower, self.upper])) or self._turns.size):
             raise ProblemError(
                 "goal: the box is infinite and any orientation will do: nothing is "
                 "asked for",
                 "goal",
             )
-        self._check_velocity()
-
-    def _checked_angles(self) -> float | Array:
-        given, name = self.angle_tolerance, "goal.angle_tolerance"
-        one = is_single(given)
-        row, size = ([given], 1) if one else (given, 3)
-        angles = vector(row, name, ANGLES, size, infinite=True)
-        if np.any(angles < 0.0):
-            raise wrong(given, name, ANGLES)
-        angles = np.minimum(angles, np.pi)
-        return float(angles[0]) if one else frozen_array(angles)
 
     def _values(self) -> tuple[Any, ...]:
         return pose_values(self)

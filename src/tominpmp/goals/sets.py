@@ -54,7 +54,7 @@ class AnyGoal(Record, Goal):
                 "with others it does not; expected one or the other",
                 "goal.goals",
             )
-        object.__setattr__(self, "goals", found)
+        self._keep(goals=found)
 
     def resolved(self, robot: Robot, before: Array | None = None) -> AnyGoal:
         """Each goal in the order of the robot."""
@@ -150,7 +150,7 @@ class AllGoals(Record, Goal):
                     "goal.goals holds a goal with a velocity v, expected goals at rest",
                     "goal.goals",
                 )
-        object.__setattr__(self, "goals", tuple(found))
+        self._keep(goals=tuple(found))
 
     @property
     def members(self) -> tuple[Goal, ...]:
