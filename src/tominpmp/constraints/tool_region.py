@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +14,7 @@ from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.fields import above_zero, checks, coordinates, corner, optional
-from tominpmp.goals.frames import checked_pose, pose_values
+from tominpmp.goals.frames import checked_pose
 
 NONE = np.zeros(0)
 # What an excess is measured by [m].
@@ -73,9 +73,6 @@ class WithinRegion(FrameRows):
             )
         if not np.any(np.isfinite([self.lower, self.upper])):
             raise ProblemError("lower, upper: the box is infinite", "lower")
-
-    def _values(self) -> tuple[Any, ...]:
-        return pose_values(self)
 
     def _local(self, q: Array) -> Array:
         """The origin of the frame along the axes of the box, shape (m, 3) [m]."""

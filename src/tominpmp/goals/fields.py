@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
+import pinocchio as pin
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, Record, comparable
 from tominpmp.checks import positive, text, vector
 
 # Takes a caller's value and its name in messages; returns the value that is kept.
@@ -32,6 +34,16 @@ class CheckedFields(Record):
             for name, check in kind.__dict__.get("_checks", {}).items():
                 value = check(getattr(self, name), self._owner + name)
                 self._keep(**{name: value})
+
+    def _values(self) -> tuple[Any, ...]:
+        """What is compared: the fields, with poses and arrays as numbers."""
+        found = (getattr(self, f.name) for f in fields(self))  # type: ignore[arg-type]
+        return tuple(
+            tuple(value.homogeneous.ravel().tolist())
+            if isinstance(value, pin.SE3)
+            else comparable(value)
+            for value in found
+        )
 
 
 def checks(**each: Check) -> Mapping[str, Check]:

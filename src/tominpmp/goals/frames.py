@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, array_or_nan, comparable
+from tominpmp.arrays import Array, array_or_nan
 from tominpmp.checks import (
     POSE,
     PoseLike,
@@ -230,9 +230,6 @@ class PoseGoal(FrameGoal):
 
     _checks = checks(pose=checked_pose, tolerance=_distance, angle_tolerance=_angle)
 
-    def _values(self) -> tuple[Any, ...]:
-        return pose_values(self)
-
     @property
     def target(self) -> pin.SE3:
         """The pose."""
@@ -356,14 +353,3 @@ def turned(rotation: Array) -> Array:
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:
     """Rotation vector [rad] and its derivative by a turn in the axes turned to."""
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
-
-
-def pose_values(goal: Any) -> tuple[Any, ...]:
-    """The fields of a goal, with poses as numbers, to compare it by."""
-    found = (getattr(goal, f.name) for f in fields(goal))
-    return tuple(
-        tuple(value.homogeneous.ravel().tolist())
-        if isinstance(value, pin.SE3)
-        else comparable(value)
-        for value in found
-    )

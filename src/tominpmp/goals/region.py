@@ -16,7 +16,6 @@ from tominpmp.goals.fields import checks, corner, optional
 from tominpmp.goals.frames import (
     FrameGoal,
     checked_pose,
-    pose_values,
     rotation_vector,
 )
 from tominpmp.goals.place import Place
@@ -96,9 +95,6 @@ class RegionGoal(FrameGoal):
                 "asked for",
                 "goal",
             )
-
-    def _values(self) -> tuple[Any, ...]:
-        return pose_values(self)
 
     @property
     def _turns(self) -> Array:

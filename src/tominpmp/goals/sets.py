@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,14 +35,34 @@ def _members(goals: object) -> tuple[Goal, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class AnyGoal(Record, Goal):
+class GoalSet(Record, Goal):
+    """Several goals.
+
+    Attributes:
+        goals: The goals.
+    """
+
+    goals: Sequence[Goal]
+
+    def resolved(self, robot: Robot, before: Array | None = None) -> GoalSet:
+        """Each goal in the order of the robot."""
+        found = tuple(goal.resolved(robot, before) for goal in self.goals)
+        same = all(a is b for a, b in zip(found, self.goals, strict=True))
+        return self if same else replace(self, goals=found)
+
+    def validate(self, robot: Robot) -> None:
+        """Check each goal."""
+        for goal in self.goals:
+            goal.validate(robot)
+
+
+@dataclass(frozen=True, eq=False)
+class AnyGoal(GoalSet):
     """Goals of which any will do; each is planned for, and the fastest one kept.
 
     Attributes:
         goals: The goals; a set among them counts as its members.
     """
-
-    goals: Sequence[Goal]
 
     def __post_init__(self) -> None:
         """Check the goals."""
@@ -55,17 +75,6 @@ class AnyGoal(Record, Goal):
                 "goal.goals",
             )
         self._keep(goals=found)
-
-    def resolved(self, robot: Robot, before: Array | None = None) -> AnyGoal:
-        """Each goal in the order of the robot."""
-        found = tuple(goal.resolved(robot, before) for goal in self.goals)
-        same = all(a is b for a, b in zip(found, self.goals, strict=True))
-        return self if same else AnyGoal(found)
-
-    def validate(self, robot: Robot) -> None:
-        """Check each goal."""
-        for goal in self.goals:
-            goal.validate(robot)
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
@@ -123,15 +132,13 @@ class AnyGoal(Record, Goal):
 
 
 @dataclass(frozen=True, eq=False)
-class AllGoals(Record, Goal):
+class AllGoals(GoalSet):
     """Goals that are all to be met, at rest: one for each of several arms, say.
 
     Attributes:
         goals: Goals on frames or on some joints; a set of this kind among them counts
             as its members.
     """
-
-    goals: Sequence[Goal]
 
     def __post_init__(self) -> None:
         """Check the goals."""
@@ -156,17 +163,6 @@ class AllGoals(Record, Goal):
     def members(self) -> tuple[Goal, ...]:
         """The goals."""
         return tuple(self.goals)
-
-    def resolved(self, robot: Robot, before: Array | None = None) -> AllGoals:
-        """Each goal in the order of the robot."""
-        found = tuple(goal.resolved(robot, before) for goal in self.goals)
-        same = all(a is b for a, b in zip(found, self.goals, strict=True))
-        return self if same else AllGoals(found)
-
-    def validate(self, robot: Robot) -> None:
-        """Check each goal."""
-        for goal in self.goals:
-            goal.validate(robot)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """What all goals ask of a configuration."""
