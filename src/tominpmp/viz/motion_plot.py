@@ -13,7 +13,6 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance, whole
-from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.scene import Obstacle, Sphere
@@ -33,7 +32,7 @@ from tominpmp.viz.skeleton import (
     Skeleton,
     View,
     best_view,
-    check_motion,
+    check_motions,
     end_frame,
     skeleton,
 )
@@ -97,13 +96,10 @@ def plot_motion(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    if not trajectories:
-        raise ProblemError("there is no trajectory to plot", "trajectories")
+    check_motions(problem, trajectories)
     instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     instants = whole(instants, "instants", least=2, expected="2 or more")
     motions = list(trajectories.values())
-    for trajectory in motions:
-        check_motion(problem, trajectory)
     frame = frame or end_frame(problem)
     poses = [
         skeleton(problem.robot, item(_instants(item, instants)).q, frame)

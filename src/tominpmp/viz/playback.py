@@ -15,9 +15,8 @@ from tominpmp.exceptions import OptionsError, warn_caller
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.viz.browser import show_page
 from tominpmp.viz.meshcat_scene import Appearance, draw
-from tominpmp.viz.page import build_page
+from tominpmp.viz.page import build_page, show_page
 from tominpmp.viz.shares import shares_of_limits
 from tominpmp.viz.skeleton import check_motion
 from tominpmp.viz.viewer import Recorder, import_meshcat

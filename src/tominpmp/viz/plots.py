@@ -36,7 +36,7 @@ from tominpmp.viz.figures import (
     time_axes,
 )
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.skeleton import check_motion
+from tominpmp.viz.skeleton import check_motion, check_motions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,10 +200,7 @@ def plot_controls(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    if not trajectories:
-        raise ProblemError("there is no trajectory to plot", "trajectories")
-    for trajectory in trajectories.values():
-        check_motion(problem, trajectory)
+    check_motions(problem, trajectories)
     robot = problem.robot
     limits, prismatic = robot.limits, _prismatic(robot)
     with styled():

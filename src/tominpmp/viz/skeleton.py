@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +85,18 @@ def check_motion(problem: Problem, trajectory: Trajectory) -> None:
             f"{problem.robot.name!r} has {', '.join(problem.robot.joint_names)}",
             "trajectory",
         )
+
+
+def check_motions(problem: Problem, trajectories: Mapping[str, Trajectory]) -> None:
+    """Check that there are trajectories, and all are of the problem's robot.
+
+    Raises:
+        ProblemError: If there is no trajectory, or the joints of one differ.
+    """
+    if not trajectories:
+        raise ProblemError("there is no trajectory to plot", "trajectories")
+    for trajectory in trajectories.values():
+        check_motion(problem, trajectory)
 
 
 def end_frame(problem: Problem) -> str:
