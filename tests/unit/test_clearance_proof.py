@@ -76,6 +76,15 @@ def test_clearance_is_proved_up_to_what_there_is(planar3r: Robot) -> None:
     assert not prove_clearance(checker, motion, 1.001 * least).proved
 
 
+def test_the_nearest_approach_is_that_of_the_whole_motion(planar3r: Robot) -> None:
+    motion = turning(planar3r, 0.2, 2.3)
+    checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
+    least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
+    found = prove_clearance(checker, motion, 0.1)
+    assert found.proved
+    assert found.distance == pytest.approx(least, abs=1e-5)
+
+
 def test_proof_is_given_up_where_it_takes_too_long(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
