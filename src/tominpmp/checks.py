@@ -173,7 +173,7 @@ def positive(
     return number(value, name, expected, above=0.0, most=most, error=error)
 
 
-def is_whole(value: object) -> TypeGuard[int]:
+def _is_whole(value: object) -> TypeGuard[int]:
     """Whether a caller's value is a whole number; truth values are none."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
@@ -192,8 +192,8 @@ def whole(
     Raises:
         ProblemError: If it is none, or out of range.
     """
-    if not is_whole(value) or not least <= value <= most:
-        beyond = is_whole(value) and value > most
+    if not _is_whole(value) or not least <= value <= most:
+        beyond = _is_whole(value) and value > most
         top = f", at most {most}" if beyond or most < LARGEST - 1 else ""
         raise wrong(value, name, expected or f"an integer >= {least}{top}", error)
     return int(value)

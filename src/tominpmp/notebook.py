@@ -83,7 +83,7 @@ def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) ->
     return _svg(title, parts)
 
 
-def share_curves(name: str, t: Array, values: Array, largest: Array) -> str:
+def _share_curves(name: str, t: Array, values: Array, largest: Array) -> str:
     """A panel with values, shape (m, n), as shares of the largest, shape (n,)."""
     share = values / np.where(largest > 0.0, largest, np.inf)
     return curves(f"{name} over its limit", t, share, (-1.0, 1.0))
@@ -160,8 +160,8 @@ def outcome_card(
     t = np.linspace(0.0, motion.duration, 200)
     state = motion(t)
     effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-    speeds = share_curves("speed", t, state.v, limits.velocity)
-    torques = share_curves("torque", t, state.u, effort)
+    speeds = _share_curves("speed", t, state.v, limits.velocity)
+    torques = _share_curves("torque", t, state.u, effort)
     return card(title, speeds, torques, table((), rows))
 
 

@@ -68,13 +68,13 @@ class Progress:
     def __call__(self, record: IterationRecord) -> None:
         """Show an iteration."""
         if self._status is not None:
-            self._status.update(Text(progress_text(record)))
+            self._status.update(Text(_progress_text(record)))
         elif self._lines and time.monotonic() - self._last >= PERIOD:
             self._last = time.monotonic()
-            self._console.print(progress_text(record), soft_wrap=True)
+            self._console.print(_progress_text(record), soft_wrap=True)
 
 
-def progress_text(record: IterationRecord) -> str:
+def _progress_text(record: IterationRecord) -> str:
     """Say in one line how far an iteration got."""
     start = f"start {record.start + 1}, " if record.start else ""
     return (

@@ -78,7 +78,7 @@ def report_data(
         elif options.energy_weight:
             data |= {"energy": solution.energy, "cost": solution.cost}
         if trajectory.segment_ends is not None:
-            data["segments"] = segments_data(solution)
+            data["segments"] = _segments_data(solution)
     if found is not None:
         data |= {"verified": found.ok, "goal_error": found.goal_error}
         data["min_clearance"] = found.min_clearance
@@ -89,7 +89,7 @@ def report_data(
         data["certified"] = solution.certificate.ok
         data["certificate"] = solution.certificate.message
     if "sensitivities plot" in files:
-        data["sensitivities"] = sensitivities_data(solution)
+        data["sensitivities"] = _sensitivities_data(solution)
     data["files"] = files
     if file is not None:
         data |= {"file_holds": file.ok, "file_joined": file.joined}
@@ -97,7 +97,7 @@ def report_data(
     return cast("dict[str, Any]", plain(data))
 
 
-def sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
+def _sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
     """What there is to report of what holds a motion, the largest effect first."""
     return [
         {
@@ -116,7 +116,7 @@ def sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
     ]
 
 
-def segments_data(solution: Solution) -> list[dict[str, Any]]:
+def _segments_data(solution: Solution) -> list[dict[str, Any]]:
     """What there is to report of the segments of a motion, one after the other.
 
     Times are from the start of the motion [s]; "arrival" is when the goal is met, and

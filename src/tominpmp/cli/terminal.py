@@ -79,7 +79,7 @@ def guarded(debug: bool = False) -> Iterator[None]:
             yield
     except (BrokenPipeError, SystemExit) as error:
         # With the latter Rich ends when nobody reads the help that it writes.
-        discard_output()
+        _discard_output()
         raise Exit(CLOSED_PIPE) from error
     except KeyboardInterrupt as error:
         complain("error", "interrupted")
@@ -178,7 +178,7 @@ def flush_output(code: int = 0) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        discard_output()
+        _discard_output()
         if isinstance(error, BrokenPipeError):
             return CLOSED_PIPE
         if code != BAD_INPUT:
@@ -187,7 +187,7 @@ def flush_output(code: int = 0) -> int:
     return code
 
 
-def discard_output() -> None:
+def _discard_output() -> None:
     """Send what is still buffered nowhere, as Python would complain at its end."""
     try:
         target = sys.stdout.fileno()

@@ -127,7 +127,7 @@ class ToolLine(Tube):
 
     def progress(self, point: Array) -> float:
         """Share of the line."""
-        return share_of_segment(point, self.start, self.end)
+        return _share_of_segment(point, self.start, self.end)
 
     def at(self, progress: float) -> Array:
         """Point at a share of the line."""
@@ -136,7 +136,7 @@ class ToolLine(Tube):
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the line."""
-        return from_segment(point, self.start, self.end)
+        return _from_segment(point, self.start, self.end)
 
 
 def _checked_corners(value: ArrayLike, name: str) -> Array:
@@ -187,9 +187,9 @@ class ToolPolyline(Tube):
     def progress(self, point: Array) -> float:
         """Way along it [m]."""
         pairs = list(zip(self.points[:-1], self.points[1:], strict=True))
-        apart = [np.linalg.norm(from_segment(point, *pair)[0]) for pair in pairs]
+        apart = [np.linalg.norm(_from_segment(point, *pair)[0]) for pair in pairs]
         k, lengths = int(np.argmin(apart)), self._lengths
-        share = share_of_segment(point, *pairs[k])
+        share = _share_of_segment(point, *pairs[k])
         return float(lengths[k] + share * (lengths[k + 1] - lengths[k]))
 
     def at(self, progress: float) -> Array:
@@ -201,7 +201,7 @@ class ToolPolyline(Tube):
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the polyline."""
         found = [
-            from_segment(point, begin, end)
+            _from_segment(point, begin, end)
             for begin, end in zip(self.points[:-1], self.points[1:], strict=True)
         ]
         return min(found, key=lambda one: float(one[0] @ one[0]))
@@ -301,7 +301,7 @@ class ToolArc(Tube):
         return out - size * along, np.eye(3) - (size / flat) * np.outer(across, across)
 
 
-def from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
+def _from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
     """Vector from the nearest point of a straight line, and its derivative.
 
     Args:
@@ -314,13 +314,13 @@ def from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
     """
     point = array(point, "point", (3,), POINT)
     along, out = end - start, point - start
-    square, share = float(along @ along), share_of_segment(point, start, end)
+    square, share = float(along @ along), _share_of_segment(point, start, end)
     if not 0.0 < share < 1.0:
         return point - (end if share >= 1.0 else start), np.eye(3)
     return out - share * along, np.eye(3) - np.outer(along, along) / square
 
 
-def share_of_segment(point: Array, start: Array, end: Array) -> float:
+def _share_of_segment(point: Array, start: Array, end: Array) -> float:
     """Share of a straight line at which it is nearest to a point, from 0 to 1."""
     point, along = array(point, "point", (3,), POINT), end - start
     square = float(along @ along)

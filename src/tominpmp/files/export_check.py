@@ -307,7 +307,7 @@ class _Judge:
             return _Found((), known)
         # Of several segments, torques are known only when it is known where they end.
         if not problem.segments:
-            broken = limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
+            broken = _limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
             if broken:
                 return _Found(tuple(broken), None)
         found = verify(problem, motion, tolerances)
@@ -319,7 +319,7 @@ class _Judge:
         if abs(plan.duration - motion.duration) > SHORTEST:
             return False
         nodes = np.union1d(plan.t, motion.t)
-        times = inner_instants(nodes)
+        times = _inner_instants(nodes)
         ours, theirs = plan(times), motion(times)
         limits = self.solution.problem.robot.limits
         span = limits.effort_upper - limits.effort_lower
@@ -332,7 +332,7 @@ class _Judge:
         return all(bool(np.all(np.abs(part) <= 1.0)) for part in apart)
 
 
-def inner_instants(nodes: Array) -> Array:
+def _inner_instants(nodes: Array) -> Array:
     """Times within intervals, on none of their ends [s], shape (m,)."""
     h = np.diff(nodes)
     wide = h > SHORTEST
@@ -341,7 +341,7 @@ def inner_instants(nodes: Array) -> Array:
     )
 
 
-def limit_violations_of(
+def _limit_violations_of(
     problem: Problem, motion: Trajectory, tolerance: float
 ) -> list[LimitViolation]:
     """The worst of each kind of limit (positions, velocities, torques) that is broken.
@@ -352,7 +352,7 @@ def limit_violations_of(
         tolerance: Relative excess that is tolerated.
     """
     limits = problem.robot.limits
-    times = inner_instants(motion.t)
+    times = _inner_instants(motion.t)
     state = motion(times)
     bounds = {
         "position": (state.q, limits.position_lower, limits.position_upper),

@@ -39,7 +39,7 @@ __all__ = ["load_moveit", "load_moveit_scene"]
 TOGETHER = 1e-9
 
 
-def start_positions(request: Field) -> dict[str, float]:
+def _start_positions(request: Field) -> dict[str, float]:
     """Joint positions of the start state by name [rad or m].
 
     Raises:
@@ -72,13 +72,13 @@ def unmoved(request: Field, start: Mapping[str, float]) -> dict[str, float]:
     Returns:
         Their positions [rad or m]; none for goals of other kinds.
     """
-    moved = goal_joints(request)
-    if not moved or goal_links(request):
+    moved = _goal_joints(request)
+    if not moved or _goal_links(request):
         return {}  # any joint may move to bring a link to its place
     return {name: value for name, value in start.items() if name not in moved}
 
 
-def goal_joints(request: Field) -> set[str]:
+def _goal_joints(request: Field) -> set[str]:
     """Joints that the goal names."""
     return {
         item.need("joint_name").text()
@@ -87,7 +87,7 @@ def goal_joints(request: Field) -> set[str]:
     }
 
 
-def goal_links(request: Field) -> list[str]:
+def _goal_links(request: Field) -> list[str]:
     """Links that the goal names."""
     found = [
         str(item.get("link_name").value)
@@ -125,12 +125,12 @@ def group_locks(
     group = _group(name, semantics)
     moving = set(group.joints)
     if not moving:
-        moving = goal_joints(request)
-        for link in goal_links(request):
+        moving = _goal_joints(request)
+        for link in _goal_links(request):
             moving |= description.joints_above(link)
     joints = description.joints
     outside = [j for j in joints if j.name not in moving and not j.mimic]
-    if not group.joints and goal_links(request) and outside:
+    if not group.joints and _goal_links(request) and outside:
         _warn_of_unknown_group(name, semantics, [j.name for j in outside])
     states = {} if semantics is None else semantics.group_states
     lacking = [joint.name for joint in outside if joint.name not in start]
@@ -162,7 +162,7 @@ def followers(
     return found
 
 
-def warn_of_unknown_joints(
+def _warn_of_unknown_joints(
     state: Field, start: Mapping[str, float], known: Sequence[str]
 ) -> None:
     """Warn of joints of the start state that the robot lacks, as those of a gripper."""
@@ -236,7 +236,7 @@ def load_moveit(
         ProblemError: If the margin is wrong.
     """
     scene_message, request = read_message(scene_path), read_message(request_path)
-    state, start = request.get("start_state"), start_positions(request)
+    state, start = request.get("start_state"), _start_positions(request)
     arm = _grouped_robot(robot, request, start)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
@@ -274,7 +274,7 @@ def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, fl
         ScenarioError: If the file is wrong.
     """
     request = read_message(request_path)
-    return _locks(request, start_positions(request), source)
+    return _locks(request, _start_positions(request), source)
 
 
 def _locks(
@@ -314,7 +314,7 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
             f"says nothing about the joints {', '.join(lacking)}{hint}; the robot "
             f"has: {', '.join(sorted(known))}"
         )
-    warn_of_unknown_joints(state.get("name"), start, known)
+    _warn_of_unknown_joints(state.get("name"), start, known)
     for name, position in robot.locked_joints.items():
         asked = start.get(name, position)
         if abs(asked - position) > APART:

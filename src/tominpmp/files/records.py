@@ -90,7 +90,7 @@ def to_table(record: Any, folder: Path) -> Any:
         TypeError: If a value cannot be written.
     """
     if isinstance(record, pin.SE3):
-        return placement_table(record)
+        return _placement_table(record)
     if isinstance(record, np.ndarray):
         return record.tolist()
     if isinstance(record, np.generic):
@@ -154,7 +154,7 @@ def field_table(record: Any, folder: Path) -> dict[str, Any]:
         if field.name == "effort_curves" and not value:
             continue
         if field.name == "rotation" and isinstance(value, np.ndarray):
-            table[field.name] = rotation_values(value)
+            table[field.name] = _rotation_values(value)
         else:
             table[field.name] = NONE if value is None else to_table(value, folder)
     if table.get("dwell"):
@@ -169,7 +169,7 @@ def same(value: Any, default: Any) -> bool:
     return value is default or bool(value == default)
 
 
-def rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
+def _rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
     """Write a rotation as a quaternion if that gives it back to the last bit."""
     quaternion = pin.Quaternion(np.array(rotation)).coeffs()
     for digits in (3, 9, 15, 17):
@@ -179,11 +179,11 @@ def rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
     return [[float(value) for value in row] for row in rotation]
 
 
-def placement_table(placement: pin.SE3) -> dict[str, Any]:
+def _placement_table(placement: pin.SE3) -> dict[str, Any]:
     """Write a placement as position and rotation."""
     table: dict[str, Any] = {"position": placement.translation.tolist()}
     if not np.array_equal(placement.rotation, np.eye(3)):
-        table["rotation"] = rotation_values(placement.rotation)
+        table["rotation"] = _rotation_values(placement.rotation)
     return table
 
 
@@ -256,13 +256,13 @@ def _plain(item: Field, kinds: Mapping[str, Any]) -> Any:
     if isinstance(value, dict):
         if "type" in value:
             return from_table(item, kinds, "class")
-        return read_placement(item)
+        return _read_placement(item)
     if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
         return tuple(_plain(entry, kinds) for entry in item.items())
     return value
 
 
-def read_placement(item: Field) -> pin.SE3:
+def _read_placement(item: Field) -> pin.SE3:
     """Read a placement: position, and rotation as quaternion or 3x3 matrix.
 
     Raises:

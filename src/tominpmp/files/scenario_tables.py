@@ -153,7 +153,7 @@ def read_scene(table: Field) -> Scene:
         table.get("obstacles").fail(str(error))
 
 
-def read_constraints(table: Field) -> tuple[PathConstraint, ...]:
+def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
     """Read a list of constraints; none if it is left out.
 
     Raises:
@@ -402,7 +402,7 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "scene": read_scene,
     "margin": Field.number,
     "self_collision": Field.flag,
-    "constraints": read_constraints,
+    "constraints": _read_constraints,
     "payload": read_payload,
     "may_touch": read_pairs,
     "stop": Field.flag,

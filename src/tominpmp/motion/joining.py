@@ -241,7 +241,7 @@ def _as_recorded(rows: _Rows) -> Joined:
         manner = "spline"
         v = CubicSpline(t, q, bc_type="clamped")(t, 1)
         a = np.full(q.shape, np.nan)
-    stepwise = stepwise_motion(t, q, v, a)
+    stepwise = _stepwise_motion(t, q, v, a)
     if stepwise is not None:
         manner = "steps"
         if stepwise[0].size > t.size:
@@ -250,7 +250,7 @@ def _as_recorded(rows: _Rows) -> Joined:
     elif _holds_torques(rows):
         motion = Trajectory(robot.joint_names, t, q, v, u)
         return Joined(motion, "held")
-    elif not cubics_that_jump(t, q, v, a) and (
+    elif not _cubics_that_jump(t, q, v, a) and (
         _is_smooth(t, v, a) or not _overshoots(rows)
     ):
         manner, steps = "quintic", a
@@ -377,7 +377,7 @@ MIDDLE = 0.01
 CUBIC, JUMP = 1e-6, 0.02
 
 
-def stepwise_motion(
+def _stepwise_motion(
     t: Array, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array, Array, Array] | None:
     """Find the motion whose acceleration is that of the samples, with jumps.
@@ -441,7 +441,7 @@ def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
     return bool(2 * np.sum(row) > np.sum(jumps))
 
 
-def cubics_that_jump(t: Array, q: Array, v: Array, a: Array) -> bool:
+def _cubics_that_jump(t: Array, q: Array, v: Array, a: Array) -> bool:
     """Whether samples are nodes of cubics whose accelerations jump at some.
 
     A row has the acceleration just after its jump; those of polynomials of degree 5

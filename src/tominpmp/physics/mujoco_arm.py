@@ -28,7 +28,7 @@ PLACEHOLDER = {
 }
 
 
-def import_mujoco() -> Any:
+def _import_mujoco() -> Any:
     """The package.
 
     Raises:
@@ -53,7 +53,7 @@ class MujocoArm:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.mujoco = import_mujoco()
+        self.mujoco = _import_mujoco()
         if robot.model.nv != robot.n:
             raise ProblemError(
                 "robot has joints that follow others (mimic), expected one whose "
@@ -61,7 +61,7 @@ class MujocoArm:
                 "robot",
             )
         self.robot = robot
-        self.model = self.mujoco.MjModel.from_xml_string(mjcf(robot))
+        self.model = self.mujoco.MjModel.from_xml_string(_mjcf(robot))
         # Where the joints of the robot are among those of the models.
         order = [int(robot.model.getJointId(name)) - 1 for name in robot.joint_names]
         self._order = np.array(order)
@@ -161,7 +161,7 @@ class MujocoArm:
         self.mujoco.mj_step(self.model, self.data)
 
 
-def mjcf(robot: Robot) -> str:
+def _mjcf(robot: Robot) -> str:
     """The robot in MuJoCo's language, without shapes; inertias are put in later."""
     model = robot.model
     root = Element("mujoco", model=robot.name)

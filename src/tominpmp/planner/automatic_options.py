@@ -27,9 +27,9 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     """
     robot = problem.robot
     method = options.method
-    check_clock(problem, options)
-    check_segments(problem, options)
-    check_energy(options)
+    _check_clock(problem, options)
+    _check_segments(problem, options)
+    _check_energy(options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:
@@ -38,7 +38,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
             "method",
         )
-    control = resolve_control(problem, options, method)
+    control = _resolve_control(problem, options, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
         lp_solver = LP_SOLVERS[method]
@@ -56,7 +56,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     return replace(options, method=method, lp_solver=lp_solver, control=control)
 
 
-def check_segments(problem: Problem, options: Options) -> None:
+def _check_segments(problem: Problem, options: Options) -> None:
     """Refuse options that are not for motions of several segments.
 
     Raises:
@@ -72,7 +72,7 @@ def check_segments(problem: Problem, options: Options) -> None:
     _check_known(options, known, "the problem has several segments")
 
 
-def check_energy(options: Options) -> None:
+def _check_energy(options: Options) -> None:
     """Refuse options that know no energy.
 
     Raises:
@@ -107,7 +107,7 @@ def _check_known(
             )
 
 
-def resolve_control(problem: Problem, options: Options, method: str) -> Control:
+def _resolve_control(problem: Problem, options: Options, method: str) -> Control:
     """Control parameterisation that fits the problem and the method.
 
     Raises:
@@ -139,7 +139,7 @@ def resolve_control(problem: Problem, options: Options, method: str) -> Control:
     return "auto" if options.method == "auto" and method == "inverse" else "constant"
 
 
-def check_clock(problem: Problem, options: Options) -> None:
+def _check_clock(problem: Problem, options: Options) -> None:
     """Refuse options and robots that know no clock.
 
     Raises:

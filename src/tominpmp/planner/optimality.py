@@ -146,7 +146,7 @@ def clearly(
         return False  # the certificate allows of more changes than the grid
     if np.any(problem.robot.friction):
         return False  # nor does a program let joints turn elsewhere
-    if anything_near(problem, attempt):
+    if _anything_near(problem, attempt):
         return False
     before, last = attempt.history[-2:]
     radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
@@ -156,7 +156,7 @@ def clearly(
     return last.accepted and promised <= CLEARLY * tolerance
 
 
-def anything_near(problem: Problem, attempt: Attempt) -> bool:
+def _anything_near(problem: Problem, attempt: Attempt) -> bool:
     """Whether the replay of a motion has come near anything."""
     judged = attempt.verification
     if judged is None:
@@ -226,7 +226,7 @@ class Settling:
     def examine(self, attempt: Attempt) -> Findings:
         """What the certificate says of a motion."""
         problem, judged = self.system.problem, attempt.verification
-        near = anything_near(problem, attempt)
+        near = _anything_near(problem, attempt)
         motion = attempt.trajectory
         if problem.segments:
             problem, motion = without_stays(problem, motion)

@@ -57,7 +57,7 @@ def guarded(
             progress.replayed(attempt.verification.seconds)
         return attempt
     except (Stop, KeyboardInterrupt) as stop:
-        return rescued(problem, options, progress, name, progress.stopped(stop))
+        return _rescued(problem, options, progress, name, progress.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
         found = any(item.feasible for item in progress.kept)
         if isinstance(error, TominpmpError) and not found:
@@ -67,14 +67,14 @@ def guarded(
             progress.failures.append(error)
             return None
         failed = Status.NUMERICAL_FAILURE
-        attempt = rescued(problem, options, progress, name, failed)
+        attempt = _rescued(problem, options, progress, name, failed)
         if attempt is None or not attempt.found:
             return attempt
         remark = f"A later stage failed ({type(error).__name__}), and this was kept."
         return replace(attempt, status=Status.FEASIBLE, remark=remark)
 
 
-def rescued(
+def _rescued(
     problem: Problem, options: Options, progress: Progress, name: str, status: Status
 ) -> Attempt | None:
     """The best of what an attempt has found, replayed in a little time.

@@ -127,7 +127,7 @@ def exactly(
     problem: Problem, options: Options, progress: Progress, best: Attempt
 ) -> Iterator[Attempt]:
     """What is left to be had of a motion: exact switches, or a finer grid."""
-    for attempt in exact_switching(problem, options, progress, best):
+    for attempt in _exact_switching(problem, options, progress, best):
         yield attempt
         best = attempt
     for attempt in on_finer_grid(problem, options, progress, [best], LAVISH):
@@ -135,7 +135,7 @@ def exactly(
         yield from certified(problem, options, progress, [attempt])
 
 
-def exact_switching(
+def _exact_switching(
     problem: Problem, options: Options, progress: Progress, best: Attempt
 ) -> Iterator[Attempt]:
     """Place the switches of a motion exactly, where a small arm has nothing around it.

@@ -74,7 +74,7 @@ def shots(
         if number >= wanted and progress.best < np.inf:
             return
         progress.begin()
-        first = random_torques(system, options, rng) if number else None
+        first = _random_torques(system, options, rng) if number else None
         solve = partial(solve_by_shooting, system, options, progress, first)
         attempt = guarded(system.problem, options, progress, "shooting", solve)
         if attempt is not None:
@@ -82,7 +82,7 @@ def shots(
         yield attempt
 
 
-def given_torques(system: ProblemFunctions, options: Options) -> Array:
+def _given_torques(system: ProblemFunctions, options: Options) -> Array:
     """Iterate of the torques and the duration that the options begin with."""
     control = np.zeros(system.n)
     if options.initial_control is not None:
@@ -93,7 +93,7 @@ def given_torques(system: ProblemFunctions, options: Options) -> Array:
     return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
 
 
-def random_torques(
+def _random_torques(
     system: ProblemFunctions, options: Options, rng: np.random.Generator
 ) -> Array:
     """Iterate of random torques, constant on a few pieces, and a random duration."""
@@ -124,7 +124,7 @@ def solve_by_shooting(
 def _solve_by_shooting(
     system: ProblemFunctions, options: Options, progress: Progress, first: Array | None
 ) -> Attempt:
-    z = given_torques(system, options) if first is None else first
+    z = _given_torques(system, options) if first is None else first
     attempt, z = shoot(system, options, progress, z, substeps=1)
     for refinement in range(REFINEMENTS):
         if attempt.found or not attempt.feasible or attempt.status in STOPPED:

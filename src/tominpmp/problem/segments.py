@@ -157,7 +157,7 @@ def checked_arrival(given: object) -> tuple[float, float] | None:
     return earliest, latest
 
 
-def check_arrivals(segments: Sequence[Segment]) -> None:
+def _check_arrivals(segments: Sequence[Segment]) -> None:
     """Check that no segment is to end before one that it follows.
 
     Raises:
@@ -194,7 +194,7 @@ def checked_segments(given: object) -> tuple[Segment, ...]:
         )
     for k, item in enumerate(given):
         instance(item, Segment, f"segments[{k}]")
-    check_arrivals(given)
+    _check_arrivals(given)
     return tuple(given)
 
 

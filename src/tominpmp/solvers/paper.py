@@ -109,7 +109,7 @@ class PaperSolver:
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         steps = torques.fixed_steps(z, options.control_step, options.time_step)
         linearization = nlp.linearize(z, iterate.values, steps)
-        program = build_program(iterate.merit, iterate.values, linearization, steps)
+        program = _build_program(iterate.merit, iterate.values, linearization, steps)
         solution = effort.add(self.lp.solve(program))
         if not solution.optimal:
             return None
@@ -150,7 +150,7 @@ class PaperSolver:
         )
 
 
-def build_program(
+def _build_program(
     merit: Merit, values: Array, linearization: Linearization, steps: StepBounds
 ) -> LinearProgram:
     """The linear program (14)-(15) with an elastic variable for each constraint.

@@ -17,7 +17,7 @@ START_RGB, GOAL_RGB = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
 VIA_RGB, PATH_RGB = (0.55, 0.27, 0.80), (0.95, 0.64, 0.10)
 
 
-def is_furniture(obstacle: Obstacle) -> bool:
+def _is_furniture(obstacle: Obstacle) -> bool:
     """Whether an obstacle is a table, wall, board or ground that stands still.
 
     Pictures show these grey, and red what is left: posts, balls, crates, and whatever
@@ -36,7 +36,7 @@ def is_furniture(obstacle: Obstacle) -> bool:
 
 def obstacle_color(obstacle: Obstacle) -> str:
     """Colour of an obstacle, as ``#rrggbb``."""
-    return FURNITURE_COLOR if is_furniture(obstacle) else HAZARD_COLOR
+    return FURNITURE_COLOR if _is_furniture(obstacle) else HAZARD_COLOR
 
 
 def rgb(color: str) -> tuple[float, float, float]:

@@ -76,7 +76,7 @@ class ShadedSurface:
     faces: NDArray[np.uint32]
 
 
-def lathe(profile: ArrayLike) -> Surface:
+def _lathe(profile: ArrayLike) -> Surface:
     """Turn a profile about the z axis.
 
     Points have radius and height from the bottom up, shape (k, 2) [m]; the first and
@@ -99,7 +99,7 @@ def capsule(radius: float, length: float) -> Surface:
     angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
     lower, upper = angle[angle < 0.0], angle[angle >= 0.0]
     middle = [[radius, -length / 2], [radius, length / 2]] if length > 0.0 else []
-    return lathe(
+    return _lathe(
         [
             *([radius * np.cos(a), radius * np.sin(a) - length / 2] for a in lower),
             *middle,
@@ -116,13 +116,13 @@ def sphere(radius: float) -> Surface:
 def cylinder(radius: float, length: float) -> Surface:
     """Cylinder along z about the origin."""
     half = length / 2
-    return lathe([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
+    return _lathe([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
 
 
 def cone(radius: float, length: float) -> Surface:
     """Cone along z with its point up; the origin halfway between base and point."""
     half = length / 2
-    return lathe([[0.0, -half], [radius, -half], [0.0, half]])
+    return _lathe([[0.0, -half], [radius, -half], [0.0, half]])
 
 
 def box(size: ArrayLike) -> Surface:
