@@ -13,7 +13,7 @@ import test_browser
 from test_browser import CHROMIUM, Browser
 
 from tominpmp.app.first_request import first_request, known
-from tominpmp.app.outcome import Outcome
+from tominpmp.app.planning import Outcome
 from tominpmp.exceptions import OptionsError
 
 viser = pytest.importorskip("viser")

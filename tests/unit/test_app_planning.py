@@ -6,17 +6,16 @@ import io
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
 
 from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import EXAMPLES, known
-from tominpmp.app.jobs import Exported, ExportJob, Inbox, PlanJob, receive, send, work
-from tominpmp.app.outcome import Outcome
-from tominpmp.app.planning import Session
+from tominpmp.app.planning import Outcome, Session
 from tominpmp.app.request import Limits, Request
-from tominpmp.app.worker import Worker
+from tominpmp.app.worker import Jobs, Worker, receive, send, work
 from tominpmp.exceptions import ProblemError, RobotLoadError
 
 # The arm without the obstacle: quick to plan.
@@ -116,43 +115,33 @@ def test_what_is_wrong_is_told_and_the_last_motion_stays(
 
 
 def test_a_motion_is_written_and_its_file_is_checked(
-    session: Session, second: object
+    controller: Controller, second: list[Outcome]
 ) -> None:
-    name, content, remark = session.exported(".csv", 0.01)
+    with pytest.raises(ProblemError, match="no motion to export"):
+        controller.export(".csv", 0.01)
+    take = recorder(controller).on_outcome
+    for outcome in (*second, Outcome(3, NEAR, "no motion for this")):
+        take(outcome)
+    name, content, remark = controller.export(".csv", 0.01)
     assert name == "planar3r_motion.csv"
     assert content.startswith(b"time")
     assert remark
-    with pytest.raises(ProblemError, match="no motion to export"):
-        Session().exported(".csv", 0.01)
 
 
 def test_records_pass_through_a_stream() -> None:
     stream = io.BytesIO()
-    send(stream, PlanJob(7, PLANAR))
+    send(stream, (7, PLANAR))
     stream.seek(0)
-    assert receive(stream) == PlanJob(7, PLANAR)
+    assert receive(stream) == (7, PLANAR)
     with pytest.raises(EOFError):
         receive(stream)
-
-
-def test_only_the_newest_plan_counts_and_exports_go_first() -> None:
-    inbox = Inbox()
-    for number in (1, 2, 3):
-        inbox.put(PlanJob(number, PLANAR))
-    inbox.put(ExportJob(1, ".csv"))
-    assert inbox.newer()
-    assert inbox.get() == ExportJob(1, ".csv")
-    assert inbox.get() == PlanJob(3, PLANAR)
-    assert not inbox.newer()
-    inbox.close()
-    assert inbox.get() is None
 
 
 class Script:
     """A session whose motions are found at once."""
 
-    def __init__(self, inbox: Inbox) -> None:
-        self.inbox, self.seen = inbox, list[tuple[int, int]]()
+    def __init__(self, jobs: Jobs) -> None:
+        self.jobs, self.seen = jobs, list[tuple[int, int]]()
 
     def outcomes(
         self, number: int, request: Request, superseded: Callable[[], bool]
@@ -160,22 +149,19 @@ class Script:
         for step in range(3):
             self.seen.append((number, step))
             if number == 1:
-                self.inbox.put(PlanJob(2, request))
+                self.jobs.put((2, request))
             yield Outcome(number, request, "found", None, step == 2)
-        self.inbox.close()
-
-    def exported(self, *_: object) -> tuple[str, bytes, str]:
-        raise ProblemError("no motion yet")
+        self.jobs.put(None)
 
 
-def test_a_newer_request_is_taken_as_soon_as_a_motion_was_seen() -> None:
-    inbox, answers = Inbox(), list[object]()
-    script = Script(inbox)
-    inbox.put(ExportJob(5, ".csv"))
-    inbox.put(PlanJob(1, PLANAR))
-    work(script, inbox, answers.append)  # type: ignore[arg-type]
+def test_only_the_newest_request_counts_as_soon_as_a_motion_was_seen() -> None:
+    jobs: Jobs = SimpleQueue()
+    script, answers = Script(jobs), list[Outcome]()
+    for number in (0, 1):
+        jobs.put((number, PLANAR))
+    work(script, jobs, answers.append)  # type: ignore[arg-type]
     assert script.seen == [(1, 0), (2, 0), (2, 1), (2, 2)]
-    assert answers[0] == Exported(5, "", b"", "no motion yet")
+    assert [outcome.number for outcome in answers] == [1, 2, 2, 2]
 
 
 class Recorder:
@@ -189,9 +175,6 @@ class Recorder:
 
     def plan(self, number: int, request: Request) -> None:
         self.asked.append((number, request))
-
-    def export(self, *_: object) -> Exported:
-        return Exported(1, "motion.csv", b"t", "it holds")
 
     def close(self) -> None:
         pass
@@ -285,8 +268,6 @@ def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
         assert final.wait(600.0)
         assert outcomes[-1].number == 2
         assert outcomes[-1].ok
-        exported = worker.export(".csv", 0.01, None)
-        assert exported.content.startswith(b"time")
     finally:
         worker.close()
     assert worker._process.poll() is not None

@@ -35,9 +35,9 @@ def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> No
     the page shows the duration, how near it is to what is possible, and what holds
     the motion back, and gives it out as a file and as lines of Python.
     """
-    from tominpmp.app.choice import RobotChoice
     from tominpmp.app.first_request import first_request, known
     from tominpmp.app.page import Page, import_viser
+    from tominpmp.app.request import RobotChoice
 
     import_viser()
     path = Path(robot)

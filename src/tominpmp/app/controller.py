@@ -2,33 +2,95 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
-from tominpmp.app.choice import RobotChoice, loaded
+import numpy as np
+import pinocchio as pin
+
 from tominpmp.app.first_request import first_request
-from tominpmp.app.jobs import Exported
-from tominpmp.app.outcome import Outcome
-from tominpmp.app.reach import Reach
-from tominpmp.app.request import Request
+from tominpmp.app.planning import Outcome, exported
+from tominpmp.app.request import Request, RobotChoice, loaded, rounded
 from tominpmp.app.worker import Worker
+from tominpmp.exceptions import ProblemError
+from tominpmp.goals import PoseGoal, PositionGoal
+from tominpmp.initial_guess.inverse_kinematics import solve_inverse_kinematics
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# With fewer joints an arm cannot take any orientation at any place.
+JOINTS_OF_A_POSE = 6
+# A handle this far from the frame, in m and rad, is out of reach.
+REACHED = 2e-3
 
 
-class Planning(Protocol):
-    """Where requests are planned: a :class:`~tominpmp.app.worker.Worker` or alike."""
+class Reached(NamedTuple):
+    """Where an arm comes when it is to reach a pose.
 
-    def plan(self, number: int, request: Request) -> None:
-        """Plan a request; what is planned before it is out of date."""
+    Attributes:
+        q: Configuration, n numbers [rad or m].
+        miss: How far its frame is from the pose, in m and rad together; 0 if it is
+            there.
+    """
 
-    def export(
-        self, ending: str, dt: float | None, message: str | None, patience: float = ...
-    ) -> Exported:
-        """Write the last motion to a file, and wait for it."""
+    q: tuple[float, ...]
+    miss: float
 
-    def close(self) -> None:
-        """End planning."""
+
+class Reach:
+    """Inverse kinematics of one robot's frame, from the configuration at hand.
+
+    Args:
+        robot: The robot.
+        frame: Name of the frame.
+
+    Attributes:
+        turns: Whether the frame's orientation is reached too, not its position only.
+
+    Raises:
+        FrameNotFound: If there is no such frame.
+    """
+
+    def __init__(self, robot: Robot, frame: str) -> None:
+        self.turns = robot.n >= JOINTS_OF_A_POSE
+        self._frame = frame
+        robot.frame_id(frame)
+        self._kinematics = RobotKinematics(robot)
+        limits = robot.limits
+        q = np.clip(np.zeros(robot.n), limits.position_lower, limits.position_upper)
+        goal = PositionGoal(frame, np.zeros(3))
+        # Whether it collides is not asked: one may drag it through obstacles.
+        problem = Problem(robot, q, goal, self_collision=False)
+        self._functions = ProblemFunctions.of(problem)
+
+    def pose(self, q: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Position [m] and quaternion (x, y, z, w) of the frame."""
+        placement = self._kinematics.placement(np.array(q), self._frame)
+        both = pin.SE3ToXYZQUAT(placement)
+        return both[:3], both[3:]
+
+    def solve(
+        self, position: np.ndarray, quaternion: np.ndarray, near: tuple[float, ...]
+    ) -> Reached:
+        """The configuration at a pose that is next to another one.
+
+        Args:
+            position: Where the frame is to be [m], shape (3,).
+            quaternion: How it is to be turned (x, y, z, w), shape (4,).
+            near: Where to begin, n numbers [rad or m].
+        """
+        goal: PoseGoal | PositionGoal = PositionGoal(self._frame, np.array(position))
+        if self.turns:
+            unit = np.asarray(quaternion) / np.linalg.norm(quaternion)
+            place = pin.XYZQUATToSE3(np.concatenate([position, unit]))
+            goal = PoseGoal(self._frame, place)
+        q, miss = solve_inverse_kinematics(self._functions, goal, np.array(near))
+        return Reached(rounded(q), 0.0 if miss <= REACHED else miss)
 
 
 class Controller:
@@ -41,56 +103,40 @@ class Controller:
         on_outcome: Called with every outcome that is not older than the last one told.
         planning: Makes what plans, from functions that take outcomes and a sentence on
             its end; by default a process.
+
+    Attributes:
+        request: What is asked for now.
+        outcome: The last outcome; None before the first.
     """
 
     def __init__(
         self,
         request: Request,
         on_outcome: Callable[[Outcome], None],
-        planning: Callable[
-            [Callable[[Outcome], None], Callable[[str], None]], Planning
-        ] = Worker,
+        planning: Callable[..., Any] = Worker,
     ) -> None:
+        self.request = request
+        self.outcome: Outcome | None = None
         self._lock = threading.RLock()
         self._on_outcome = on_outcome
-        self._request = request
         self._number = 0
-        self._told = 0
-        self._outcome: Outcome | None = None
+        self._solution = b""
         self._reach: tuple[RobotChoice, str, Reach] | None = None
         self._planning = planning(self._take, self._ended)
 
     @property
-    def request(self) -> Request:
-        """What is asked for now."""
-        return self._request
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """The last outcome; None before the first."""
-        return self._outcome
-
-    @property
     def busy(self) -> bool:
         """Whether an outcome for what is asked for now is still to come."""
-        last = self._outcome
+        last = self.outcome
         return last is None or last.number < self._number or not last.final
 
     def start(self) -> None:
         """Plan what is asked for now."""
-        self.ask(self._request, anew=True)
+        self._plan(self.request)
 
-    def ask(self, request: Request, *, anew: bool = False) -> None:
-        """Ask for something else.
-
-        Args:
-            request: What is asked for.
-            anew: Whether to plan it even if it is what was asked for already.
-        """
+    def _plan(self, request: Request) -> None:
         with self._lock:
-            if request == self._request and not anew:
-                return
-            self._request = request
+            self.request = request
             self._number += 1
             self._planning.plan(self._number, request)
 
@@ -101,7 +147,9 @@ class Controller:
             ProblemError: If a value is wrong.
         """
         with self._lock:
-            self.ask(replace(self._request, **changes))
+            changed = replace(self.request, **changes)
+            if changed != self.request:
+                self._plan(changed)
 
     def choose(self, choice: RobotChoice) -> None:
         """Ask for a motion of another robot, with start and goal of its own.
@@ -110,8 +158,8 @@ class Controller:
             TominpmpError: If it cannot be loaded, or has no start and goal.
         """
         request = first_request(choice)
-        with self._lock:
-            self.ask(request)
+        if request != self.request:
+            self._plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
         """Bring the frame at the start or the goal to a pose, as near as it goes.
@@ -125,30 +173,38 @@ class Controller:
             How far from there the frame remains, in m and rad; 0 if it is there.
         """
         with self._lock:
-            near = getattr(self._request, end)
+            near = getattr(self.request, end)
             found = self.reach().solve(position, quaternion, near)
             self.change(**{end: found.q})
-        return 0.0 if found.ok else found.miss
+        return found.miss
 
     def reach(self) -> Reach:
         """Inverse kinematics of the frame that handles move."""
         with self._lock:
-            robot, frame = self._request.robot, self._request.frame
+            robot, frame = self.request.robot, self.request.frame
             if self._reach is None or self._reach[:2] != (robot, frame):
                 self._reach = robot, frame, Reach(loaded(robot), frame)
             return self._reach[2]
 
     def export(
         self, ending: str, dt: float | None = None, message: str | None = None
-    ) -> Exported:
+    ) -> tuple[str, bytes, str]:
         """Write the motion that was found last to a file.
 
         Args:
             ending: What its name ends with: ".csv", ".npz", ".yaml", ...
             dt: Time between rows [s]; None for the nodes.
             message: Which ROS message, if it is one.
+
+        Returns:
+            Name and content of the file, and what its check says.
+
+        Raises:
+            TominpmpError: If there is no motion, or the file cannot be written.
         """
-        return self._planning.export(ending, dt, message)
+        if not self._solution:
+            raise ProblemError("there is no motion to export yet", "solution")
+        return exported(pickle.loads(self._solution), ending, dt, message)
 
     def close(self) -> None:
         """End planning."""
@@ -156,13 +212,11 @@ class Controller:
 
     def _take(self, outcome: Outcome) -> None:
         with self._lock:
-            if outcome.number < self._told:
+            if self.outcome is not None and outcome.number < self.outcome.number:
                 return
-            self._told = outcome.number
-            self._outcome = outcome
+            self.outcome = outcome
+            self._solution = outcome.solution or self._solution
         self._on_outcome(outcome)
 
     def _ended(self, sentence: str) -> None:
-        with self._lock:
-            outcome = Outcome(self._number, self._request, sentence)
-        self._take(outcome)
+        self._take(Outcome(self._number, self.request, sentence))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.app.choice import RobotChoice, loaded
-from tominpmp.app.items import Item
-from tominpmp.app.request import Limits, Request
+from tominpmp.app.request import Item, Limits, Request, RobotChoice, loaded, rounded
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning
 from tominpmp.goals import JointGoal
@@ -57,14 +56,8 @@ def first_request(choice: RobotChoice) -> Request:
     frame = tool_frame(robot)
     start = _first_free(robot, _starts(robot))
     goal = _first_free(robot, _goals(robot, start))
-    margin = Limits(margin=0.01)
-    return Request(
-        robot=choice,
-        frame=frame,
-        q_start=tuple(start.tolist()),
-        q_goal=tuple(goal.tolist()),
-        limits=margin,
-    )
+    limits = Limits(margin=0.01)
+    return Request(robot=choice, frame=frame, q_start=start, q_goal=goal, limits=limits)
 
 
 def tool_frame(robot: Robot) -> str:
@@ -76,13 +69,9 @@ def tool_frame(robot: Robot) -> str:
     return end_of(robot)
 
 
-def _limits(robot: Robot) -> tuple[Array, Array]:
-    return robot.limits.position_lower, robot.limits.position_upper
-
-
 def _starts(robot: Robot) -> Iterator[Array]:
     """Configurations to begin with: as its files say, then in the middle, then any."""
-    low, high = _limits(robot)
+    low, high = robot.limits.position_lower, robot.limits.position_upper
     states = {} if robot.srdf is None else robot.srdf.group_states
     middle = np.clip(np.zeros(robot.n), 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
     middle = np.where(np.isfinite(middle), middle, np.clip(0.0, low, high))
@@ -96,24 +85,20 @@ def _starts(robot: Robot) -> Iterator[Array]:
         yield np.clip(middle + share * rng.uniform(-2.0, 2.0, robot.n), low, high)
 
 
-def _goals(robot: Robot, start: Array) -> Iterator[Array]:
+def _goals(robot: Robot, start: tuple[float, ...]) -> Iterator[Array]:
     """Configurations to go to: each joint turned a little, the first one more."""
-    low, high = _limits(robot)
+    low, high = robot.limits.position_lower, robot.limits.position_upper
     turn = 0.5 * SWING * np.array([(-1.0) ** i for i in range(robot.n)])
     turn[0] = SWING
-    for share in (1.0, -1.0, 0.6, -0.6, 0.3, -0.3):
-        yield _inside(start + share * turn, low, high)
+    ways = [share * turn for share in (1.0, -1.0, 0.6, -0.6, 0.3, -0.3)]
     rng = np.random.default_rng(1)
     for share in np.linspace(1.0, 0.1, TRIALS):
-        away = start + share * SWING * rng.uniform(-1.0, 1.0, robot.n)
-        yield _inside(away, low, high)
+        ways.append(share * SWING * rng.uniform(-1.0, 1.0, robot.n))
+    for way in ways:
+        yield np.clip(start + way, low, high)
 
 
-def _inside(q: Array, low: Array, high: Array) -> Array:
-    return np.asarray(np.clip(q, low, high))
-
-
-def _first_free(robot: Robot, candidates: Iterator[Array]) -> Array:
+def _first_free(robot: Robot, candidates: Iterator[Array]) -> tuple[float, ...]:
     """The first configuration that is inside the limits and free of collisions.
 
     Raises:
@@ -122,12 +107,10 @@ def _first_free(robot: Robot, candidates: Iterator[Array]) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TominpmpWarning)
         for q in candidates:
-            q = np.round(q, 4)
-            try:
-                Problem(robot, q, JointGoal(q))
-            except ProblemError:
-                continue
-            return q
+            with suppress(ProblemError):
+                found: tuple[float, ...] = rounded(q)
+                Problem(robot, found, JointGoal(found))
+                return found
     raise RobotLoadError(
         f"no configuration of {robot.name} was found that is clear of itself",
         robot.urdf_path,

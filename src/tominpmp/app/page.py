@@ -1,8 +1,7 @@
 """The page: a stage in the middle, what was found on the left, what is asked for right.
 
-It holds viser's server and the controller, and lets the parts of the page speak with
-each other. Everything in it may be called from several threads: callbacks of the page,
-outcomes of the planning, and the clock that plays.
+Everything in it may be called from several threads: callbacks of the page, outcomes of
+the planning, and the clock that plays.
 """
 
 from __future__ import annotations
@@ -10,29 +9,43 @@ from __future__ import annotations
 import io
 import logging
 import socket
+import tempfile
 import threading
 import time
 import warnings
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from tominpmp.app.choice import RobotChoice, loaded
+import numpy as np
+
+from tominpmp.app import pictures
 from tominpmp.app.controller import Controller
-from tominpmp.app.handles import Handles
+from tominpmp.app.first_request import ARMS, known
 from tominpmp.app.origins import serve
-from tominpmp.app.outcome import Outcome, Shown
-from tominpmp.app.panel import Panel
-from tominpmp.app.readout import Readout
-from tominpmp.app.request import Request
+from tominpmp.app.planning import Outcome, Shown, plain_name
+from tominpmp.app.request import (
+    SIZES,
+    Item,
+    Limits,
+    Request,
+    RobotChoice,
+    group_names,
+    has_datasheet,
+    loaded,
+    new_item,
+)
 from tominpmp.app.stage import (
     GHOST_OPACITY,
     Arm,
+    Handles,
     draw_path,
     look_at,
     outlines,
-    size_of,
 )
+from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
 from tominpmp.viz.bodies import robot_bodies
 from tominpmp.viz.roles import GOAL_RGB, START_RGB
@@ -45,6 +58,27 @@ BARS_PER_SECOND = 10.0
 GROUND = (205, 210, 220)  # what light from below looks like
 # The arm rests so long at both ends before it plays again [s].
 REST = 0.5
+SPEEDS = {"real time": 1.0, "half": 0.5, "a quarter": 0.25, "a tenth": 0.1}
+ALL_JOINTS = "all joints"
+GOAL_WORDS = {
+    "this configuration": "joint",
+    "the pose, any configuration": "pose",
+    "the position, any orientation": "position",
+}
+# Files by what they are called on the page: ending, time between rows [s], message.
+FILES: dict[str, tuple[str, float | None, str | None]] = {
+    "CSV, every millisecond": (".csv", 0.001, None),
+    "CSV, nodes": (".csv", None, None),
+    "NumPy (.npz), every millisecond": (".npz", 0.001, None),
+    "ROS 2 JointTrajectory (.yaml), 10 ms": (".yaml", 0.01, None),
+    "ROS 2 FollowJointTrajectory (.yaml), 10 ms": (
+        ".yaml",
+        0.01,
+        "FollowJointTrajectory",
+    ),
+}
+# Files larger than this are no URDF [bytes].
+MOST_BYTES = 20_000_000
 
 
 def import_viser() -> Any:
@@ -73,6 +107,16 @@ def check_port(host: str, port: int) -> None:
             f"port {port} of {host} cannot be used ({error}); choose another one",
             "port",
         ) from error
+
+
+def by_user(act: Callable[[], Any]) -> Callable[[Any], None]:
+    """A callback that acts when somebody changes a field, not when the page does."""
+
+    def changed(event: Any) -> None:
+        if event.client is not None:
+            act()
+
+    return changed
 
 
 class Page:
@@ -107,9 +151,10 @@ class Page:
         self._size = 1.0
         self.controller = Controller(request, self._found)
         self._dress()
-        self.readout = Readout(self.server)
-        self.panel = Panel(self.server, self)
-        self.handles = Handles(self.server.scene, self)
+        self.readout = Readout(self.server, self.controller)
+        self.panel = Panel(self)
+        scene, controller = self.server.scene, self.controller
+        self.handles = Handles(scene, controller, self.ask, self.drag)
         self._set_stage()
         self.controller.start()
         self._clock = threading.Thread(target=self._play, daemon=True)
@@ -125,11 +170,9 @@ class Page:
         scene.world_axes.visible = False
         # Lights that a machine without a graphics card can compute, too.
         scene.configure_environment_map(None)
+        white = (255, 255, 255)
         scene.add_light_hemisphere(
-            "/sky",
-            sky_color=(255, 255, 255),
-            ground_color=(205, 210, 220),
-            intensity=2.2,
+            "/sky", sky_color=white, ground_color=GROUND, intensity=2.2
         )
         scene.configure_default_lights(True, cast_shadow=True)
 
@@ -146,7 +189,7 @@ class Page:
         except TominpmpError as error:
             self.readout.tell(str(error), bad=True)
             return False
-        self.readout.busy(self.controller)
+        self.readout.show_headline()
         return True
 
     def choose(self, choice: RobotChoice) -> None:
@@ -161,13 +204,15 @@ class Page:
         if not self.attempt(act):
             self.panel.rebuild()
 
-    def ask(self, **changes: Any) -> bool:
+    def ask(self, **changes: Any) -> None:
         """Ask for the same with some fields of the request changed."""
-        done = self.attempt(lambda: self.controller.change(**changes))
-        if done:
+
+        def act() -> None:
+            self.controller.change(**changes)
             self.readout.tell("")
             self.refresh()
-        return done
+
+        self.attempt(act)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> None:
         """Bring the frame at start or goal to a handle."""
@@ -188,6 +233,16 @@ class Page:
             self.attempt(act)
         self.panel.refresh_lines()
 
+    def export(self, ending: str, dt: float | None, message: str | None) -> None:
+        """Hand the motion to the browser as a file."""
+
+        def act() -> None:
+            name, content, remark = self.controller.export(ending, dt, message)
+            self.server.send_file_download(name, content)
+            self.readout.tell(remark)
+
+        self.attempt(act)
+
     # -- what is seen ------------------------------------------------------------------
 
     def refresh(self) -> None:
@@ -201,15 +256,13 @@ class Page:
 
     def _set_stage(self) -> None:
         """Put the robot that is asked for on the stage."""
-        request = self.controller.request
+        request, scene = self.controller.request, self.server.scene
         robot = loaded(request.robot)
         with self._lock:
             for arm in self._arms.values():
                 arm.remove()
-            self.server.scene.remove_by_name("/path")
+            scene.remove_by_name("/path")
             self._shown = None
-            scene = self.server.scene
-            self._size = size_of(robot, request)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 bodies = robot_bodies(robot)
@@ -221,7 +274,7 @@ class Page:
             }
             self._arms["robot"] = Arm(scene, "/robot", robot, bodies)
             self._arms["robot"].move(request.q_start)
-            look_at(self.server, robot, request, self._size)
+            self._size = look_at(self.server, robot, request)
             self.handles.rebuild(0.16 * self._size)
             self.panel.rebuild()
         self.refresh()
@@ -236,9 +289,8 @@ class Page:
                 if self._shown is None:
                     self._begun = time.monotonic()
                 self._shown = outcome.shown
-                draw_path(self.server.scene, outcome.shown, self._size)
-            goes_on = self._shown is not None
-            self.readout.show(outcome, self.controller.busy, goes_on)
+                draw_path(self.server.scene, outcome.shown.path, self._size)
+            self.readout.show(outcome, self._shown is not None)
 
     def _play(self) -> None:
         """Let the robot move, all the time."""
@@ -247,7 +299,7 @@ class Page:
             shown = self._shown
             if shown is None:
                 continue
-            now = self.readout.time(shown, time.monotonic() - self._begun, REST)
+            now = self.readout.time(shown, time.monotonic() - self._begun)
             try:
                 with self._lock:
                     if shown is self._shown:
@@ -257,13 +309,6 @@ class Page:
                     next_bars = time.monotonic() + 1.0 / BARS_PER_SECOND
             except Exception:  # the page goes on, whatever a client does
                 logger.exception("a frame could not be shown")
-
-    def export(self, ending: str, dt: float | None, message: str | None) -> None:
-        """Hand the motion to the browser as a file."""
-        found = self.controller.export(ending, dt, message)
-        if found.content:
-            self.server.send_file_download(found.name, found.content)
-        self.readout.tell(found.remark, bad=not found.content)
 
     def close(self) -> None:
         """End serving and planning."""
@@ -281,3 +326,296 @@ class Page:
             pass
         finally:
             self.close()
+
+
+class Readout:
+    """The left side of the page: T, bound, bars, curves, what holds the motion back.
+
+    Args:
+        server: Viser's server.
+        controller: What tells whether planning goes on.
+    """
+
+    def __init__(self, server: Any, controller: Controller) -> None:
+        gui, self._controller = server.gui, controller
+        panel = gui.add_panel()
+        with panel.add_tab("Motion"):
+            self._headline = gui.add_html(pictures.headline(None, True))
+            self._notice = gui.add_html("")
+            self._playing = gui.add_checkbox("Play", True)
+            self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="half")
+            self._slider = gui.add_slider("Time", 0.0, 1.0, 0.005, 0.0)
+            self._slider.visible = False
+            self._bars = gui.add_html("")
+            with gui.add_folder("Over time"):
+                self._curves = gui.add_html("")
+            with gui.add_folder("What holds it back"):
+                self._held = gui.add_html("")
+        panel.dock_left()
+        panel.set_width(340)
+        self._playing.on_update(lambda _: self._pause())
+        self._share = 0.0
+        self._outcome: Outcome | None = None
+
+    def _pause(self) -> None:
+        self._slider.visible = not self._playing.value
+        if not self._playing.value:
+            self._slider.value = round(self._share, 3)
+
+    def time(self, shown: Shown, since: float) -> float:
+        """The instant to show [s].
+
+        Args:
+            shown: The motion.
+            since: Time since it began to play [s].
+        """
+        if not self._playing.value:
+            return float(self._slider.value) * shown.T
+        scaled = since * SPEEDS[self._speed.value]
+        at = scaled % (shown.T + 2.0 * REST) - REST
+        now = min(max(at, 0.0), shown.T)
+        self._share = now / shown.T if shown.T > 0.0 else 0.0
+        return now
+
+    def show(self, outcome: Outcome, goes_on: bool) -> None:
+        """Show an outcome.
+
+        Args:
+            outcome: The outcome.
+            goes_on: Whether there is a motion before it, which goes on playing.
+        """
+        self._outcome, busy = outcome, self._controller.busy
+        self._headline.content = pictures.headline(outcome, busy, goes_on)
+        if outcome.shown is not None:
+            self._curves.content = pictures.curves(outcome.shown)
+            held, told = outcome.shown.held, outcome.shown.optimality
+            self._held.content = pictures.held_back(held, told)
+
+    def show_headline(self) -> None:
+        """Say whether planning goes on, beside a motion."""
+        if self._outcome is not None and self._outcome.shown is not None:
+            busy = self._controller.busy
+            self._headline.content = pictures.headline(self._outcome, busy)
+
+    def show_bars(self, shown: Shown, time: float) -> None:
+        """Show speeds and torques at a time [s]."""
+        content = pictures.bars(shown, time)
+        if content != self._bars.content:
+            self._bars.content = content
+
+    def tell(self, text: str, *, bad: bool = False) -> None:
+        """Show a sentence; nothing takes it away."""
+        content = pictures.notice(text, bad=bad)
+        if content != self._notice.content:
+            self._notice.content = content
+
+
+class Panel:
+    """The right side of the page: what is asked for, files and lines of Python.
+
+    Args:
+        page: The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page, self._gui = page, page.server.gui
+        with self._gui.add_folder("Robot"):
+            self._add_robots()
+        with self._gui.add_folder("Start and goal"):
+            self._add_ends()
+        with self._gui.add_folder("Limits"):
+            self._add_limits()
+        with self._gui.add_folder("Obstacles"):
+            self._add_obstacles()
+        with self._gui.add_folder("Export"):
+            files = self._gui.add_dropdown("File", tuple(FILES))
+            button = self._gui.add_button("Download the motion")
+            button.on_click(by_user(lambda: page.export(*FILES[files.value])))
+        with self._gui.add_folder("In Python", expand_by_default=False):
+            self._lines = self._gui.add_markdown("")
+
+    @property
+    def _request(self) -> Request:
+        return self._page.controller.request
+
+    def rebuild(self) -> None:
+        """Show what belongs to another robot."""
+        request, limits = self._request, self._request.limits
+        source = request.robot.source
+        # The robot was loaded; only what else its files say may not be known.
+        with suppress(TominpmpError):
+            if source not in self._robots.options:
+                self._robots.options = (source, *self._robots.options)
+            self._robots.value = source
+            self._groups.options = (ALL_JOINTS, *group_names(source))
+            self._groups.value = request.robot.group or ALL_JOINTS
+            self._datasheet.visible = has_datasheet(source)
+            self._datasheet.value = request.robot.datasheet
+            self._frames.options = loaded(request.robot).frame_names
+            self._frames.value = request.frame
+            words = {goal: word for word, goal in GOAL_WORDS.items()}
+            self._goals.value = words[request.goal]
+            for name, slider in self._sliders.items():
+                slider.value = getattr(limits, name)
+            self._bounded.value = limits.acceleration is not None
+        self.refresh_lines()
+
+    def refresh_lines(self) -> None:
+        """Show the lines of Python, and the names of the obstacles."""
+        self._lines.content = f"```python\n{self._request.python()}```"
+        self._fewer.visible = bool(self._request.via)
+        names = tuple(item.name for item in self._request.items) or ("none",)
+        if tuple(self._items.options) != names:
+            self._items.options = names
+            self._show_sizes()
+
+    # -- robots ------------------------------------------------------------------------
+
+    def _add_robots(self) -> None:
+        gui, source = self._gui, self._request.robot.source
+        names = [*ARMS, *(name for name in robot_names() if name not in ARMS)]
+        if source not in names:
+            names.insert(0, source)
+        self._robots = gui.add_dropdown("Robot", names, initial_value=source)
+        self._groups = gui.add_dropdown("Joints", (ALL_JOINTS,))
+        self._datasheet = gui.add_checkbox("Maker's data sheet", False)
+        upload = gui.add_upload_button(
+            "Open a URDF file", mime_type=".urdf,.xml,text/xml"
+        )
+        choose = self._page.choose
+        self._robots.on_update(by_user(lambda: choose(known(self._robots.value))))
+        self._groups.on_update(by_user(self._choose_part))
+        self._datasheet.on_update(by_user(self._choose_part))
+        upload.on_upload(by_user(lambda: self._take_file(upload.value)))
+
+    def _choose_part(self) -> None:
+        """The same robot with other joints, or other limits."""
+        present = self._request.robot
+        group = None if self._groups.value == ALL_JOINTS else self._groups.value
+        sheet = bool(self._datasheet.value)
+        if (group, sheet) != (present.group, present.datasheet):
+            locked = () if group else known(present.source).locked
+            self._page.choose(
+                replace(present, group=group, datasheet=sheet, locked=locked)
+            )
+
+    def _take_file(self, file: Any) -> None:
+        """Take a robot from a file that was dropped in."""
+        if not file.content or len(file.content) > MOST_BYTES:
+            return
+        folder = Path(tempfile.mkdtemp(prefix="tominpmp-"))
+        path = folder / f"{plain_name(Path(file.name).stem)}.urdf"
+        path.write_bytes(file.content)
+        self._page.choose(RobotChoice(str(path)))
+
+    # -- ends and points ---------------------------------------------------------------
+
+    def _add_ends(self) -> None:
+        gui, page = self._gui, self._page
+        self._goals = gui.add_dropdown("Goal is", tuple(GOAL_WORDS))
+        self._frames = gui.add_dropdown("Frame", ("",))
+        swap = gui.add_button("Swap start and goal")
+        add = gui.add_button("Add a point on the way")
+        self._fewer = gui.add_button("Remove the last point")
+        show = gui.add_checkbox("Show handles", True)
+        self._goals.on_update(
+            by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
+        )
+        self._frames.on_update(by_user(self._change_frame))
+        swap.on_click(by_user(self._swap))
+        add.on_click(by_user(self._add_point))
+        self._fewer.on_click(by_user(lambda: page.ask(via=self._request.via[:-1])))
+        show.on_update(by_user(lambda: page.handles.show(show.value)))
+
+    def _change_frame(self) -> None:
+        if self._frames.value:
+            self._page.ask(frame=self._frames.value)
+
+    def _swap(self) -> None:
+        start, goal = self._request.q_start, self._request.q_goal
+        self._page.ask(q_start=goal, q_goal=start, via=self._request.via[::-1])
+
+    def _add_point(self) -> None:
+        """A point beside the way, in the middle between the last one and the goal."""
+        request, pose = self._request, self._page.controller.reach().pose
+        middle = (np.array(request.q_start) + np.array(request.q_goal)) / 2
+        point = pose(tuple(middle.tolist()))[0]
+        if request.via:
+            point = (np.array(request.via[-1]) + pose(request.q_goal)[0]) / 2
+        self._page.ask(via=(*request.via, tuple(point.tolist())))
+
+    # -- limits ------------------------------------------------------------------------
+
+    def _add_limits(self) -> None:
+        gui = self._gui
+        self._sliders = {
+            "effort_scale": gui.add_slider("Torque", 0.1, 1.0, 0.01, 1.0),
+            "speed_scale": gui.add_slider("Speed", 0.1, 1.0, 0.01, 1.0),
+            "margin": gui.add_slider("Margin [m]", 0.0, 0.1, 0.005, 0.02),
+        }
+        self._bounded = gui.add_checkbox("Limit accelerations", False)
+        self._acceleration = gui.add_slider("Acceleration", 1.0, 60.0, 0.5, 15.0)
+        self._acceleration.visible = False
+        for field in (*self._sliders.values(), self._bounded, self._acceleration):
+            field.on_update(by_user(self._change_limits))
+
+    def _change_limits(self) -> None:
+        bounded = bool(self._bounded.value)
+        self._acceleration.visible = bounded
+        values = {name: float(s.value) for name, s in self._sliders.items()}
+        limit = float(self._acceleration.value) if bounded else None
+        self._page.ask(limits=Limits(**values, acceleration=limit))
+
+    # -- obstacles ---------------------------------------------------------------------
+
+    def _add_obstacles(self) -> None:
+        gui, page = self._gui, self._page
+        kinds = gui.add_button_group("Add", tuple(SIZES))
+        self._items = gui.add_dropdown("Obstacle", ("none",))
+        self._sizes = [
+            gui.add_slider(f"size {number + 1}", 0.01, 2.0, 0.01, 0.1)
+            for number in range(3)
+        ]
+        turn = gui.add_checkbox("Turn obstacles", False)
+        self._remove = gui.add_button("Remove this obstacle", color="gray")
+        kinds.on_click(by_user(lambda: self._add_item(kinds.value)))
+        self._items.on_update(by_user(self._show_sizes))
+        for slider in self._sizes:
+            slider.on_update(by_user(self._resize))
+        self._remove.on_click(by_user(self._remove_item))
+        turn.on_update(by_user(lambda: page.handles.allow_turning(turn.value)))
+
+    def _add_item(self, kind: str) -> None:
+        items = self._request.items
+        taken = tuple(item.name for item in items)
+        place = self._page.controller.reach().pose(self._request.q_goal)[0]
+        item = new_item(kind, place * [-0.6, 0.6, 1.0], taken)
+        self._page.ask(items=(*items, item))
+        self.refresh_lines()
+        self._items.value = item.name
+        self._show_sizes()
+
+    def _chosen(self) -> Item | None:
+        items = self._request.items
+        return next((item for item in items if item.name == self._items.value), None)
+
+    def _show_sizes(self) -> None:
+        item = self._chosen()
+        names = () if item is None else tuple(SIZES[item.kind])
+        for number, slider in enumerate(self._sizes):
+            slider.visible = number < len(names)
+            if item is not None and number < len(names):
+                slider.label = f"{names[number]} [m]"
+                slider.value = item.size[number]
+        self._remove.visible = item is not None
+
+    def _resize(self) -> None:
+        item = self._chosen()
+        if item is not None:
+            sizes = [slider.value for slider in self._sizes[: len(item.size)]]
+            self._page.ask(items=self._request.items_with(item.name, size=sizes))
+
+    def _remove_item(self) -> None:
+        chosen = self._chosen()
+        kept = tuple(item for item in self._request.items if item != chosen)
+        self._page.ask(items=kept)

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from tominpmp.app.outcome import Held, Outcome, Shown
+from tominpmp.app.planning import Held, Outcome, Shown
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import USELESS
 from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR

@@ -1,27 +1,123 @@
-"""Planning for the page: from the last motion, then proofs, then a second look."""
+"""Planning for the page: from the last motion, then proofs, then a second look.
+
+Outcomes are plain data, few enough to pass on at once: numbers that the page shows.
+"""
 
 from __future__ import annotations
 
+import pickle
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tominpmp.app.numbers import plain_name
-from tominpmp.app.outcome import Outcome, show
+import numpy as np
+
 from tominpmp.app.request import Request
+from tominpmp.arrays import Array, Record
+from tominpmp.bounds import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, TominpmpWarning
 from tominpmp.files.export_check import check_export
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord
+from tominpmp.viz.shares import AT_LIMIT, used
 
 # Nobody waits longer for a page [s].
 MOST_SECONDS = 20.0
 # A motion found afresh takes the place of the one shown if it is faster by this share.
 BETTER = 1e-3
+# Instants at which a motion is shown.
+INSTANTS = 241
+# So many of the limits that hold a motion are told.
+MOST_HELD = 8
+# Limits as people call them, by what the certificate calls them.
+WORDS = {"effort": "torque", "velocity": "speed", "effort rate": "torque rate"}
+
+
+@dataclass(frozen=True)
+class Held:
+    """A limit that holds a motion back.
+
+    Attributes:
+        what: The limit, in words: "torque of panda_joint2".
+        share: Share of the time in which it holds.
+        gain: Percent of T that one percent more of the limit would save, to first
+            order; None where that is not known, or the limit is no size (clearance).
+    """
+
+    what: str
+    share: float
+    gain: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Shown(Record):
+    """A motion as it is shown.
+
+    Attributes:
+        T: Its duration [s].
+        verified: Whether an independent replay of the torques meets goal and limits.
+        bound: Time that no motion can beat; None if it is not known.
+        seconds: How long planning took [s].
+        joint_names: Names of the n joints.
+        t: Instants, evenly spaced [s], shape (m,).
+        q: Configurations, shape (m, n) [rad or m].
+        speed: Speeds as shares of their limits, shape (m, n); 0 where there is none.
+        torque: Torques likewise, 0 in the middle of their range.
+        path: Positions of the frame [m], shape (m, 3).
+        held: What holds it back, the most important first.
+        optimality: What its certificate says, in a sentence; empty without one.
+    """
+
+    T: float
+    verified: bool
+    bound: LowerBound | None
+    seconds: float
+    joint_names: tuple[str, ...]
+    t: Array
+    q: Array
+    speed: Array
+    torque: Array
+    path: Array
+    held: tuple[Held, ...]
+    optimality: str = ""
+
+    def row(self, time: float) -> int:
+        """Index of the instant next to a time [s]."""
+        last = self.t.size - 1
+        if not self.T > 0.0:
+            return last
+        return int(np.clip(round(time / self.T * last), 0, last))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome(Record):
+    """What became of a request.
+
+    Attributes:
+        number: Number of the request.
+        request: The request.
+        message: What happened, in a sentence or two.
+        shown: The motion; None if there is none.
+        final: Whether nothing more will be tried for this request.
+        solution: The solution for files, pickled: it is read only if one is wanted.
+    """
+
+    number: int
+    request: Request
+    message: str
+    shown: Shown | None = None
+    final: bool = True
+    solution: bytes = b""
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a motion that keeps all limits."""
+        return self.shown is not None and self.shown.verified
 
 
 class Superseded(Exception):
@@ -51,43 +147,48 @@ class Session:
             request: What is asked for.
             superseded: Tells whether the request is out of date, which ends it.
         """
+
+        def check(_: IterationRecord | None = None) -> None:
+            if superseded():
+                raise Superseded
+
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TominpmpWarning)
             try:
-                yield from self._outcomes(number, request, superseded)
+                for solution, certified, final in self._found(request, check):
+                    shown = _shown(solution, request.frame, certified)
+                    saved, told = pickle.dumps(solution), solution.message
+                    yield Outcome(number, request, told, shown, final, saved)
             except Superseded:
                 return
             except TominpmpError as error:
                 yield Outcome(number, request, str(error))
 
-    def _outcomes(
-        self, number: int, request: Request, superseded: Callable[[], bool]
-    ) -> Iterator[Outcome]:
+    def _found(
+        self, request: Request, check: Callable[..., None]
+    ) -> Iterator[tuple[Solution, bool, bool]]:
+        """Solutions, whether to certify them, and whether nothing more is tried.
+
+        Raises:
+            Superseded: As soon as the request is out of date.
+            TominpmpError: If the request is wrong, or no motion was found.
+        """
         problem = request.problem()
         former = self._former(problem)
-        found = _plan(problem, superseded, former)
+        found = _plan(problem, check, former)
         if not found.success:
-            yield Outcome(number, request, found.message)
-            return
+            raise TominpmpError(found.message)
         self.solution = found
-        yield self._outcome(number, request, certified=False)
-        _check(superseded)
-        yield self._outcome(number, request, certified=True, final=former is None)
+        yield found, False, False
+        check()
+        yield found, True, former is None
         if former is None:
             return
-        _check(superseded)
-        again = _plan(problem, superseded)
+        check()
+        again = _plan(problem, check)
         if again.success and again.T < (1.0 - BETTER) * found.T:
-            self.solution = again
-        yield self._outcome(number, request, certified=True, final=True)
-
-    def _outcome(
-        self, number: int, request: Request, *, certified: bool, final: bool = False
-    ) -> Outcome:
-        solution = self.solution
-        assert solution is not None  # noqa: S101
-        shown = show(solution, request.frame, certified=certified)
-        return Outcome(number, request, solution.message, shown, final)
+            self.solution = found = again
+        yield found, True, True
 
     def _former(self, problem: Problem) -> Solution | None:
         """The last motion, if one can begin with it."""
@@ -97,49 +198,13 @@ class Session:
         same = last.problem.robot.joint_names == problem.robot.joint_names
         return last if same else None
 
-    def exported(
-        self, ending: str, dt: float | None, message: str | None = None
-    ) -> tuple[str, bytes, str]:
-        """Write the last motion to a file.
-
-        Args:
-            ending: What its name ends with: ".csv", ".npz", ".yaml", ...
-            dt: Time between rows [s]; None for the nodes.
-            message: Which ROS message, if it is one.
-
-        Returns:
-            Name and content of the file, and what its check says.
-
-        Raises:
-            TominpmpError: If there is no motion, or the file cannot be written.
-        """
-        if self.solution is None:
-            raise ProblemError("there is no motion to export yet", "solution")
-        with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
-            name = f"{plain_name(self.solution.problem.robot.name)}_motion{ending}"
-            path = Path(folder) / name
-            self.solution.export(path, dt=dt, message=message, verify=False)
-            found = check_export(self.solution, path, dt=dt)
-            return name, path.read_bytes(), found.message
-
-
-def _check(superseded: Callable[[], bool]) -> None:
-    if superseded():
-        raise Superseded
-
 
 def _plan(
-    problem: Problem, superseded: Callable[[], bool], former: Solution | None = None
+    problem: Problem,
+    look: Callable[[IterationRecord], None],
+    former: Solution | None = None,
 ) -> Solution:
-    """Plan quickly.
-
-    Raises:
-        Superseded: As soon as the request is out of date.
-    """
-
-    def look(record: IterationRecord) -> None:
-        _check(superseded)
-
+    """Plan quickly."""
     solution = plan(
         problem,
         start=former,
@@ -149,3 +214,114 @@ def _plan(
     )
     # What is kept needs no callback, which refers to this request.
     return replace(solution, options=replace(solution.options, callback=None))
+
+
+def exported(
+    solution: Solution, ending: str, dt: float | None, message: str | None = None
+) -> tuple[str, bytes, str]:
+    """Write a motion to a file.
+
+    Args:
+        solution: Its solution.
+        ending: What the file's name ends with: ".csv", ".npz", ".yaml", ...
+        dt: Time between rows [s]; None for the nodes.
+        message: Which ROS message, if it is one.
+
+    Returns:
+        Name and content of the file, and what its check says.
+
+    Raises:
+        TominpmpError: If the file cannot be written.
+    """
+    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+        name = f"{plain_name(solution.problem.robot.name)}_motion{ending}"
+        path = Path(folder) / name
+        solution.export(path, dt=dt, message=message, verify=False)
+        return name, path.read_bytes(), check_export(solution, path, dt=dt).message
+
+
+def plain_name(name: str) -> str:
+    """A name that any file system takes."""
+    plain = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
+    return plain[:60] or "robot"
+
+
+def _shown(solution: Solution, frame: str, certified: bool) -> Shown:
+    """What the page shows of a motion.
+
+    Args:
+        solution: The solution, which has one.
+        frame: The frame whose path is drawn.
+        certified: Whether what holds the motion comes from its certificate, which
+            takes a moment, instead of the samples.
+    """
+    motion, judged = solution.trajectory, solution.verification
+    assert motion is not None  # noqa: S101
+    problem = solution.problem
+    t = np.linspace(0.0, motion.duration, INSTANTS)
+    at = motion(t)
+    speed, torque = used(problem, at.v, at.u)
+    kinematics = RobotKinematics(problem.robot)
+    path = [kinematics.placement(q, frame).translation for q in at.q]
+    held, sentence = _certified(solution) if certified else (None, "")
+    if held is None:
+        held = _sampled(motion.joint_names, speed, torque)
+    return Shown(
+        T=motion.duration,
+        verified=judged is not None and judged.ok,
+        bound=solution.lower_bound,
+        seconds=solution.planning_time,
+        joint_names=motion.joint_names,
+        t=t,
+        q=np.array(at.q),
+        speed=speed,
+        torque=torque,
+        path=np.array(path),
+        held=tuple(held[:MOST_HELD]),
+        optimality=sentence,
+    )
+
+
+def _sampled(names: tuple[str, ...], speed: Array, torque: Array) -> list[Held]:
+    """What is at its limit, by share of the time."""
+    found = []
+    for kind, values in (("speed", speed), ("torque", torque)):
+        shares = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
+        found += [
+            Held(f"{kind} of {name}", share)
+            for name, share in zip(names, shares, strict=True)
+            if share > 0.01
+        ]
+    return sorted(found, key=lambda item: -item.share)
+
+
+def _certified(solution: Solution) -> tuple[list[Held] | None, str]:
+    """What holds a motion by its certificate, and what that says of the motion.
+
+    Gains are percent of T that one percent more of a limit would save.
+    """
+    try:
+        certificate = solution.certificate
+    except ProblemError:
+        # Motions that stay somewhere while obstacles move have none.
+        return None, ""
+    if certificate is None:
+        return None, ""
+    try:
+        gains = {
+            (item.kind, item.subject): -item.value
+            for item in solution.sensitivities
+            if item.joint is not None and not item.unit
+        }
+    except ProblemError:
+        # Motions of several segments have none.
+        gains = {}
+    found = []
+    for limit in certificate.active:
+        share = float(np.sum(limit.end - limit.begin)) / solution.T
+        joins = "between" if limit.kind == "clearance" else "of"
+        what = f"{WORDS.get(limit.kind, limit.kind)} {joins} {limit.name}"
+        gain = gains.get((limit.kind, limit.name))
+        found.append(Held(what, min(share, 1.0), gain))
+    found.sort(key=lambda item: (-(item.gain or 0.0), -item.share))
+    return found, certificate.message

@@ -1,27 +1,262 @@
-"""What was asked for: the state of the page, from which the problem is made."""
+"""What was asked for: the state of the page, from which the problem is made.
+
+The problem and the lines of Python that make the same are told once, as calls of the
+library: they are made for the one, and written for the other. Numbers are rounded where
+they are set, so that the lines are short and exact.
+"""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from tominpmp.app.choice import RobotChoice, loaded
-from tominpmp.app.items import Item, Triple
-from tominpmp.app.numbers import list_text, rounded, tuple_text
-from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.datasheets import published_values
+from tominpmp.exceptions import (
+    OptionsError,
+    ProblemError,
+    RobotLoadError,
+    SceneError,
+    TominpmpWarning,
+    brief,
+)
+from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.robot import Robot, RobotSource, load_robot, read_source
+from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
 
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
+# Digits after the point of positions [m] and of configurations [rad or m].
+DIGITS = 4
+# More joints than this do not fit on a page, nor can they be planned while one drags.
+MOST_JOINTS = 16
 # What must hold at the end, beside "joint" the pose of the frame or its position only.
 GOALS = ("joint", "pose", "position")
+
+KINDS: dict[str, Callable[..., Obstacle]] = {
+    "box": Box,
+    "sphere": Sphere,
+    "cylinder": Cylinder,
+    "capsule": Capsule,
+}
+# Sizes by kind, as the library's obstacles call them, and what a new one has [m].
+SIZES: dict[str, dict[str, float]] = {
+    "box": {"x": 0.15, "y": 0.15, "z": 0.15},
+    "sphere": {"radius": 0.1},
+    "cylinder": {"radius": 0.06, "length": 0.3},
+    "capsule": {"radius": 0.06, "length": 0.2},
+}
+
+
+def rounded(values: ArrayLike, digits: int = DIGITS) -> Any:
+    """Numbers of Python with so many digits after the point, as a tuple."""
+    numbers = np.round(np.asarray(values, dtype=np.float64).ravel(), digits) + 0.0
+    return tuple(numbers.tolist())
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call of the library that can be made, and written as an expression of Python.
+
+    Attributes:
+        function: What is called.
+        given: Its arguments; calls among them are made first.
+        options: Its arguments by name.
+        module: What its module is called in Python.
+    """
+
+    function: Callable[..., Any]
+    given: tuple[Any, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    module: str = "tm"
+
+    def made(self) -> Any:
+        """Make the call."""
+        options = {name: _made(value) for name, value in self.options.items()}
+        return self.function(*map(_made, self.given), **options)
+
+    def __str__(self) -> str:
+        """The expression."""
+        parts = [*map(_written, self.given)]
+        parts += [f"{name}={_written(value)}" for name, value in self.options.items()]
+        return f"{self.module}.{self.function.__name__}({', '.join(parts)})"
+
+
+def _made(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_made(item) for item in value]
+    return value.made() if isinstance(value, Call) else value
+
+
+def _written(value: Any) -> str:
+    """An argument of the problem in Python; of calls in a list, one a line."""
+    if isinstance(value, list) and value and isinstance(value[0], Call):
+        return "".join(["[", *(f"\n        {call}," for call in value), "\n    ]"])
+    return str(value) if isinstance(value, Call) else repr(value)
+
+
+@dataclass(frozen=True)
+class RobotChoice:
+    """Which robot: where it is read from, and what is different from its files.
+
+    Attributes:
+        source: Name of a robot, or path of a URDF file.
+        group: Group of the SRDF file whose joints move; None for all.
+        locked: Joints that do not move, and where they are [rad or m].
+        datasheet: Whether the limits are those that the maker publishes.
+    """
+
+    source: str
+    group: str | None = None
+    locked: tuple[tuple[str, float], ...] = ()
+    datasheet: bool = False
+
+    def call(self) -> Call:
+        """The call that loads it."""
+        options = {
+            "limits": "datasheet" if self.datasheet else None,
+            "group": self.group,
+            "locked_joints": dict(self.locked),
+        }
+        needed = {name: value for name, value in options.items() if value}
+        return Call(load_robot, (self.source,), needed)
+
+
+@lru_cache(maxsize=8)
+def loaded(choice: RobotChoice) -> Robot:
+    """Load a robot, once.
+
+    Raises:
+        RobotLoadError: If its files cannot be read, or it has too many joints.
+        OptionsError: If there is no such group or data sheet.
+        JointNotFound: If a locked joint is unknown.
+    """
+    with warnings.catch_warnings():
+        # What is odd about a description was said when it was chosen.
+        warnings.simplefilter("ignore", TominpmpWarning)
+        robot: Robot = choice.call().made()
+    if robot.n > MOST_JOINTS:
+        raise RobotLoadError(
+            f"{robot.name} has {robot.n} joints that move, expected {MOST_JOINTS} at "
+            "most: choose a group of joints, if its SRDF file has any",
+            robot.urdf_path,
+        )
+    return robot
+
+
+@lru_cache(maxsize=8)
+def _said(source: str) -> RobotSource:
+    """What the files of a robot say, read once.
+
+    Raises:
+        RobotLoadError: If there is no such robot, or its files are wrong.
+    """
+    return read_source(source)
+
+
+def group_names(source: str) -> tuple[str, ...]:
+    """Groups of joints that a robot's SRDF file has and that can move.
+
+    Raises:
+        RobotLoadError: If there is no such robot, or its files are wrong.
+    """
+    said = _said(source).semantics
+    if said is None:
+        return ()
+    return tuple(name for name, group in said.groups.groups.items() if group.joints)
+
+
+def has_datasheet(source: str) -> bool:
+    """Whether the limits that the maker publishes are known.
+
+    Raises:
+        RobotLoadError: If there is no such robot, or its files are wrong.
+    """
+    files = _said(source)
+    try:
+        published_values(files.names, [j.name for j in files.description.joints])
+    except OptionsError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Item:
+    """An obstacle as one drags it: a kind, its sizes, and where it is.
+
+    Attributes:
+        kind: "box", "sphere", "cylinder" or "capsule".
+        name: Its name, unique in the scene.
+        size: Its sizes in the order of ``SIZES`` [m].
+        position: Where its centre is [m].
+        quaternion: How it is turned (x, y, z, w).
+
+    Raises:
+        SceneError: If there is no such kind, or the number of sizes is wrong.
+    """
+
+    kind: str
+    name: str
+    size: tuple[float, ...]
+    position: Triple
+    quaternion: Quaternion = UPRIGHT
+
+    def __post_init__(self) -> None:
+        """Check kind and number of sizes; the obstacle checks the rest."""
+        if self.kind not in SIZES:
+            raise SceneError(
+                f"obstacle {self.name!r}: kind is {brief(self.kind)}, expected one of: "
+                f"{', '.join(SIZES)}",
+                self.name,
+            )
+        if len(self.size) != len(SIZES[self.kind]):
+            raise SceneError(
+                f"obstacle {self.name!r}: size is {brief(self.size)}, expected "
+                f"{len(SIZES[self.kind])} lengths: {', '.join(SIZES[self.kind])} [m]",
+                self.name,
+            )
+        turned = rounded(self.quaternion, 6)
+        turned = UPRIGHT if turned[3] in (1.0, -1.0) else turned
+        object.__setattr__(self, "quaternion", turned)
+        for name in ("size", "position"):
+            object.__setattr__(self, name, rounded(getattr(self, name)))
+
+    def call(self) -> Call:
+        """The call that makes the obstacle that the library plans around.
+
+        The call raises SceneError if a size or a position is wrong.
+        """
+        given: dict[str, Any] = {"size": self.size}
+        if self.kind != "box":
+            given = dict(zip(SIZES[self.kind], self.size, strict=True))
+        given["position"] = self.position
+        if self.quaternion != UPRIGHT:
+            given["rotation"] = self.quaternion
+        return Call(KINDS[self.kind], (self.name,), given)
+
+
+def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
+    """An obstacle of usual size, with a name that is not taken yet.
+
+    Raises:
+        SceneError: If there is no such kind.
+    """
+    number = 1
+    while f"{kind}{number}" in taken:
+        number += 1
+    sizes = tuple(SIZES.get(kind, {}).values())
+    return Item(kind, f"{kind}{number}", sizes, rounded(position))
 
 
 @dataclass(frozen=True)
@@ -49,15 +284,6 @@ class Limits:
                 "1 at most",
                 "speed_scale",
             )
-
-    def arguments(self) -> dict[str, Any]:
-        """Arguments of ``MotionLimits``, without those not needed."""
-        found = {}
-        if self.effort_scale != 1.0:
-            found["effort_scale"] = self.effort_scale
-        if self.acceleration is not None:
-            found["acceleration"] = self.acceleration
-        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,44 +325,12 @@ class Request:
             object.__setattr__(self, name, rounded(getattr(self, name)))
         object.__setattr__(self, "via", tuple(rounded(point) for point in self.via))
 
-    def with_item(self, changed: Item) -> Request:
-        """The same with one of the obstacles, told by its name, changed."""
-        items = tuple(changed if i.name == changed.name else i for i in self.items)
-        return replace(self, items=items)
-
-    def without_item(self, name: str) -> Request:
-        """The same without one of the obstacles."""
-        return replace(self, items=tuple(i for i in self.items if i.name != name))
-
-    @property
-    def final_pose(self) -> tuple[Triple, tuple[float, ...]]:
-        """Position of the frame at the goal, and its quaternion (x, y, z, w)."""
-        kinematics = RobotKinematics(loaded(self.robot))
-        place = pin.SE3ToXYZQUAT(
-            kinematics.placement(np.array(self.q_goal), self.frame)
+    def items_with(self, name: str, **changes: Any) -> tuple[Item, ...]:
+        """The obstacles, with fields of one of them changed."""
+        return tuple(
+            replace(item, **changes) if item.name == name else item
+            for item in self.items
         )
-        return rounded(place[:3]), rounded(place[3:], 9)
-
-    def ready_robot(self) -> Robot:
-        """The robot with its speed limits scaled.
-
-        Raises:
-            TominpmpError: If it cannot be loaded.
-        """
-        robot = loaded(self.robot)
-        scale = self.limits.speed_scale
-        if scale == 1.0:
-            return robot
-        return robot.with_changes(velocity=scale * robot.limits.velocity)
-
-    def final_goal(self) -> Goal:
-        """What must hold at the end."""
-        if self.goal == "joint":
-            return JointGoal(self.q_goal)
-        position, quaternion = self.final_pose
-        if self.goal == "position":
-            return PositionGoal(self.frame, position)
-        return PoseGoal(self.frame, pose(position, quaternion))
 
     def problem(self) -> Problem:
         """The problem that is planned.
@@ -145,79 +339,62 @@ class Request:
             TominpmpError: If a value is wrong, the robot cannot be loaded, or start or
                 goal are in collision.
         """
-        goal = self.final_goal()
-        given = self.limits.arguments()
-        passed = [PositionGoal(self.frame, point) for point in self.via]
-        return Problem(
-            self.ready_robot(),
-            self.q_start,
-            None if self.via else goal,  # type: ignore[arg-type]
-            scene=Scene([item.obstacle() for item in self.items]),
-            margin=self.limits.margin,
-            motion_limits=MotionLimits(**given) if given else None,
-            segments=[Segment(one) for one in (*passed, goal)] if self.via else (),
-        )
+        options = self._options()
+        robot, scale = loaded(self.robot), self.limits.speed_scale
+        if scale != 1.0:
+            robot = robot.with_changes(velocity=scale * robot.limits.velocity)
+        problem: Problem = Call(Problem, (robot,), options).made()
+        return problem
 
     def python(self) -> str:
         """The lines of Python that make the same problem and plan it."""
-        lines = ["import tominpmp as tm"]
-        goal = self._goal_lines(lines)
-        lines += ["", *self._robot_lines(), *self._scene_lines(), ""]
-        arguments = ["robot", f"q_start={list_text(self.q_start)}"]
-        if self.via:
-            inner = [
-                f"tm.PositionGoal({self.frame!r}, {tuple_text(p)})" for p in self.via
-            ]
-            lines += ["segments = ["]
-            lines += [f"    tm.Segment({one})," for one in (*inner, goal)]
-            lines += ["]"]
-            arguments.append("segments=segments")
-        else:
-            arguments.append(f"goal={goal}")
-        if self.items:
-            arguments.append("scene=scene")
-        arguments.append(f"margin={self.limits.margin!r}")
-        given = self.limits.arguments()
-        if given:
-            inside = ", ".join(f"{name}={value!r}" for name, value in given.items())
-            arguments.append(f"motion_limits=tm.MotionLimits({inside})")
-        lines += ["problem = tm.Problem(", *(f"    {one}," for one in arguments), ")"]
-        lines += ["solution = tm.plan(problem)", "print(solution.message)"]
+        arguments = [
+            f"{name}={_written(value)}" for name, value in self._options().items()
+        ]
+        lines = ["import tominpmp as tm", "", f"robot = {self.robot.call()}"]
+        if self.goal == "pose":
+            lines[:0] = ["import numpy as np", "import pinocchio as pin"]
+        if self.limits.speed_scale != 1.0:
+            speeds = f"{self.limits.speed_scale!r} * robot.limits.velocity"
+            lines.append(f"robot = robot.with_changes(velocity={speeds})")
+        lines.append("problem = tm.Problem(")
+        lines += [f"    {argument}," for argument in ("robot", *arguments)]
+        lines += [")", "solution = tm.plan(problem)", "print(solution.message)"]
         return "\n".join(lines) + "\n"
 
-    def _goal_lines(self, lines: list[str]) -> str:
-        """The goal as an expression; what it needs first is added to the lines."""
+    def _options(self) -> dict[str, Any]:
+        """Arguments of the problem by name, but for the robot."""
+        options: dict[str, Any] = {"q_start": list(self.q_start)}
+        goal = self._goal()
+        if self.via:
+            passed = [Call(PositionGoal, (self.frame, point)) for point in self.via]
+            options["segments"] = [Call(Segment, (one,)) for one in (*passed, goal)]
+        else:
+            options["goal"] = goal
+        if self.items:
+            options["scene"] = Call(Scene, ([item.call() for item in self.items],))
+        options["margin"] = self.limits.margin
+        limits: dict[str, float] = {}
+        if self.limits.effort_scale != 1.0:
+            limits["effort_scale"] = self.limits.effort_scale
+        if self.limits.acceleration is not None:
+            limits["acceleration"] = self.limits.acceleration
+        if limits:
+            options["motion_limits"] = Call(MotionLimits, (), limits)
+        return options
+
+    def _goal(self) -> Call:
+        """What must hold at the end."""
         if self.goal == "joint":
-            return f"tm.JointGoal({list_text(self.q_goal)})"
-        position, quaternion = self.final_pose
+            return Call(JointGoal, (list(self.q_goal),))
+        kinematics = RobotKinematics(loaded(self.robot))
+        place = pin.SE3ToXYZQUAT(
+            kinematics.placement(np.array(self.q_goal), self.frame)
+        )
+        position = rounded(place[:3])
         if self.goal == "position":
-            return f"tm.PositionGoal({self.frame!r}, {tuple_text(position)})"
-        lines[:0] = ["import numpy as np", "import pinocchio as pin"]
-        numbers = list_text((*position, *quaternion))
-        return f"tm.PoseGoal({self.frame!r}, pin.XYZQUATToSE3(np.array({numbers})))"
-
-    def _robot_lines(self) -> list[str]:
-        given = [repr(self.robot.source)]
-        given += [f"{name}={value!r}" for name, value in self.robot.arguments().items()]
-        lines = [f"robot = tm.load_robot({', '.join(given)})"]
-        scale = self.limits.speed_scale
-        if scale != 1.0:
-            speeds = f"{scale!r} * robot.limits.velocity"
-            lines.append(f"robot = robot.with_changes(velocity={speeds})")
-        return lines
-
-    def _scene_lines(self) -> list[str]:
-        if not self.items:
-            return []
-        return [
-            "scene = tm.Scene(",
-            "    [",
-            *(f"        {item.python()}," for item in self.items),
-            "    ]",
-            ")",
-        ]
-
-
-def pose(position: Triple, quaternion: tuple[float, ...]) -> pin.SE3:
-    """Placement from a position [m] and a quaternion (x, y, z, w)."""
-    return pin.XYZQUATToSE3(np.array([*position, *quaternion]))
+            return Call(PositionGoal, (self.frame, position))
+        numbers = [*position, *rounded(place[3:], 9)]
+        array = Call(np.array, (numbers,), module="np")
+        pose = Call(pin.XYZQUATToSE3, (array,), module="pin")
+        return Call(PoseGoal, (self.frame, pose))

@@ -1,21 +1,23 @@
-"""The stage: the robot, its ghosts at start and goal, its path, camera and floor."""
+"""The stage: the robot, its ghosts at start and goal, its path, handles to drag."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.app.outcome import Shown
-from tominpmp.app.request import Request
+from tominpmp.app.controller import Controller
+from tominpmp.app.request import UPRIGHT, Item, Request
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
 from tominpmp.viz.bodies import STEEL, Body, geometry_bodies
-from tominpmp.viz.roles import PATH_RGB
+from tominpmp.viz.roles import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 from tominpmp.viz.skeleton import best_view, skeleton
-from tominpmp.viz.surfaces import Surface, path_tube, shaded
+from tominpmp.viz.surfaces import Surface, obstacle_surface, path_tube, shaded
 
 Color = tuple[float, float, float]
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
@@ -28,6 +30,9 @@ MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
 # Ghosts of robots with more than this many are drawn by their collision geometry.
 MOST_TRIANGLES = 20_000
+OBSTACLE_OPACITY = 0.72
+# A handle that was not moved for so long is not held any more [s].
+HOLD = 1.0
 
 
 class Arm:
@@ -145,9 +150,9 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
     ]
 
 
-def draw_path(scene: Any, shown: Shown, size: float) -> None:
+def draw_path(scene: Any, path: Array, size: float) -> None:
     """Draw the path of the frame as a tube, in place of the one before."""
-    surface = path_tube(shown.path, PATH_RADIUS, size)
+    surface = path_tube(path, PATH_RADIUS, size)
     if surface is None:
         return
     scene.add_mesh_simple(
@@ -160,28 +165,33 @@ def draw_path(scene: Any, shown: Shown, size: float) -> None:
     )
 
 
-def look_at(server: Any, robot: Robot, request: Request, size: float) -> None:
-    """Camera and floor for the robot."""
+def look_at(server: Any, robot: Robot, request: Request) -> float:
+    """Camera and floor for the robot.
+
+    Returns:
+        Size of what the robot spans between its base and its end [m].
+    """
     both = np.array([request.q_start, request.q_goal])
     found = skeleton(robot, both, request.frame)
+    links = found.points.reshape(-1, 3)
+    spanned = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
+    size = float(np.linalg.norm(spanned)) or 1.0
     view = best_view(found.points)
-    depth = np.ptp(found.points.reshape(-1, 3) @ view.normal)
-    flat = view.planar and depth < FLAT * size
+    flat = view.planar and np.ptp(links @ view.normal) < FLAT * size
     normal = view.normal if flat else SIDE / np.linalg.norm(SIDE)
     places = [item.position for item in request.items]
-    links = found.points.reshape(-1, 3)
     points = np.concatenate([links, np.reshape(places, (-1, 3))])
     middle = (points.min(0) + points.max(0)) / 2
-    scene, camera = server.scene, server.initial_camera
-    offset = DISTANCE * size * normal
-    camera.look_at, camera.position = tuple(middle), tuple(middle + offset)
+    camera = server.initial_camera
+    place = middle + DISTANCE * size * normal
+    camera.look_at, camera.position = tuple(middle), tuple(place)
     camera.fov = FIELD_OF_VIEW
     if flat:
         camera.up = tuple(view.up)
     for client in server.get_clients().values():
-        client.camera.position = middle + offset
+        client.camera.position = place
         client.camera.look_at = middle
-    scene.add_grid(
+    server.scene.add_grid(
         "/floor",
         width=8.0 * size,
         height=8.0 * size,
@@ -192,11 +202,160 @@ def look_at(server: Any, robot: Robot, request: Request, size: float) -> None:
         position=(0.0, 0.0, -0.002 * size),
         fade_distance=6.0 * size,
     )
+    return size
 
 
-def size_of(robot: Robot, request: Request) -> float:
-    """Size of what the robot spans between its base and its end [m]."""
-    both = np.array([request.q_start, request.q_goal])
-    points = skeleton(robot, both, request.frame).points.reshape(-1, 3)
-    points = np.concatenate([points, np.zeros((1, 3))])
-    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+class Handle(NamedTuple):
+    """A handle that the request asks for.
+
+    Attributes:
+        dragged: Called with the handle of viser when somebody drags it.
+        position: Where it is [m], shape (3,).
+        quaternion: How it is turned (x, y, z, w).
+        scale: Its size [m].
+        turns: Whether it can be turned.
+        body: Kind and sizes of the obstacle that is drawn with it, if any.
+        color: Colour of the body.
+        opacity: Opacity of the body.
+    """
+
+    dragged: Callable[[Any], None]
+    position: Any
+    quaternion: Any
+    scale: float
+    turns: bool
+    body: tuple[str, tuple[float, ...]] | None = None
+    color: Color = rgb(HAZARD_COLOR)
+    opacity: float = 1.0
+
+    def alike(self, other: Handle) -> bool:
+        """Whether another one looks the same, wherever it is."""
+        return self[3:6] == other[3:6]
+
+
+class Handles:
+    """The handles of start, goal, points on the way and obstacles.
+
+    Args:
+        scene: The scene of viser's server.
+        controller: Whose request they are in step with.
+        ask: Asks for the same with some fields of the request changed.
+        drag: Brings the frame at start or goal to a position and quaternion.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        controller: Controller,
+        ask: Callable[..., object],
+        drag: Callable[[str, Any, Any], None],
+    ) -> None:
+        self._scene, self._controller = scene, controller
+        self._ask, self._drag = ask, drag
+        self._size = 0.2
+        self._turning = False
+        self._known: dict[str, tuple[Handle, Any]] = {}
+        self._held: dict[str, float] = {}
+
+    def rebuild(self, size: float) -> None:
+        """Make all anew, for another robot; size of the handles [m]."""
+        self._size = size
+        self.refresh(all_anew=True)
+
+    def allow_turning(self, wanted: bool) -> None:
+        """Whether obstacles are turned, too."""
+        self._turning = wanted
+        self.refresh()
+
+    def show(self, visible: bool) -> None:
+        """Show or hide all handles."""
+        for _, node in self._known.values():
+            node.visible = visible
+
+    def refresh(self, *, all_anew: bool = False) -> None:
+        """Put handles where the request has them, but for those in somebody's hand."""
+        wanted = self._wanted()
+        for key, (before, node) in list(self._known.items()):
+            if all_anew or key not in wanted or not before.alike(wanted[key]):
+                node.remove()
+                del self._known[key]
+        for key, handle in wanted.items():
+            known = self._known.get(key)
+            node = self._made(key, handle) if known is None else known[1]
+            self._known[key] = handle, node
+            if self._free(key):
+                x, y, z, w = handle.quaternion
+                node.position = np.asarray(handle.position)
+                node.wxyz = np.array([w, x, y, z])
+
+    def _wanted(self) -> dict[str, Handle]:
+        """The handles that the request asks for, by their names."""
+        request, size = self._controller.request, self._size
+        reach = self._controller.reach()
+        found = {}
+        for end in ("q_start", "q_goal"):
+            position, quaternion = reach.pose(getattr(request, end))
+            dragged = partial(self._drag_end, end)
+            made = Handle(dragged, position, quaternion, size, reach.turns)
+            found[end] = made
+        for number, point in enumerate(request.via):
+            dragged = partial(self._drag_via, number)
+            ball = "sphere", (0.12 * size,)
+            made = Handle(dragged, point, UPRIGHT, 0.7 * size, False, ball, VIA_RGB)
+            found[f"via{number}"] = made
+        for item in request.items:
+            dragged = partial(self._drag_item, item.name)
+            pose, body = (item.position, item.quaternion), (item.kind, item.size)
+            made = Handle(dragged, *pose, 0.9 * size, self._turning, body)
+            found[f"item_{item.name}"] = made._replace(opacity=OBSTACLE_OPACITY)
+        return found
+
+    def _made(self, key: str, handle: Handle) -> Any:
+        """A new handle on the stage."""
+        path = f"/handles/{key}"
+        node = self._scene.add_transform_controls(
+            path,
+            scale=handle.scale,
+            disable_rotations=not handle.turns,
+            disable_sliders=True,
+            depth_test=False,
+            **({"line_width": 3.0} if handle.body is None else {}),
+        )
+        if handle.body is not None:
+            kind, sizes = handle.body
+            surface = obstacle_surface(Item(kind, key, sizes, (0, 0, 0)).call().made())
+            look = handle.color, handle.opacity
+            put_surface(self._scene, f"{path}/body", surface, *look)
+
+        def update(event: Any) -> None:
+            # What is in somebody's hand is not moved under it.
+            if event.phase == "end":
+                self._held.pop(key, None)
+            else:
+                self._held[key] = time.monotonic()
+            handle.dragged(node)
+
+        node.on_update(update)
+        return node
+
+    def _drag_end(self, end: str, node: Any) -> None:
+        self._drag(end, np.array(node.position), node.wxyz[[1, 2, 3, 0]])
+        if self._free(end):
+            self.refresh()
+
+    def _drag_via(self, number: int, node: Any) -> None:
+        points = list(self._controller.request.via)
+        if number < len(points):
+            points[number] = tuple(node.position)
+            self._ask(via=tuple(points))
+
+    def _drag_item(self, name: str, node: Any) -> None:
+        pose = {"position": node.position, "quaternion": node.wxyz[[1, 2, 3, 0]]}
+        self._ask(items=self._controller.request.items_with(name, **pose))
+
+    def _free(self, key: str) -> bool:
+        """Whether a handle is in nobody's hand.
+
+        Events may come in another order than they were sent, the end not last.
+        """
+        return self._held.get(key, -HOLD) + HOLD <= time.monotonic()

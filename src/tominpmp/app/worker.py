@@ -1,20 +1,94 @@
 """A process that plans, so that the page stays awake.
 
-Parent and child speak in pickled records over the child's standard input and output.
-The child reads while it plans: of several requests only the newest counts.
+Parent and child speak in pickled records over the child's standard input and output:
+numbers and requests go in, outcomes come out. The child reads while it plans: of
+several requests only the newest counts. It is ``python -m tominpmp.app.worker``.
 """
 
 from __future__ import annotations
 
+import os
+import pickle
+import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
-from typing import IO
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import IO, Any
 
-from tominpmp.app.jobs import Exported, ExportJob, PlanJob, receive, send
-from tominpmp.app.outcome import Outcome
+from tominpmp.app.planning import Outcome, Session
 from tominpmp.app.request import Request
+
+# What was begun goes on for so long although it is out of date, so that motions are
+# seen while one drags; a plan that takes longer makes place for the newest [s].
+GRACE = 0.8
+# Numbers and requests; None where no more will come.
+Jobs = SimpleQueue[tuple[int, Request] | None]
+
+
+def send(stream: IO[bytes], item: Any) -> None:
+    """Write a record to a stream."""
+    pickle.dump(item, stream)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """Read a record from a stream; only what :func:`send` wrote may be in it.
+
+    Raises:
+        EOFError: If the stream has ended.
+    """
+    try:
+        return pickle.load(stream)
+    except pickle.UnpicklingError as error:  # it ended within a record
+        raise EOFError from error
+
+
+def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> None:
+    """Plan the newest of the requests, one after the other, until no more will come."""
+    while (job := _newest(jobs)) is not None:
+        begun = time.monotonic()
+
+        def superseded(begun: float = begun) -> bool:
+            return not jobs.empty() and time.monotonic() - begun > GRACE
+
+        for outcome in session.outcomes(*job, superseded):
+            answer(outcome)
+            if not jobs.empty():
+                # A motion was seen; what else could be told of it is out of date.
+                break
+
+
+def _newest(jobs: Jobs) -> tuple[int, Request] | None:
+    job = jobs.get()
+    while not jobs.empty():
+        job = jobs.get()
+    return job
+
+
+def main() -> None:
+    """Serve the parent until it closes the input."""
+    # Ctrl-C in the terminal is for the parent, which closes the input.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    output = os.fdopen(os.dup(1), "wb")
+    # What libraries print must not get between the records.
+    os.dup2(2, 1)
+    # Not through sys.stdin: its lock would be held when the interpreter ends.
+    source = os.fdopen(os.dup(0), "rb", closefd=False)
+    jobs: Jobs = SimpleQueue()
+
+    def read() -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                jobs.put(receive(source))
+        jobs.put(None)
+
+    threading.Thread(target=read, daemon=True).start()
+    with suppress(BrokenPipeError):
+        work(Session(), jobs, lambda item: send(output, item))
 
 
 class Worker:
@@ -30,14 +104,12 @@ class Worker:
     ) -> None:
         self._on_outcome, self._on_end = on_outcome, on_end
         self._lock = threading.Lock()
-        self._tickets = 0
-        self._answers: dict[int, tuple[threading.Event, list[Exported]]] = {}
         self._closing = False
         self._process = self._started()
 
     def _started(self) -> subprocess.Popen[bytes]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "tominpmp.app.child"],
+            [sys.executable, "-m", "tominpmp.app.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
@@ -49,29 +121,14 @@ class Worker:
 
     def plan(self, number: int, request: Request) -> None:
         """Plan a request; what is planned before it is out of date."""
-        self._send(PlanJob(number, request))
-
-    def export(
-        self, ending: str, dt: float | None, message: str | None, patience: float = 60.0
-    ) -> Exported:
-        """Write the last motion to a file, and wait for it.
-
-        Args:
-            ending: What its name ends with.
-            dt: Time between rows [s]; None for the nodes.
-            message: Which ROS message, if it is one.
-            patience: How long to wait [s].
-        """
-        event, found = threading.Event(), list[Exported]()
         with self._lock:
-            self._tickets += 1
-            ticket = self._tickets
-            self._answers[ticket] = event, found
-        self._send(ExportJob(ticket, ending, dt, message))
-        if not event.wait(patience) or not found:
-            remark = "the file was not written in time; planning is still busy"
-            return Exported(ticket, "", b"", remark)
-        return found[0]
+            if self._process.poll() is not None and not self._closing:
+                # It has crashed; the next request has a new one.
+                self._process = self._started()
+            assert self._process.stdin is not None  # noqa: S101
+            # If it has just ended, the listener tells.
+            with suppress(OSError, ValueError):
+                send(self._process.stdin, (number, request))
 
     def close(self) -> None:
         """End the process."""
@@ -85,29 +142,11 @@ class Worker:
             self._process.wait()
         self._listener.join(2.0)
 
-    def _send(self, job: PlanJob | ExportJob) -> None:
-        with self._lock:
-            if self._process.poll() is not None and not self._closing:
-                # It has crashed; the next request has a new one.
-                self._process = self._started()
-            assert self._process.stdin is not None  # noqa: S101
-            try:
-                send(self._process.stdin, job)
-            except (OSError, ValueError):
-                pass  # it has just ended, which the listener tells
-
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None  # noqa: S101
         try:
             while True:
-                item = receive(process.stdout)
-                if isinstance(item, Outcome):
-                    self._on_outcome(item)
-                    continue
-                event, found = self._answers.pop(item.ticket, (None, []))
-                found.append(item)
-                if event is not None:
-                    event.set()
+                self._on_outcome(receive(process.stdout))
         except (EOFError, OSError, ValueError):
             if not self._closing:
                 code = process.wait()
@@ -123,7 +162,9 @@ class Worker:
 def _close(stream: IO[bytes] | None) -> None:
     """Close a stream, be the other end there or not."""
     if stream is not None:
-        try:
+        with suppress(OSError):
             stream.close()
-        except OSError:
-            pass
+
+
+if __name__ == "__main__":
+    main()
