@@ -192,7 +192,7 @@ SOURCE = Path(tominpmp.__file__).parent
 # A solution writes itself, and the file that it wrote is judged for it.
 CIRCLES = {
     frozenset(("tominpmp.files.export_check", "tominpmp.solution")),
-    frozenset(("tominpmp.sensitivities.records", "tominpmp.viz.sensitivity_plot")),
+    frozenset(("tominpmp.sensitivities.records", "tominpmp.viz.plots")),
 }
 
 

@@ -328,7 +328,7 @@ class Solution:
             ProblemError: If there is no motion.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.viz.certificate_plot import plot_certificate
+        from tominpmp.viz.plots import plot_certificate
 
         motion = self._motion()
         return plot_certificate(self.problem, motion, self.certificate, path=path)

@@ -267,7 +267,7 @@ class Sensitivities(Record):
             ProblemError: If the ending of the path is unknown.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.viz.sensitivity_plot import plot_sensitivities
+        from tominpmp.viz.plots import plot_sensitivities
 
         return plot_sensitivities(self, path=path, most=most)
 

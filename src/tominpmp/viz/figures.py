@@ -18,7 +18,6 @@ from tominpmp.exceptions import ProblemError, optional
 from tominpmp.files.writing import write_file
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 STYLE: Any = {
@@ -58,8 +57,6 @@ LIMIT_COLOR = "#b3312a"
 BEYOND_COLOR = "#f6e3e1"
 GOAL_COLOR = "#1d8a50"
 LIMIT_LOOK: Any = {"color": LIMIT_COLOR, "linewidth": 0.8, "linestyle": "--"}
-# What is drawn of a motion that takes no time [s].
-MOMENT = 1e-3
 
 # Okabe and Ito's colours, which the colour-blind tell apart, without their yellow and
 # with a few more for arms of many joints.
@@ -80,8 +77,6 @@ PALETTE = (
     "#1f2d5c",
 )
 
-LINE_STYLES = ("-", "--", "-.", ":")
-MARKERS = ("o", "s", "^", "D", "v")
 # Widths of a letter in a legend, and of what stands before a label and behind it [in].
 LETTER, LEGEND_GAP = 0.046, 0.56
 
@@ -139,36 +134,6 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(ending)
     write_file(path, lambda file: figure.savefig(file, format=ending, metadata=undated))
     return figure
-
-
-def show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
-    """Draw a limit; what lies between it and an edge of the panel is beyond it."""
-    if edge is not None:
-        panel.axhspan(limit, edge, color=BEYOND_COLOR, linewidth=0.0, zorder=0.5)
-    panel.axhline(limit, **LIMIT_LOOK)
-
-
-def time_axes(panels: Any, duration: float) -> None:
-    """Let time run from 0 to the end of a motion, and name it below the last row.
-
-    Args:
-        panels: The panels, shape (rows, columns).
-        duration: The end [s]; a motion that takes no time has a moment.
-    """
-    for panel in panels.reshape(-1):
-        panel.set_xlim(0.0, duration or MOMENT)
-    for panel in panels[-1]:
-        panel.set_xlabel("time [s]")
-
-
-def note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> None:
-    """Write a text at a place in shares of the panel."""
-    panel.annotate(text, place, xycoords="axes fraction", **look)
-
-
-def name_size(name: str) -> float:
-    """Size of the letters in which the name of a joint fits beside its row."""
-    return 8.0 if len(name) <= 12 else 6.5
 
 
 def line_key(label: str, **look: Any) -> Any:

@@ -1,39 +1,34 @@
-"""Plots of motions over time and of the convergence of the solvers."""
+"""Plots of motions over time, of certificates, sensitivities and convergence."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.checks import wrong
+from tominpmp.certificate.certificate import ActiveLimit, Certificate
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
 from tominpmp.viz.figures import (
     BEYOND_COLOR,
     LIMIT_COLOR,
     LIMIT_LOOK,
-    LINE_STYLES,
-    MARKERS,
-    MOMENT,
     add_legend,
     area_key,
     color,
     finish,
     line_key,
-    name_size,
     new_figure,
-    note,
-    show_limit,
     styled,
-    time_axes,
 )
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.skeleton import check_motion, check_motions
@@ -46,23 +41,58 @@ __all__ = ["plot_controls", "plot_convergence", "plot_motion", "plot_trajectory"
 
 # Points drawn of a motion, at least, so that what is curved looks it.
 CURVE_POINTS = 500
-
+# What is drawn of a motion that takes no time [s].
+MOMENT = 1e-3
 # A limit further off than this many times the largest value is not drawn: the curve
 # would be flat.
 FAR_LIMIT = 2.5
-
 # A method that takes this many times as many iterations as another is drawn to another
 # scale, or the other would be a point.
 ITERATION_RATIO = 6.0
-
-# Of the lines where segments end: darker than the grid, lighter than the axes.
-SEGMENT_COLOR = "0.55"
-
-# Quantities over time on a caller's axes.
-TITLES = ("position [rad or m]", "velocity [rad/s or m/s]", "torque [N m or N]")
-
 # Violations below this count as none; a logarithm needs something.
 LEAST_VIOLATION = 1e-12
+LINE_STYLES = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "^", "D", "v")
+# Of the lines where segments end: darker than the grid, lighter than the axes.
+SEGMENT_COLOR = "0.55"
+SWITCHING_COLOR = "#2b3440"
+HAMILTONIAN_COLOR = "#5b4b8a"
+SWITCHING_LOOK: dict[str, Any] = {"color": SWITCHING_COLOR, "linewidth": 0.9}
+# Torques of a certificate are drawn up to this share beyond their limits.
+BEYOND = 1.12
+# Pairs of links with the largest multipliers are shown, no more of them.
+MOST_PAIRS = 8
+
+
+class Quantity(NamedTuple):
+    """A quantity of all joints over time.
+
+    Attributes:
+        name: Its name.
+        values: Its values, shape (m, n).
+        lower: Its lower limits, shape (n,).
+        upper: Its upper limits, shape (n,).
+        units: Its units where a joint turns, and where it slides.
+    """
+
+    name: str
+    values: Array
+    lower: Array
+    upper: Array
+    units: tuple[str, str]
+
+
+def _quantities(robot: Robot, state: State) -> tuple[Quantity, Quantity, Quantity]:
+    """Positions, velocities and torques with their limits."""
+    limits = robot.limits
+    least, most = limits.position_lower, limits.position_upper
+    weakest, strongest = limits.effort_lower, limits.effort_upper
+    speed, per_second = limits.velocity, ("rad/s", "m/s")
+    return (
+        Quantity("position", state.q, least, most, ("rad", "m")),
+        Quantity("velocity", state.v, -speed, speed, per_second),
+        Quantity("torque", state.u, weakest, strongest, ("N m", "N")),
+    )
 
 
 def plot_trajectory(
@@ -86,49 +116,33 @@ def plot_trajectory(
     """
     check_motion(problem, trajectory)
     robot = problem.robot
-    limits = robot.limits
     times, state = curves(trajectory)
-    prismatic = _prismatic(robot)
-    columns = [
-        ("position", state.q, (limits.position_lower, limits.position_upper)),
-        ("velocity", state.v, (-limits.velocity, limits.velocity)),
-        (
-            "force" if prismatic.all() else "torque",
-            state.u,
-            (limits.effort_lower, limits.effort_upper),
-        ),
-    ]
+    slides = _prismatic(robot)
+    mixed = any(slides) and not all(slides)
     with styled():
         figure = new_figure(9.0, max(2.6, 0.7 + 1.15 * robot.n))
         # Sharing, and aligning labels, costs time with the square of the panels.
         axes = figure.subplots(robot.n, 3, squeeze=False)
-        mixed = bool(prismatic.any() and not prismatic.all())
-        for i, joint in enumerate(robot.joint_names):
-            for column, (title, values, (lower, upper)) in enumerate(columns):
-                panel = axes[i, column]
-                panel.plot(times, values[:, i], color=color(i))
-                _show_limits(panel, values[:, i], lower[i], upper[i])
+        for column, item in enumerate(_quantities(robot, state)):
+            for i, panel in enumerate(axes[:, column]):
+                panel.plot(times, item.values[:, i], color=color(i))
+                _show_limits(panel, item.values[:, i], item.lower[i], item.upper[i])
                 panel.tick_params(labelbottom=i == robot.n - 1)
-                unit = _unit(title, bool(prismatic[i]))
                 if mixed:
-                    panel.set_ylabel(f"[{unit}]", labelpad=2.0)
-                if i == 0:
-                    heading = title if mixed else f"{title} [{unit}]"
-                    panel.set_title(heading, loc="left")
-            note(
-                axes[i, 0],
-                joint,
-                (-0.36, 0.5),
-                rotation=90,
-                ha="center",
-                va="center",
-                fontsize=name_size(joint),
-                fontweight="bold",
-                color=color(i),
-                annotation_clip=False,
-            )
-        time_axes(axes, trajectory.duration)
-        _show_segments(axes, trajectory)
+                    panel.set_ylabel(f"[{item.units[slides[i]]}]", labelpad=2.0)
+            force = item.name == "torque" and all(slides)
+            title = "force" if force else item.name
+            title += "" if mixed else f" [{item.units[slides[0]]}]"
+            axes[0, column].set_title(title, loc="left")
+        for i, joint in enumerate(robot.joint_names):
+            look = _name_look(joint, i) | {"ha": "center", "va": "center"}
+            look |= {"rotation": 90, "annotation_clip": False}
+            _note(axes[i, 0], joint, (-0.36, 0.5), **look)
+        _time_axes(axes, trajectory.duration)
+        if trajectory.segment_ends is not None:
+            for panel in axes.reshape(-1):
+                for end in trajectory.segment_ends[:-1]:
+                    panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
         add_legend(figure, _limit_keys(), 2)
         return finish(figure, path)
 
@@ -163,17 +177,20 @@ def plot_on_axes(
         if len(given) not in (1, 3) or not all(isinstance(a, Axes) for a in given):
             raise wrong(ax, "ax", "one or three axes of matplotlib")
     times, state = curves(trajectory)
-    limits, names = problem.robot.limits, problem.robot.joint_names
+    robot = problem.robot
+    quantities = _quantities(robot, state)
+    drawn = [
+        (f"{item.name} [{' or '.join(item.units)}]", item.values) for item in quantities
+    ]
     if len(given) == 1:
-        largest = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-        share = state.u / np.where(largest > 0.0, largest, np.inf)
+        torque = quantities[-1]
+        largest = np.maximum(np.abs(torque.lower), torque.upper)
+        share = torque.values / np.where(largest > 0.0, largest, np.inf)
         drawn = [("torque over its limit", share)]
         for at in (-1.0, 1.0):
-            show_limit(given[0], at)
-    else:
-        drawn = list(zip(TITLES, (state.q, state.v, state.u), strict=True))
+            _show_limit(given[0], at)
     for panel, (title, values) in zip(given, drawn, strict=True):
-        for i, name in enumerate(names):
+        for i, name in enumerate(robot.joint_names):
             panel.plot(times, values[:, i], color=color(i), label=name)
         panel.set_title(title, loc="left")
         panel.set_xlabel("time [s]")
@@ -202,35 +219,36 @@ def plot_controls(
     """
     check_motions(problem, trajectories)
     robot = problem.robot
-    limits, prismatic = robot.limits, _prismatic(robot)
+    slides = _prismatic(robot)
     with styled():
         wide = 1 if robot.n <= 3 else 2
         rows = -(-robot.n // wide)
         figure = new_figure(3.0 + 3.2 * wide, max(2.2, 0.7 + 1.35 * rows))
         axes = figure.subplots(rows, wide, sharex=True, squeeze=False)
-        handles = []
+        panels = axes.reshape(-1)
+        handles, drawn = [], []
         for k, (label, trajectory) in enumerate(trajectories.items()):
             times, state = curves(trajectory)
+            *_, torque = _quantities(robot, state)
+            drawn.append(torque.values)
             # Later ones are thinner, so that none hides another on a limit.
             width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
             look: dict[str, Any] = {"color": color(k), "linewidth": width}
             for i in range(robot.n):
-                axes[i // wide, i % wide].plot(times, state.u[:, i], **look)
+                panels[i].plot(times, torque.values[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
             handles.append(line_key(name, **look))
         for i, joint in enumerate(robot.joint_names):
-            panel = axes[i // wide, i % wide]
-            drawn = np.concatenate([line.get_ydata() for line in panel.get_lines()])
-            _show_limits(panel, drawn, limits.effort_lower[i], limits.effort_upper[i])
-            symbol = f"$u_{{{i + 1}}}$"
-            panel.set_ylabel(f"{symbol} [{_unit('torque', bool(prismatic[i]))}]")
+            panel, values = panels[i], np.concatenate(drawn)[:, i]
+            _show_limits(panel, values, torque.lower[i], torque.upper[i])
+            panel.set_ylabel(f"$u_{{{i + 1}}}$ [{torque.units[slides[i]]}]")
             panel.set_title(joint, loc="left")
-        for extra in axes.reshape(-1)[robot.n :]:
+        for extra in panels[robot.n :]:
             extra.set_axis_off()
             axes[-2, -1].tick_params(labelbottom=True)
             axes[-2, -1].set_xlabel("time [s]")
         figure.align_ylabels()
-        time_axes(axes, max(item.duration for item in trajectories.values()))
+        _time_axes(axes, max(item.duration for item in trajectories.values()))
         add_legend(figure, [*handles, _limit_keys()[0]], 4)
         return finish(figure, path)
 
@@ -261,17 +279,26 @@ def plot_convergence(
         above, below = figure.subplots(2, 1, sharex=True)
         handles = []
         for k, (label, history) in enumerate(histories.items()):
-            lines: list[Any] = []
-            for records in _by_start(history):
-                iteration = _counted(records)
-                look = _record_look(k, len(records), first=not lines)
-                duration = [record.duration for record in records]
+            look: dict[str, Any] = {
+                "color": color(k),
+                "linestyle": LINE_STYLES[k % len(LINE_STYLES)],
+                "markersize": 3.2,
+                "linewidth": 1.3,
+            }
+            starts = sorted({record.start for record in history})
+            for start in starts:
+                records = [record for record in history if record.start == start]
+                look["marker"] = MARKERS[k % len(MARKERS)] if len(records) <= 60 else ""
+                look["alpha"] = 1.0 if start == starts[0] else 0.45
+                steps = np.diff([record.iteration for record in records], prepend=-1)
+                # Where the numbers begin anew they are counted on.
+                iteration = np.cumsum(np.where(steps > 0, steps, 1)) - 1
                 violation = [max(r.violation, LEAST_VIOLATION) for r in records]
-                lines += above.plot(iteration, duration, **look)
+                above.plot(iteration, [r.duration for r in records], **look)
                 below.plot(iteration, violation, **look)
-            if lines:
-                lines[0].set_label(label)
-                handles.append(lines[0])
+            if starts:
+                handles.append(above.get_lines()[-len(starts)])
+                handles[-1].set_label(label)
         above.set_ylabel("$T$ [s]")
         below.set_ylabel("largest violation (scaled)")
         below.set_yscale("log")
@@ -282,6 +309,99 @@ def plot_convergence(
         else:
             below.xaxis.get_major_locator().set_params(integer=True)
         add_legend(figure, handles, 4)
+        return finish(figure, path)
+
+
+def plot_certificate(
+    problem: Problem,
+    trajectory: Trajectory,
+    certificate: Certificate,
+    path: str | Path | None = None,
+) -> Figure:
+    """Plot what a certificate says over time.
+
+    For each joint there is the torque in shares of its limits, and its switching
+    function on a reversed axis, so that the torque of an optimal motion is at the
+    limit on whose side the switching function is. Below are the limits that hold the
+    motion, and the Hamiltonian.
+
+    Args:
+        problem: The problem, for the limits of its robot.
+        trajectory: The motion.
+        certificate: Its certificate.
+        path: File to write (PNG, PDF or SVG by its ending), if any.
+
+    Raises:
+        ProblemError: If the motion is not one of the problem's robot, or the ending of
+            the path is unknown.
+        ScenarioError: If the file cannot be written.
+        MissingDependency: If matplotlib is not installed.
+    """
+    check_motion(problem, trajectory)
+    instance(certificate, Certificate, "certificate")
+    robot, n = problem.robot, problem.robot.n
+    limits = _limits_shown(certificate.active, robot.joint_names)
+    # Heights in inches: of a joint each, of the bars, of the Hamiltonian.
+    heights = [*[0.95] * n, 0.2 * max(len(limits), 1) + 0.15, 1.0]
+    kept = "kept" if certificate.ok else "NOT kept"
+    with styled():
+        figure = new_figure(9.0, sum(heights) + 1.3)
+        axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
+        for joint in range(n):
+            _plot_joint(axes[joint], problem, trajectory, certificate, joint)
+        _plot_limits(axes[n], limits)
+        _plot_hamiltonian(axes[n + 1], certificate)
+        for panel in axes[:-1]:
+            panel.tick_params(labelbottom=False)
+        _time_axes(axes[:, None], trajectory.duration)
+        axes[0].set_title(
+            f"first-order conditions {kept}: small changes promise "
+            f"{100 * certificate.stationarity:.2g} % of T, signs obeyed "
+            f"{100 * certificate.sign_share:.1f} % of the time",
+            loc="left",
+        )
+        handles = [
+            line_key("torque / limit (left)", color=color(0)),
+            line_key("switching function (right, reversed)", **SWITCHING_LOOK),
+            area_key("sign not obeyed", facecolor=LIMIT_COLOR, alpha=0.18),
+            line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
+        ]
+        add_legend(figure, handles, 4)
+        return finish(figure, path)
+
+
+def plot_sensitivities(
+    sensitivities: Sensitivities, path: str | Path | None = None, *, most: int = 20
+) -> Figure:
+    """Draw by how much T changes with one per cent, or a millimetre, of each limit.
+
+    Args:
+        sensitivities: What to draw.
+        path: File to write (PNG, PDF or SVG by its ending), if any.
+        most: Largest number of bars.
+
+    Raises:
+        ProblemError: If the ending of the path is unknown, or the number is none.
+        ScenarioError: If the file cannot be written.
+        MissingDependency: If matplotlib is not installed.
+    """
+    instance(sensitivities, Sensitivities, "sensitivities", "Sensitivities of a motion")
+    most = whole(most, "most", least=1, expected="a number of bars >= 1")
+    shown = [item for item in sensitivities if abs(item.effect) >= LEAST][:most]
+    bars = max(len(shown), 1)
+    with styled():
+        figure = new_figure(7.0, 0.24 * bars + 1.0)
+        panel = figure.subplots()
+        effects = np.array([100.0 * item.effect for item in shown])
+        places = np.arange(len(shown))
+        colors = [color(2 if effect < 0.0 else 1) for effect in effects.tolist()]
+        panel.barh(places, effects, color=colors, height=0.7)
+        panel.axvline(0.0, color="#4a5867", linewidth=0.7)
+        panel.set_yticks(places, [f"{item.label}  +{item.more}" for item in shown])
+        panel.set_ylim(bars - 0.4, -0.6)
+        panel.grid(False, axis="y")
+        panel.set_xlabel("change of T [%]")
+        panel.set_title(f"what holds T = {sensitivities.T:.4g} s", loc="left")
         return finish(figure, path)
 
 
@@ -306,8 +426,8 @@ def curves(trajectory: Trajectory) -> tuple[Array, State]:
     return flat, trajectory(flat)
 
 
-def _prismatic(robot: Robot) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Which of the joints slide instead of turning, shape (n,)."""
+def _prismatic(robot: Robot) -> list[bool]:
+    """Whether each joint slides instead of turning."""
     data = robot.model.createData()
     pin.computeJointJacobians(robot.model, data, robot.expand(np.zeros(robot.n)))
     slides = []
@@ -319,54 +439,31 @@ def _prismatic(robot: Robot) -> np.ndarray[Any, np.dtype[np.bool_]]:
         # A matrix of one column comes as a vector.
         turning = jacobian.reshape(6, -1)[3:, robot.model.joints[joint].idx_v]
         slides.append(not turning.any())
-    return np.array(slides)
+    return slides
 
 
-def _unit(quantity: str, prismatic: bool) -> str:
-    units = {
-        "position": ("rad", "m"),
-        "velocity": ("rad/s", "m/s"),
-        "torque": ("N m", "N"),
-        "force": ("N m", "N"),
-    }
-    return units[quantity][prismatic]
+def _time_axes(panels: Any, duration: float) -> None:
+    """Let time run from 0 to the end of a motion, and name it below the last row.
+
+    Args:
+        panels: The panels, shape (rows, columns).
+        duration: The end [s]; a motion that takes no time has a moment.
+    """
+    for panel in panels.reshape(-1):
+        panel.set_xlim(0.0, duration or MOMENT)
+    for panel in panels[-1]:
+        panel.set_xlabel("time [s]")
 
 
-def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None:
-    """Draw limits that are near, and name those that are far."""
-    low, high = float(values.min()), float(values.max())
-    reach = max(abs(low), abs(high), 1e-9)
-    drawn = [
-        bool(np.isfinite(limit)) and abs(limit) <= FAR_LIMIT * reach
-        for limit in (lower, upper)
-    ]
-    bottom = min(low, lower) if drawn[0] else low
-    top = max(high, upper) if drawn[1] else high
-    margin = 0.09 * (top - bottom) or 0.1
-    panel.set_ylim(bottom - margin, top + margin)
-    edges = panel.get_ylim()
-    for limit, edge, near in zip((lower, upper), edges, drawn, strict=True):
-        if near:
-            show_limit(panel, limit, edge)
-    text = _far_limits((lower, upper), drawn)
-    if text:
-        look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
-        note(panel, text, (1.0, 1.02), fontsize=6.5, **look)
+def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> None:
+    """Write a text at a place in shares of the panel."""
+    panel.annotate(text, place, xycoords="axes fraction", **look)
 
 
-def _far_limits(limits: tuple[float, float], drawn: Sequence[bool]) -> str:
-    """Say in words what limits there are besides those that are drawn."""
-    names = ("lower limit", "upper limit")
-    far = [
-        f"{name} {limit:.3g}"
-        for name, limit, near in zip(names, limits, drawn, strict=True)
-        if np.isfinite(limit) and not near
-    ]
-    if len(far) < 2:
-        return "".join(far)
-    if limits[0] == -limits[1]:
-        return f"limits \u00b1{limits[1]:.3g}"
-    return f"limits {limits[0]:.3g} and {limits[1]:.3g}"
+def _name_look(name: str, joint: int) -> dict[str, Any]:
+    """How the name of a joint fits beside its row."""
+    size = 8.0 if len(name) <= 12 else 6.5
+    return {"fontsize": size, "fontweight": "bold", "color": color(joint)}
 
 
 def _limit_keys() -> list[Any]:
@@ -374,15 +471,38 @@ def _limit_keys() -> list[Any]:
     return [line_key("limit", **LIMIT_LOOK), beyond]
 
 
-def _show_segments(
-    axes: np.ndarray[Any, np.dtype[np.object_]], trajectory: Trajectory
-) -> None:
-    """Draw a thin line where a segment ends and another follows."""
-    if trajectory.segment_ends is None:
-        return
-    for panel in axes.reshape(-1):
-        for end in trajectory.segment_ends[:-1]:
-            panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
+def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
+    """Draw a limit; what lies between it and an edge of the panel is beyond it."""
+    if edge is not None:
+        panel.axhspan(limit, edge, color=BEYOND_COLOR, linewidth=0.0, zorder=0.5)
+    panel.axhline(limit, **LIMIT_LOOK)
+
+
+def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None:
+    """Draw limits that are near, and name those that are far."""
+    low, high = float(values.min()), float(values.max())
+    reach = FAR_LIMIT * max(abs(low), abs(high), 1e-9)
+    near = [limit for limit in (lower, upper) if abs(limit) <= reach]
+    bottom, top = min([low, *near]), max([high, *near])
+    margin = 0.09 * (top - bottom) or 0.1
+    panel.set_ylim(bottom - margin, top + margin)
+    far = []
+    edges = panel.get_ylim()
+    for name, limit, edge in zip(
+        ("lower", "upper"), (lower, upper), edges, strict=True
+    ):
+        if limit in near:
+            _show_limit(panel, limit, edge)
+        elif np.isfinite(limit):
+            far.append(f"{name} limit {limit:.3g}")
+    if len(far) == 2:
+        both = (
+            f"\u00b1{upper:.3g}" if lower == -upper else f"{lower:.3g} and {upper:.3g}"
+        )
+        far = [f"limits {both}"]
+    look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
+    if far:
+        _note(panel, far[0], (1.0, 1.02), fontsize=6.5, **look)
 
 
 def _spread_first_iterations(panel: Axes, longest: int) -> None:
@@ -397,29 +517,78 @@ def _spread_first_iterations(panel: Axes, longest: int) -> None:
     panel.set_xlim(left=-0.4)
 
 
-def _by_start(history: Sequence[IterationRecord]) -> list[list[IterationRecord]]:
-    starts = sorted({record.start for record in history})
-    return [[r for r in history if r.start == start] for start in starts]
+def _plot_joint(
+    panel: Axes,
+    problem: Problem,
+    trajectory: Trajectory,
+    certificate: Certificate,
+    joint: int,
+) -> None:
+    """Torque and switching function of a joint."""
+    limits = problem.robot.limits
+    lower, upper = limits.effort_lower[joint], limits.effort_upper[joint]
+    middle, half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+    times, state = curves(trajectory)
+    panel.plot(times, (state.u[:, joint] - middle) / (half or 1.0), color=color(joint))
+    for sign in (-1.0, 1.0):
+        _show_limit(panel, sign, 2.0 * sign)
+    panel.set_ylim(-BEYOND, BEYOND)
+    panel.set_yticks([-1.0, 0.0, 1.0])
+    name = problem.robot.joint_names[joint]
+    panel.set_ylabel(name, **_name_look(name, joint))
+    t = certificate.t
+    wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
+    spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]
+    look: dict[str, Any] = {"color": LIMIT_COLOR, "alpha": 0.18, "linewidth": 0.0}
+    panel.broken_barh(spans, (-2.0, 4.0), **look)
+    other = panel.twinx()
+    other.spines["right"].set_visible(True)
+    other.grid(False)
+    switching = certificate.switching[:, joint]
+    other.stairs(switching, t, baseline=None, **SWITCHING_LOOK)
+    largest = float(np.max(np.abs(switching), initial=1e-3))
+    # Reversed: a negative switching function asks for the upper limit.
+    other.set_ylim(BEYOND * largest, -BEYOND * largest)
+    other.tick_params(labelsize=7.0, labelbottom=False)
 
 
-def _counted(records: Sequence[IterationRecord]) -> list[int]:
-    """Iterations of a start, counted on where its numbers begin anew."""
-    counts: list[int] = []
-    before = last = -1
-    for record in records:
-        new = record.iteration <= before
-        last += 1 if new else record.iteration - before
-        before = record.iteration
-        counts.append(last)
-    return counts
+def _limits_shown(
+    active: Sequence[ActiveLimit], names: Sequence[str]
+) -> list[tuple[ActiveLimit, str]]:
+    """Limits with their colours: the lowest bar first, those of pairs of links last."""
+    joints = [item for item in active if item.name in names]
+    pairs = [item for item in active if item.name not in names]
+    pairs.sort(key=lambda item: -float(item.multiplier.max()))
+    joints.sort(key=lambda item: (item.kind, names.index(item.name)))
+    shown = [(item, color(names.index(item.name))) for item in joints]
+    shown += [(item, LIMIT_COLOR) for item in pairs[:MOST_PAIRS]]
+    return shown[::-1]
 
 
-def _record_look(method: int, records: int, first: bool) -> dict[str, Any]:
-    return {
-        "color": color(method),
-        "linestyle": LINE_STYLES[method % len(LINE_STYLES)],
-        "marker": MARKERS[method % len(MARKERS)] if records <= 60 else "",
-        "markersize": 3.2,
-        "alpha": 1.0 if first else 0.45,
-        "linewidth": 1.3,
-    }
+def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None:
+    """Bars over the times at which limits hold, stronger where they cost more."""
+    labels = []
+    for row, (item, shade) in enumerate(limits):
+        strengths = 0.25 + 0.75 * item.multiplier / item.multiplier.max()
+        for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
+            look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
+            panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
+        name = item.name
+        short = name if len(name) <= 30 else f"{name[:29]}\u2026"
+        labels.append(f"{item.kind}, {short}")
+    panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
+    panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
+    panel.grid(False, axis="y")
+    if not labels:
+        text, look = "no limit holds the motion", {"ha": "center", "va": "center"}
+        _note(panel, text, (0.5, 0.5), fontsize=7.0, **look)
+
+
+def _plot_hamiltonian(panel: Axes, certificate: Certificate) -> None:
+    panel.axhline(0.0, color="#9aa5b1", linewidth=0.8)
+    panel.stairs(
+        certificate.hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
+    )
+    largest = max(1.2 * np.max(np.abs(certificate.hamiltonian), initial=0.0), 0.05)
+    panel.set_ylim(-largest, largest)
+    panel.set_ylabel("H", rotation=0, labelpad=10.0)
