@@ -20,9 +20,15 @@ from tominpmp.viz.bodies import robot_bodies
 from tominpmp.viz.camera import camera_view, points_in_view
 from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
 from tominpmp.viz.playback import play
-from tominpmp.viz.roles import FURNITURE_COLOR, HAZARD_COLOR, obstacle_color, rgb
 from tominpmp.viz.shares import shares_of_limits
 from tominpmp.viz.skeleton import skeleton
+from tominpmp.viz.surroundings import (
+    FURNITURE_COLOR,
+    HAZARD_COLOR,
+    obstacle_color,
+    rgb,
+    things,
+)
 
 START, END = np.array([0.5, 1.7, -1.7]), np.array([0.9, -1.2, -0.9])
 
@@ -61,9 +67,11 @@ def view_past(obstacles: list[Box]) -> np.ndarray:
     arm = load_robot("panda", group="panda_arm")
     q = np.array([[0.2 * i - 0.4, 0.3, 0.0, -1.8, 0.0, 2.0, 0.8] for i in range(5)])
     motion = skeleton(arm, q, "panda_hand")
-    view = camera_view(
-        arm, obstacles, motion, robot_bodies(arm), np.linspace(0.0, 1.0, 5)
-    )
+    problem = Problem(arm, q[0], JointGoal(q[-1]), scene=obstacles, margin=0.0)
+    zero = np.zeros_like(q)
+    times = np.linspace(0.0, 1.0, 5)
+    around = things(problem, Trajectory(arm.joint_names, times, q, zero, zero), times)
+    view = camera_view(arm, around, motion, robot_bodies(arm))
     return view.normal
 
 

@@ -10,7 +10,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Appearance, draw
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.segments import frame_places, loads, obstacles, there
+from tominpmp.viz.surroundings import frame_places, things
 from tominpmp.viz.viewer import Recorder
 
 meshcat = pytest.importorskip("meshcat")
@@ -33,16 +33,22 @@ def solution():
     return found
 
 
+def crate_of(problem, trajectory, times):
+    """The load of a motion, which is one body of the name of its shape."""
+    (load,) = (one for one in things(problem, trajectory, times) if one.load)
+    assert load.load == load.name == "crate"
+    assert load.there.all()
+    return load
+
+
 def test_a_load_stands_is_carried_and_stays(solution):
     first, second, third = solution.trajectory.segment_ends
     times = np.array([0.0, first, 0.5 * (first + second), second, third])
-    (load,) = loads(solution.problem, solution.trajectory, times)
-    assert load.name == "crate"
+    load = crate_of(solution.problem, solution.trajectory, times)
     x = load.placements[:, :3, 3] - load.placements[0, :3, 3]
     way = np.linalg.norm(x, axis=1)
     middle = float(solution.trajectory(times[2]).q[0]) - 0.5
     np.testing.assert_allclose(way, [0.0, 0.0, middle, 0.5, 0.5], atol=1e-9)
-    np.testing.assert_array_equal(load.carried, [False, True, True, True, False])
 
 
 def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
@@ -61,23 +67,22 @@ def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
     zero = np.zeros_like(q)
     motion = Trajectory(robot.joint_names, t, q, zero, zero, segment_ends=t[1:])
     times = np.array([0.5, 1.0, 1.5, 2.5, 3.0, 3.5, 4.0, 4.5])
-    (load,) = loads(problem, motion, times)
+    load = crate_of(problem, motion, times)
     places = load.placements[:, 0, 3] - frame_places(robot, q[:1], "tip")[0, 0, 3]
     hand = motion(times).q[:, 0]
     # It stands at 0.5, is carried to 0.7, stays there, and goes on from where it is
     # taken up again.
     expected = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.2, hand[7]]
     np.testing.assert_allclose(places, expected, atol=1e-9)
-    assert load.carried.tolist() == [False, *[True] * 4, False, True, True]
 
 
 def test_obstacles_are_there_on_their_segments(solution):
     first, second, _ = solution.trajectory.segment_ends
-    ((name, obstacle, spans),) = obstacles(solution.problem, solution.trajectory)
-    assert name == obstacle.name == "ball"
-    np.testing.assert_allclose(spans, [[first, second]])
-    times = np.array([0.5 * first, 0.5 * (first + second), second + 0.01])
-    np.testing.assert_array_equal(there(spans, times), [False, True, False])
+    times = np.array([0.5 * first, first, 0.5 * (first + second), second + 0.01])
+    ball, _ = things(solution.problem, solution.trajectory, times)
+    assert ball.name == ball.shape.name == "ball"
+    assert not ball.moves
+    np.testing.assert_array_equal(ball.there, [False, True, True, False])
 
 
 def test_the_page_has_them_all(solution):
@@ -92,7 +97,7 @@ def test_the_page_has_them_all(solution):
         one["path"]: {track["name"] for track in one["clip"]["tracks"]}
         for one in animation["animations"]
     }
-    assert tracks["/meshcat/loads/crate"] == {".position", ".quaternion"}
+    assert tracks["/meshcat/loads/crate/crate"] == {".position", ".quaternion"}
     assert tracks["/meshcat/obstacles/ball"] == {".visible"}
 
 
@@ -119,13 +124,10 @@ def test_a_load_that_another_hand_takes_is_one_body():
     found = tm.plan(problem, intervals=12, control="constant", refine=None)
     assert found.success, found.message
     times = np.array([0.0, found.T])
-    (load,) = loads(problem, found.trajectory, times)
+    (load,) = things(problem, found.trajectory, times)
     q = found.trajectory(times).q
-    box = np.eye(4)
-    box[:3, 3] = (0.3, 0.0, 0.0)
-    here = frame_places(robot, q[:1], first)[0] @ box
-    box[:3, 3] = (0.0, 0.2, 0.0)
-    there_ = frame_places(robot, q[1:], other)[0] @ box
-    box[:3, 3] = (0.3, 0.0, 0.0)
-    np.testing.assert_allclose(load.placements[0] @ box, here, atol=1e-9)
-    np.testing.assert_allclose(load.placements[1] @ box, there_, atol=1e-9)
+    for row, (frame, at) in enumerate(((first, (0.3, 0, 0)), (other, (0, 0.2, 0)))):
+        box = np.eye(4)
+        box[:3, 3] = at
+        place = frame_places(robot, q[row : row + 1], frame)[0] @ box
+        np.testing.assert_allclose(load.placements[row], place, atol=1e-9)

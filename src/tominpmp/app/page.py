@@ -48,7 +48,7 @@ from tominpmp.app.stage import (
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
 from tominpmp.viz.bodies import robot_bodies
-from tominpmp.viz.roles import GOAL_RGB, START_RGB
+from tominpmp.viz.surroundings import GOAL_RGB, START_RGB
 
 logger = logging.getLogger(__name__)
 

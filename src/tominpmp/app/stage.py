@@ -15,9 +15,9 @@ from tominpmp.app.request import UPRIGHT, Item, Request
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
 from tominpmp.viz.bodies import STEEL, Body, geometry_bodies
-from tominpmp.viz.roles import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 from tominpmp.viz.skeleton import best_view, skeleton
 from tominpmp.viz.surfaces import Surface, obstacle_surface, path_tube, shaded
+from tominpmp.viz.surroundings import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 
 Color = tuple[float, float, float]
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015

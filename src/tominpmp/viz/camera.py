@@ -8,16 +8,15 @@ from there. Bodies are taken as the boxes around them, which is enough to choose
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.robot import Robot
-from tominpmp.scene import Obstacle
 from tominpmp.viz.bodies import Body
 from tominpmp.viz.skeleton import Skeleton, View, best_view
-from tominpmp.viz.surfaces import Surface, obstacle_placements, obstacle_surface
+from tominpmp.viz.surfaces import obstacle_surface
+from tominpmp.viz.surroundings import Thing
 
 INSTANTS = 9  # of the motion that are looked at
 AZIMUTHS = np.radians(np.arange(0.0, 360.0, 15.0))
@@ -31,56 +30,8 @@ END, ARM, LENGTH, HABIT = 3.0, 1.0, 1.5, 0.25
 BEYOND = 0.12
 
 
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """Boxes at several instants.
-
-    Attributes:
-        low: Lower corners in their own axes, shape (k, 3) [m].
-        high: Upper corners, shape (k, 3) [m].
-        placements: Placements box_to_world, shape (m, k, 4, 4).
-        joints: Joint that carries each, shape (k,); -1 for none.
-    """
-
-    low: Array
-    high: Array
-    placements: Array
-    joints: Array
-
-    def hide(self, points: Array, direction: Array, own: Array) -> BoolArray:
-        """Whether a point at an instant is hidden from a direction by another's box.
-
-        Args:
-            points: By instant, shape (m, p, 3) [m].
-            direction: Unit vector towards the viewer, shape (3,).
-            own: Joint that carries each point, shape (p,).
-
-        Returns:
-            Truth values, shape (m, p).
-        """
-        if not len(self.low):
-            return np.zeros(points.shape[:2], dtype=bool)
-        turn = self.placements[..., :3, :3]
-        offset = points[:, :, None] - self.placements[:, None, :, :3, 3]
-        local = np.einsum("mkij,mpki->mpkj", turn, offset)
-        ray = np.einsum("mkij,i->mkj", turn, direction)[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one = (self.low - local) / ray
-            other = (self.high - local) / ray
-        enter = np.nanmax(np.minimum(one, other), axis=-1)
-        leave = np.nanmin(np.maximum(one, other), axis=-1)
-        # A point in a box is seen all the same: it may be a hollow one.
-        crossed = (enter < leave) & (enter > 1e-9)
-        alien = self.joints[None, :] != own[:, None]
-        return np.asarray(np.any(crossed & alien, axis=-1))
-
-
 def camera_view(
-    robot: Robot,
-    obstacles: Sequence[Obstacle],
-    motion: Skeleton,
-    bodies: list[Body],
-    times: Array,
+    robot: Robot, around: Sequence[Thing], motion: Skeleton, bodies: list[Body]
 ) -> View:
     """Find the side from which a motion is seen best.
 
@@ -88,91 +39,104 @@ def camera_view(
 
     Args:
         robot: The robot.
-        obstacles: The obstacles.
-        motion: The arm at the times.
+        around: The obstacles at the m instants of the motion.
+        motion: The arm at these instants.
         bodies: Bodies of the robot.
-        times: Times of the motion, shape (m,) [s].
     """
     plane = best_view(motion.points)
-    extent = _extent(motion, bodies)
+    sizes = [np.ptp(body.surface.extent, axis=0).min() for body in bodies]
+    extent = np.ptp(motion.points.reshape(-1, 3), axis=0) + max(sizes, default=0.0)
     flat = float(np.abs(plane.normal) @ extent) < 0.2 * float(extent.max())
     if plane.planar and flat:
         return plane
-    chosen = np.unique(np.linspace(0, len(times) - 1, INSTANTS).astype(int))
-    boxes = _boxes(obstacles, motion, bodies, times, chosen)
-    points, own = _points(robot, motion, chosen)
+    chosen = np.unique(np.linspace(0, len(motion.end) - 1, INSTANTS).astype(int))
+    boxes = _boxes(around, motion, bodies, chosen)
+    # The end and the joints, and which joint carries each.
+    origins = motion.placements[chosen, 1:, :3, 3]
+    points = np.concatenate([motion.end[chosen][:, None], origins], axis=1)
+    carrier = int(robot.model.frames[robot.frame_id(motion.end_frame)].parentJoint)
+    own = np.concatenate([[carrier], np.arange(1, motion.placements.shape[1])])
     habit = PREFERRED / np.linalg.norm(PREFERRED)
-    views = [_looking_from(normal) for normal in _directions()]
-    scores = []
-    for view in views:
-        hidden = boxes.hide(points, view.normal, own)
-        scores.append(
-            END * float(np.mean(~hidden[:, 0]))
-            + ARM * float(np.mean(~hidden))
-            + LENGTH * _length_seen(view, motion)
-            + HABIT * float(view.normal @ habit)
-        )
+    views, scores = [], []
+    for a in AZIMUTHS:
+        for e in ELEVATIONS:
+            across = np.array([np.cos(a), np.sin(a), 0.0])
+            normal = np.cos(e) * across + np.sin(e) * np.array([0.0, 0.0, 1.0])
+            right = np.cross([0.0, 0.0, 1.0], normal)
+            right /= np.linalg.norm(right)
+            view = View(right, np.cross(normal, right), ("", ""), False)
+            hidden = _hidden(points, own, view.normal, *boxes)
+            views.append(view)
+            scores.append(
+                END * float(np.mean(~hidden[:, 0]))
+                + ARM * float(np.mean(~hidden))
+                + LENGTH * _length_seen(view, motion)
+                + HABIT * float(view.normal @ habit)
+            )
     best = max(scores)
     # Rounding must not choose between sides that serve alike.
     return next(v for v, s in zip(views, scores, strict=True) if s >= best - 1e-6)
 
 
-def _extent(motion: Skeleton, bodies: list[Body]) -> Array:
-    """Extent of the room that joints and bodies take, about, shape (3,) [m]."""
-    room = np.ptp(motion.points.reshape(-1, 3), axis=0)
-    sizes = [np.ptp(body.surface.vertices, axis=0).min() for body in bodies]
-    return np.asarray(room + max(sizes, default=0.0))
-
-
-def _directions() -> list[Array]:
-    return [
-        np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-        for a in AZIMUTHS
-        for e in ELEVATIONS
-    ]
-
-
-def _looking_from(normal: Array) -> View:
-    right = np.cross([0.0, 0.0, 1.0], normal)
-    right /= np.linalg.norm(right)
-    return View(right, np.cross(normal, right), ("", ""), False)
-
-
-def _points(robot: Robot, motion: Skeleton, chosen: Array) -> tuple[Array, Array]:
-    """The end and the joints at some instants, and which joint carries each."""
-    joints = motion.placements.shape[1]
-    origins = motion.placements[chosen, 1:, :3, 3]
-    points = np.concatenate([motion.end[chosen][:, None], origins], axis=1)
-    carrier = int(robot.model.frames[robot.frame_id(motion.end_frame)].parentJoint)
-    return points, np.concatenate([[carrier], np.arange(1, joints)])
-
-
 def _boxes(
-    obstacles: Sequence[Obstacle],
-    motion: Skeleton,
-    bodies: list[Body],
-    times: Array,
-    chosen: Array,
-) -> Boxes:
-    """Boxes around obstacles and bodies at some instants."""
-    corners: list[tuple[Array, Array]] = []
-    placements, joints = [], []
-    for obstacle in obstacles:
-        corners.append(_corners(obstacle_surface(obstacle)))
-        placements.append(obstacle_placements(obstacle, times[chosen]))
-        joints.append(-1)
+    around: Sequence[Thing], motion: Skeleton, bodies: list[Body], chosen: Array
+) -> tuple[Array, Array, IntArray]:
+    """Boxes around obstacles and bodies at some instants.
+
+    Returns:
+        Lower and upper corners in their own axes, shape (k, 2, 3) [m]; placements
+        box_to_world, shape (m, k, 4, 4); joint that carries each, -1 for none,
+        shape (k,).
+    """
+    found = [
+        (obstacle_surface(thing.shape).extent, thing.placements[chosen], -1)
+        for thing in around
+    ]
     for body in bodies:
-        corners.append(_corners(body.surface))
-        placements.append(motion.placements[chosen, body.joint] @ body.placement)
-        joints.append(body.joint)
-    low = np.array([item[0] for item in corners]).reshape(-1, 3)
-    high = np.array([item[1] for item in corners]).reshape(-1, 3)
-    stacked = np.array(placements).reshape(-1, len(chosen), 4, 4).swapaxes(0, 1)
-    return Boxes(low, high, stacked, np.array(joints, dtype=np.int64))
+        places = motion.placements[chosen, body.joint] @ body.placement
+        found.append((body.surface.extent, places, body.joint))
+    corners = np.array([item[0] for item in found]).reshape(-1, 2, 3)
+    placements = np.array([item[1] for item in found]).reshape(-1, len(chosen), 4, 4)
+    joints: IntArray = np.array([item[2] for item in found], dtype=np.int64)
+    return corners, placements.swapaxes(0, 1), joints
 
 
-def _corners(surface: Surface) -> tuple[Array, Array]:
-    return surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+def _hidden(
+    points: Array,
+    own: Array,
+    direction: Array,
+    corners: Array,
+    placements: Array,
+    joints: IntArray,
+) -> BoolArray:
+    """Whether a point at an instant is hidden from a direction by another's box.
+
+    Args:
+        points: By instant, shape (m, p, 3) [m].
+        own: Joint that carries each point, shape (p,).
+        direction: Unit vector towards the viewer, shape (3,).
+        corners: As of :func:`_boxes`.
+        placements: Likewise.
+        joints: Likewise.
+
+    Returns:
+        Truth values, shape (m, p).
+    """
+    if not len(corners):
+        return np.zeros(points.shape[:2], dtype=bool)
+    turn = placements[..., :3, :3]
+    offset = points[:, :, None] - placements[:, None, :, :3, 3]
+    local = np.einsum("mkij,mpki->mpkj", turn, offset)
+    ray = np.einsum("mkij,i->mkj", turn, direction)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one = (corners[:, 0] - local) / ray
+        other = (corners[:, 1] - local) / ray
+    enter = np.nanmax(np.minimum(one, other), axis=-1)
+    leave = np.nanmin(np.maximum(one, other), axis=-1)
+    # A point in a box is seen all the same: it may be a hollow one.
+    crossed = (enter < leave) & (enter > 1e-9)
+    alien = joints[None, :] != own[:, None]
+    return np.asarray(np.any(crossed & alien, axis=-1))
 
 
 def _length_seen(view: View, motion: Skeleton) -> float:

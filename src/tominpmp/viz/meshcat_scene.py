@@ -13,21 +13,25 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.scene import Obstacle
 from tominpmp.viz.bodies import Body, robot_bodies
 from tominpmp.viz.camera import camera_view, points_in_view
-from tominpmp.viz.roles import GOAL_RGB, PATH_RGB, obstacle_color, rgb
-from tominpmp.viz.segments import Load, ends_on_the_way, loads, obstacles, there
 from tominpmp.viz.skeleton import Skeleton, View, end_frame, end_of, skeleton
 from tominpmp.viz.surfaces import (
     cylinder,
     moved,
-    obstacle_placement,
-    obstacle_placements,
     obstacle_surface,
     path_tube,
     placed,
     sphere,
+)
+from tominpmp.viz.surroundings import (
+    GOAL_RGB,
+    PATH_RGB,
+    Thing,
+    ends_on_the_way,
+    obstacle_color,
+    rgb,
+    things,
 )
 from tominpmp.viz.viewer import SetCopies, import_meshcat, node_name, put_body
 
@@ -84,74 +88,56 @@ def draw(
     frame = appearance.frame or end_frame(problem)
     duration = max(item.duration for item in (trajectory, *appearance.twins))
     times = frame_times(duration, appearance.fps)
-    on_the_way = np.minimum(times, trajectory.duration)
-    motion = skeleton(robot, trajectory(on_the_way).q, frame)
+    motion = _poses(robot, trajectory, times, frame)
     bodies = robot_bodies(robot)
-    robot_points = _robot_points(motion, bodies)
-    shown = list(obstacles(problem, trajectory))
-    around = [item for _, item, _ in shown]
-    points = points_in_view(robot_points, _obstacle_points(around, times[[0, -1]]))
+    shown = things(problem, trajectory, times)
+    around = [thing for thing in shown if thing.load is None]
+    points = points_in_view(_robot_points(motion, bodies), _obstacle_points(around))
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-    view = camera_view(robot, around, motion, bodies, times)
+    view = camera_view(robot, around, motion, bodies)
     _surroundings(viewer, view, points, size)
-    joints = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
-    for name, obstacle, _ in shown:
-        color = (*rgb(obstacle_color(obstacle)), OBSTACLE_OPACITY)
-        _obstacle(viewer[_obstacle_path(name)], obstacle, color)
-    carried = loads(problem, trajectory, on_the_way)
-    for load in carried:
-        _load(viewer[_load_path(load)], load)
-    _goal(viewer["/meshcat/goal"], problem, size)
-    _trail(viewer, robot, trajectory, frame, size)
-    _ends(viewer["/meshcat/ends of segments"], robot, trajectory, frame, size)
-    if appearance.ghosts:
-        viewer.window.send(
-            _ghosts(problem, trajectory, frame, bodies, appearance.ghosts)
-        )
-    moving = [
-        (_obstacle_path(name), obstacle_placements(item, times))
-        for name, item, _ in shown
-        if item.motion is not None
-    ]
-    moving += [(_load_path(load), load.placements) for load in carried]
+    moving = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
+    seen = {}
+    for thing in shown:
+        color, kind = LOAD_COLOR, f"loads/{node_name(thing.load or '')}"
+        if thing.load is None:
+            color = (*rgb(obstacle_color(thing.shape)), OBSTACLE_OPACITY)
+            kind = "obstacles"
+        path = f"/meshcat/{kind}/{node_name(thing.name)}"
+        surface = obstacle_surface(thing.shape)
+        put_body(viewer[path], surface, color, thing.placements[0])
+        if thing.moves:
+            moving[path] = thing.placements
+        if not thing.there.all():
+            seen[path] = thing.there
+    _marks(viewer, problem, trajectory, frame, size)
     movable = [body for body in bodies if body.joint]
+    if appearance.ghosts:
+        instants = np.linspace(0.0, trajectory.duration, appearance.ghosts)
+        poses = _poses(robot, trajectory, instants, frame).placements
+        copies = SetCopies(
+            "/meshcat/ghosts",
+            [(b.surface, (*b.color[:3], GHOST_OPACITY * b.color[3])) for b in movable],
+            [poses[:, body.joint] @ body.placement for body in movable],
+        )
+        viewer.window.send(copies)
     for number, twin in enumerate(appearance.twins):
-        q = twin(np.minimum(times, twin.duration)).q
-        poses = skeleton(robot, q, end_of(robot)).placements
+        poses = _poses(robot, twin, times, end_of(robot)).placements
         path = f"/meshcat/twins/{number}"
-        joints += _robot(viewer, robot, movable, poses, path, TWIN_COLOR)
-    seen = {
-        _obstacle_path(name): there(spans, on_the_way)
-        for name, _, spans in shown
-        if not np.array_equal(spans, [[0.0, trajectory.duration]])
-    }
-    _animate(viewer, times, [*joints, *moving], seen)
+        moving |= _robot(viewer, robot, movable, poses, path, TWIN_COLOR)
+    _animate(viewer, times, moving, seen)
+
+
+def _poses(robot: Robot, trajectory: Trajectory, times: Array, frame: str) -> Skeleton:
+    """The arm at times; after its end it stays where it is."""
+    q = trajectory(np.minimum(times, trajectory.duration)).q
+    return skeleton(robot, q, frame)
 
 
 def frame_times(duration: float, fps: float) -> Array:
     """Times of the key frames [s]: evenly spaced, with both ends, shape (m,)."""
     count = max(2, int(np.ceil(duration * fps - 1e-9)) + 1)
     return np.linspace(0.0, duration, count)
-
-
-def _obstacle_path(name: str) -> str:
-    return f"/meshcat/obstacles/{node_name(name)}"
-
-
-def _load_path(load: Load) -> str:
-    return f"/meshcat/loads/{node_name(load.name)}"
-
-
-def _obstacle(node: Any, obstacle: Obstacle, color: Sequence[float]) -> None:
-    surface, place = obstacle_surface(obstacle), obstacle_placement(obstacle)
-    put_body(node, surface, color, place)
-
-
-def _load(node: Any, load: Load) -> None:
-    """A load, where it is first."""
-    for shape in load.shapes:
-        _obstacle(node[node_name(shape.name)], shape, LOAD_COLOR)
-    node.set_transform(load.placements[0])
 
 
 def _robot(
@@ -161,7 +147,7 @@ def _robot(
     poses: Array,
     path: str,
     tint: Sequence[float] | None = None,
-) -> list[tuple[str, Array]]:
+) -> dict[str, Array]:
     """Draw bodies of a robot on its joints.
 
     Args:
@@ -173,7 +159,7 @@ def _robot(
         tint: Colour of all bodies; None for that of each.
 
     Returns:
-        Paths of the joints that move, and their placements, shape (m, 4, 4).
+        Placements of the joints that move by their paths, shape (m, 4, 4).
     """
     joints = sorted({body.joint for body in bodies})
     paths = {i: f"{path}/{node_name(str(robot.model.names[i]))}" for i in joints}
@@ -183,13 +169,13 @@ def _robot(
         put_body(node, surface, tint or body.color, body.placement)
     for joint in joints:
         viewer[paths[joint]].set_transform(poses[0, joint])
-    return [(paths[joint], poses[:, joint]) for joint in joints if joint]
+    return {paths[joint]: poses[:, joint] for joint in joints if joint}
 
 
 def _animate(
     viewer: Any,
     times: Array,
-    moving: list[tuple[str, Array]],
+    moving: Mapping[str, Array],
     seen: Mapping[str, BoolArray],
 ) -> None:
     """Animate what is at paths.
@@ -197,42 +183,40 @@ def _animate(
     Args:
         viewer: The viewer.
         times: Times of the key frames [s], shape (m,).
-        moving: Paths of what moves, and its placements, shape (m, 4, 4).
-        seen: Whether what comes and goes is there, shape (m,), by path.
+        moving: Placements of what moves by its path, shape (m, 4, 4).
+        seen: Whether what comes and goes is there, shape (m,), by its path.
     """
     meshcat = import_meshcat().animation
-    clips = {}
-    tracks: dict[str, Any]
-    for path, flags in seen.items():
-        # Once for each change: in between it is as it was before.
-        keys = np.flatnonzero(np.append(True, np.diff(flags.astype(int)) != 0))
-        values = times[keys].tolist(), flags[keys].tolist()
-        tracks = {"visible": meshcat.AnimationTrack("visible", "bool", *values)}
-        clip = meshcat.AnimationClip(tracks, fps=1.0, name="motion")
-        clips[viewer[path].path] = clip
-    for path, placements in moving:
+    tracks: dict[str, dict[str, Any]] = {path: {} for path in (*moving, *seen)}
+    for path, placements in moving.items():
         quaternions = Rotation.from_matrix(placements[:, :3, :3]).as_quat()
         # q and -q are one rotation; neighbours must be on one side to be interpolated.
         flips = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1]) < 0.0
         quaternions[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-        tracks = {
-            name: meshcat.AnimationTrack(name, kind, times.tolist(), values.tolist())
-            for name, kind, values in (
-                ("position", "vector3", placements[:, :3, 3]),
-                ("quaternion", "quaternion", quaternions),
-            )
-        }
-        # With one frame a second the times of the keys are in seconds.
-        clip = meshcat.AnimationClip(tracks, fps=1.0, name="motion")
-        known = clips.get(viewer[path].path)
-        if known is not None:
-            clip.tracks |= known.tracks
-        clips[viewer[path].path] = clip
+        for name, kind, values in (
+            ("position", "vector3", placements[:, :3, 3]),
+            ("quaternion", "quaternion", quaternions),
+        ):
+            keys = times.tolist(), values.tolist()
+            tracks[path][name] = meshcat.AnimationTrack(name, kind, *keys)
+    for path, flags in seen.items():
+        # Once for each change: in between it is as it was before.
+        changes = np.flatnonzero(np.append(True, np.diff(flags.astype(int)) != 0))
+        keys = times[changes].tolist(), flags[changes].tolist()
+        tracks[path]["visible"] = meshcat.AnimationTrack("visible", "bool", *keys)
+    # With one frame a second the times of the keys are in seconds.
+    clips = {
+        viewer[path].path: meshcat.AnimationClip(found, fps=1.0, name="motion")
+        for path, found in tracks.items()
+    }
     viewer.set_animation(meshcat.Animation(clips))
 
 
-def _goal(node: Any, problem: Problem, size: float) -> None:
-    target = problem.goal.target
+def _marks(
+    viewer: Any, problem: Problem, trajectory: Trajectory, frame: str, size: float
+) -> None:
+    """The goal, the path of a frame, and a bead where each segment ends on it."""
+    node, target = viewer["/meshcat/goal"], problem.goal.target
     if isinstance(target, np.ndarray):
         put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR, placed(target))
     elif target is not None:
@@ -242,43 +226,16 @@ def _goal(node: Any, problem: Problem, size: float) -> None:
             turn = placed(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
             put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
         node.set_transform(np.array(target.homogeneous))
-
-
-def _trail(
-    viewer: Any, robot: Robot, trajectory: Trajectory, frame: str, size: float
-) -> None:
     times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
-    points = skeleton(robot, trajectory(times).q, frame).end
+    points = _poses(problem.robot, trajectory, times, frame).end
     line = path_tube(points, TRAIL_RADIUS, size)
     if line is not None:
         put_body(viewer[f"/meshcat/path of {node_name(frame)}"], line, TRAIL_COLOR)
-
-
-def _ends(
-    node: Any, robot: Robot, trajectory: Trajectory, frame: str, size: float
-) -> None:
-    """A bead on the path where each segment ends that another follows."""
-    times = ends_on_the_way(trajectory)
-    if not times.size:
-        return
-    points = skeleton(robot, trajectory(times).q, frame).end
+    ends, bead = ends_on_the_way(trajectory), sphere(END_RADIUS * size)
+    points = _poses(problem.robot, trajectory, ends, frame).end
     for number, point in enumerate(points, start=1):
-        bead = sphere(END_RADIUS * size)
-        put_body(node[str(number)], bead, END_COLOR, placed(point))
-
-
-def _ghosts(
-    problem: Problem, trajectory: Trajectory, frame: str, bodies: list[Body], count: int
-) -> SetCopies:
-    """Copies of the robot between start and end."""
-    times = np.linspace(0.0, trajectory.duration, count)
-    poses = skeleton(problem.robot, trajectory(times).q, frame).placements
-    moving = [body for body in bodies if body.joint]
-    return SetCopies(
-        "/meshcat/ghosts",
-        [(b.surface, (*b.color[:3], GHOST_OPACITY * b.color[3])) for b in moving],
-        [poses[:, body.joint] @ body.placement for body in moving],
-    )
+        node = viewer[f"/meshcat/ends of segments/{number}"]
+        put_body(node, bead, END_COLOR, placed(point))
 
 
 def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
@@ -287,25 +244,19 @@ def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
     instants = np.unique(np.linspace(0, len(motion.placements) - 1, 25).astype(int))
     corners = np.array(list(np.ndindex(2, 2, 2)))
     for body in bodies:
-        vertices = body.surface.vertices
-        ends = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-        cuboid = np.take_along_axis(ends, corners, axis=0)
-        local = cuboid @ body.placement[:3, :3].T + body.placement[:3, 3]
-        poses = motion.placements[instants, body.joint]
-        world = local @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-        clouds.append(world.reshape(-1, 3))
+        cuboid = np.take_along_axis(body.surface.extent, corners, axis=0)
+        for pose in motion.placements[instants, body.joint] @ body.placement:
+            clouds.append(cuboid @ pose[:3, :3].T + pose[:3, 3])
     return np.concatenate(clouds)
 
 
-def _obstacle_points(shown: Sequence[Obstacle], times: Array) -> list[Array]:
-    """Points of obstacles where they are at times."""
+def _obstacle_points(around: Sequence[Thing]) -> list[Array]:
+    """Points of obstacles where they are first and last."""
     found = []
-    for obstacle in shown:
-        surface = obstacle_surface(obstacle)
-        for placement in obstacle_placements(obstacle, times):
+    for thing in around:
+        surface = obstacle_surface(thing.shape)
+        for placement in thing.placements[[0, -1] if thing.moves else [0]]:
             found.append(moved(surface, placement).vertices)
-            if obstacle.motion is None:
-                break
     return found
 
 

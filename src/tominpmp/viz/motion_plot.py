@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from tominpmp.arrays import Array
 from tominpmp.checks import instance, whole
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.scene import Obstacle, Sphere
+from tominpmp.scene import Sphere
 from tominpmp.viz.figures import (
     GOAL_COLOR,
     add_legend,
@@ -26,8 +25,6 @@ from tominpmp.viz.figures import (
     new_figure,
     styled,
 )
-from tominpmp.viz.roles import HAZARD_COLOR, obstacle_color
-from tominpmp.viz.segments import ends_on_the_way, loads, obstacles, there
 from tominpmp.viz.skeleton import (
     Skeleton,
     View,
@@ -36,7 +33,15 @@ from tominpmp.viz.skeleton import (
     end_frame,
     skeleton,
 )
-from tominpmp.viz.surfaces import moved, obstacle_placement, obstacle_surface
+from tominpmp.viz.surfaces import moved, obstacle_surface
+from tominpmp.viz.surroundings import (
+    FURNITURE_COLOR,
+    HAZARD_COLOR,
+    Thing,
+    ends_on_the_way,
+    obstacle_color,
+    things,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,9 +53,10 @@ PANELS_IN_ROW = 3
 ARM_COLOR = "#12375f"
 # Of several robots, the first one as if it were alone.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
-LOAD_COLOR, END_COLOR = "#a8742c", "#404b5c"
+LOAD_COLOR = "#a8742c"
+PATH_LOOK: dict[str, Any] = {"color": color(1), "linewidth": 1.1}
 END_LOOK: dict[str, Any] = {
-    "color": END_COLOR,
+    "color": "#404b5c",
     "marker": "o",
     "markersize": 4.0,
     "linestyle": "none",
@@ -101,111 +107,81 @@ def plot_motion(
     instants = whole(instants, "instants", least=2, expected="2 or more")
     motions = list(trajectories.values())
     frame = frame or end_frame(problem)
-    poses = [
-        skeleton(problem.robot, item(_instants(item, instants)).q, frame)
-        for item in motions
-    ]
+    poses, surroundings = [], []
+    for motion in motions:
+        times = np.linspace(0.0, motion.duration, instants)
+        poses.append(skeleton(problem.robot, motion(times).q, frame))
+        surroundings.append(things(problem, motion, times))
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
-    first = motions[0]
-    resting = [one for _, one, _ in obstacles(problem, first) if one.motion is None]
-    outlines = [(_outline(item, view), obstacle_color(item)) for item in resting]
-    passing, carried = (
-        [draw(problem, item, view, _instants(item, instants)) for item in motions]
-        for draw in (_passing, _carried)
-    )
+    outlines = [_outlines(found, view) for found in surroundings]
     goal = _goal_point(problem, frame)
     with styled():
-        everything = [item for item, _ in outlines]
-        everything += itertools.chain(*passing, *carried)
-        low, high = _window(view, poses, everything, goal)
-        figure, axes = _panels(len(trajectories), high - low)
-        for panel, (label, trajectory), pose, part, load in zip(
-            axes, trajectories.items(), poses, passing, carried, strict=True
+        low, high = _window(view, poses, outlines, goal)
+        figure, axes = _panels(len(motions), high - low)
+        for panel, (label, motion), pose, shown in zip(
+            axes, trajectories.items(), poses, outlines, strict=True
         ):
-            for outline, shown in outlines:
-                _draw_outline(panel, outline, shown)
-            for some, edge in ((part, HAZARD_COLOR), (load, LOAD_COLOR)):
-                shades = np.linspace(LIGHTEST, 1.0, max(len(some), 1)).tolist()
-                for outline, shade in zip(some, shades, strict=False):
-                    _draw_outline(panel, outline, edge, shade)
+            for outline in shown:
+                _draw_outline(panel, outline)
             _draw_arm(panel, view, pose)
-            times = _instants(trajectory, PATH_POINTS)
-            end = skeleton(problem.robot, trajectory(times).q, frame).end
-            panel.plot(*view.project(end).T, color=color(1), linewidth=1.1, zorder=2.4)
-            _draw_ends(panel, view, problem, trajectory, frame)
+            times = np.linspace(0.0, motion.duration, PATH_POINTS)
+            path_ends = skeleton(problem.robot, motion(times).q, frame).end
+            panel.plot(*view.project(path_ends).T, **PATH_LOOK, zorder=2.4)
+            times = ends_on_the_way(motion)
+            if times.size:
+                ends = skeleton(problem.robot, motion(times).q, frame).end
+                panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
             if goal is not None:
                 panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
-            panel.set_title(f"{label}: $T$ = {trajectory.duration:.4g} s", loc="left")
+            panel.set_title(f"{label}: $T$ = {motion.duration:.4g} s", loc="left")
             panel.set_aspect("equal")
             panel.set_xlim(low[0], high[0])
             panel.set_ylim(low[1], high[1])
         _label_axes(axes, view)
-        shown_colors = {shown for _, shown in outlines}
-        if any(passing):
-            shown_colors.add(HAZARD_COLOR)
-        add_legend(figure, _handles(shown_colors, carried, first), 5)
+        edges = {outline.edge for shown in outlines for outline in shown}
+        segments = bool(ends_on_the_way(motions[0]).size)
+        add_legend(figure, _handles(edges, segments), 5)
         return finish(figure, path)
 
 
-def _instants(trajectory: Trajectory, count: int) -> Array:
-    return np.linspace(0.0, trajectory.duration, count)
+class Outline(NamedTuple):
+    """Outline of an obstacle or a load.
+
+    Attributes:
+        points: Corners of a polygon, or the centre of a circle, shape (k, 2) [m].
+        radius: Radius of the circle; 0 for a polygon [m].
+        edge: Colour.
+        shade: Opacity of what moves, at one instant; None for what rests.
+    """
+
+    points: Array
+    radius: float
+    edge: str
+    shade: float | None
 
 
-def _outline(obstacle: Obstacle, view: View) -> Array | tuple[Array, float]:
-    """Outline of an obstacle: the points of a polygon, or a centre and a radius."""
-    if isinstance(obstacle, Sphere):
-        return view.project(obstacle.position), obstacle.radius
+def _outlines(found: Sequence[Thing], view: View) -> list[Outline]:
+    """Outlines of what is around, at all instants at which it is there if it moves."""
     from scipy.spatial import ConvexHull
 
-    body = moved(obstacle_surface(obstacle), obstacle_placement(obstacle))
-    points = view.project(body.vertices)
-    return np.asarray(points[ConvexHull(points).vertices])
-
-
-def _passing(
-    problem: Problem, trajectory: Trajectory, view: View, times: Array
-) -> list[Array | tuple[Array, float]]:
-    """Outlines of what moves, at instants at which it is there."""
-    moving = [
-        one for one in obstacles(problem, trajectory) if one[1].motion is not None
-    ]
-    return [
-        _outline(obstacle.frozen(time), view)
-        for time in times.tolist()
-        for _, obstacle, spans in moving
-        if there(spans, np.array([time]))[0]
-    ]
-
-
-def _carried(
-    problem: Problem, trajectory: Trajectory, view: View, times: Array
-) -> list[Array | tuple[Array, float]]:
-    """Outlines of loads at instants, wherever they are then."""
-    every = loads(problem, trajectory, times)
-    return [
-        _placed(shape, load.placements[k], view)
-        for k in range(times.size)
-        for load in every
-        for shape in load.shapes
-    ]
-
-
-def _placed(shape: Obstacle, place: Array, view: View) -> Array | tuple[Array, float]:
-    """Outline of a shape of something that is placed somewhere."""
-    whole = place @ obstacle_placement(shape)
-    moved_there = replace(shape, position=whole[:3, 3], rotation=whole[:3, :3])
-    return _outline(moved_there, view)
-
-
-def _draw_ends(
-    panel: Axes, view: View, problem: Problem, trajectory: Trajectory, frame: str
-) -> None:
-    """A dot where each segment ends that another follows."""
-    times = ends_on_the_way(trajectory)
-    if times.size:
-        points = skeleton(problem.robot, trajectory(times).q, frame).end
-        panel.plot(*view.project(points).T, **END_LOOK, zorder=2.6)
+    outlines = []
+    for thing in found:
+        edge = LOAD_COLOR if thing.load else obstacle_color(thing.shape)
+        shades: list[float | None] = [None]
+        if thing.moves:
+            shades = np.linspace(LIGHTEST, 1.0, thing.there.size).tolist()
+        surface = obstacle_surface(thing.shape)
+        for k, shade in enumerate(shades):
+            place = thing.placements[k]
+            radius, points = 0.0, view.project(moved(surface, place).vertices)
+            if isinstance(thing.shape, Sphere):
+                radius, points = thing.shape.radius, view.project(place[:3, 3])[None]
+            else:
+                points = points[ConvexHull(points).vertices]
+            if thing.there[k] or not thing.moves:
+                outlines.append(Outline(points, radius, edge, shade))
+    return outlines
 
 
 def _goal_point(problem: Problem, frame: str) -> Array | None:
@@ -222,18 +198,14 @@ def _goal_point(problem: Problem, frame: str) -> Array | None:
 
 def _window(
     view: View,
-    poses: list[Skeleton],
-    outlines: list[Array | tuple[Array, float]],
+    poses: Sequence[Skeleton],
+    outlines: Sequence[Sequence[Outline]],
     goal: Array | None,
 ) -> tuple[Array, Array]:
     """Lowest and highest coordinates to show, shapes (2,)."""
     points = [view.project(pose.points).reshape(-1, 2) for pose in poses]
-    for outline in outlines:
-        if isinstance(outline, tuple):
-            center, radius = outline
-            points.append(np.stack([center - radius, center + radius]))
-        else:
-            points.append(outline)
+    for outline in itertools.chain(*outlines):
+        points += [outline.points - outline.radius, outline.points + outline.radius]
     if goal is not None:
         points.append(view.project(goal)[None])
     everything = np.concatenate(points)
@@ -271,30 +243,22 @@ def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
     return figure, flat[:count]
 
 
-def _draw_outline(
-    panel: Axes,
-    outline: Array | tuple[Array, float],
-    shown: str,
-    shade: float | None = None,
-) -> None:
-    """Draw an outline; a shade is that of what moves, at one instant."""
+def _draw_outline(panel: Axes, outline: Outline) -> None:
     from matplotlib.patches import Circle, Patch, Polygon
 
-    look = _obstacle_look(shown)
-    if shade is not None:
-        look |= {"facecolor": "none", "alpha": shade}
-    shape: Patch
-    if isinstance(outline, tuple):
-        center, radius = outline
-        shape = Circle((float(center[0]), float(center[1])), radius, **look)
-    else:
-        shape = Polygon(outline, closed=True, **look)
+    look = _outline_look(outline.edge)
+    if outline.shade is not None:
+        look |= {"facecolor": "none", "alpha": outline.shade}
+    shape: Patch = Polygon(outline.points, closed=True, **look)
+    if outline.radius:
+        x, y = outline.points[0].tolist()
+        shape = Circle((x, y), outline.radius, **look)
     shape.set_zorder(1.5)
     panel.add_patch(shape)
 
 
-def _obstacle_look(shown: str) -> dict[str, Any]:
-    return {"facecolor": shown + "40", "edgecolor": shown}
+def _outline_look(edge: str) -> dict[str, Any]:
+    return {"facecolor": f"{edge}40", "edgecolor": edge}
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
@@ -314,20 +278,19 @@ def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
             )
 
 
-def _handles(
-    shown: set[str], carried: list[list[Any]], trajectory: Trajectory
-) -> list[Any]:
+def _handles(edges: set[str], segments: bool) -> list[Any]:
     handles = [
         line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
         line_key("end", color=ARM_COLOR, linewidth=2.0),
-        line_key("path of the end", color=color(1), linewidth=1.1),
+        line_key("path of the end", **PATH_LOOK),
         line_key("goal", **GOAL_LOOK),
     ]
-    if ends_on_the_way(trajectory).size:
+    if segments:
         handles.append(line_key("end of a segment", **END_LOOK))
-    if shown:
-        look = _obstacle_look(max(shown, key=lambda one: one == HAZARD_COLOR))
-        handles.append(area_key("obstacle", **look))
-    if any(carried):
+    for edge in (HAZARD_COLOR, FURNITURE_COLOR):
+        if edge in edges:
+            handles.append(area_key("obstacle", **_outline_look(edge)))
+            break
+    if LOAD_COLOR in edges:
         handles.append(area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
     return handles

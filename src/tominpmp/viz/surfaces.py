@@ -54,6 +54,11 @@ class Surface:
     colors: Array | None = None
 
     @property
+    def extent(self) -> Array:
+        """Lower and upper corner of the box around it, shape (2, 3) [m]."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @property
     def plain(self) -> Surface:
         """The same without colours."""
         return Surface(self.vertices, self.faces)
@@ -261,17 +266,6 @@ def placed(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
     if rotation is not None:
         placements[..., :3, :3] = rotation
     return placements
-
-
-def obstacle_placement(obstacle: Obstacle) -> Array:
-    """Placement obstacle_to_world as a homogeneous matrix, shape (4, 4)."""
-    return placed(obstacle.position, obstacle.rotation)
-
-
-def obstacle_placements(obstacle: Obstacle, times: Array) -> Array:
-    """Placements obstacle_to_world at times, shape (m, 4, 4)."""
-    rotations, positions = obstacle.poses(times)
-    return placed(positions, rotations)
 
 
 def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
