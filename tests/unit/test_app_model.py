@@ -30,7 +30,7 @@ from tominpmp.exceptions import (
     SceneError,
     TominpmpError,
 )
-from tominpmp.viz.page import build_page
+from tominpmp.viz.playback import build_page
 from tominpmp.viz.shares import Shares
 
 PLANAR = EXAMPLES["planar3r"]

@@ -48,8 +48,7 @@ from tominpmp.robot import load_robot
 from tominpmp.scene import Obstacle
 from tominpmp.viz.bodies import STEEL, robot_bodies
 from tominpmp.viz.meshcat_scene import Appearance, draw, frame_times
-from tominpmp.viz.page import build_page, show_page
-from tominpmp.viz.playback import play
+from tominpmp.viz.playback import build_page, play, show_page
 from tominpmp.viz.shares import Shares
 from tominpmp.viz.skeleton import best_view, end_frame, skeleton
 from tominpmp.viz.surfaces import (

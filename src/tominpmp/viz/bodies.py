@@ -27,6 +27,7 @@ from tominpmp.viz.surfaces import (
 # Collision geometry is not coloured; the bodies of a robot without visuals are steel.
 STEEL = (0.52, 0.58, 0.66, 1.0)
 
+UPWARDS = np.array([0.0, 0.0, 1.0])
 # Share of a robot's size to which a mesh file may differ from what Pinocchio reads.
 MESH_AGREEMENT = 1e-3
 
@@ -174,14 +175,7 @@ def _sticks(robot: Robot) -> list[Body]:
     for name, joint, end in ends:
         length = float(np.linalg.norm(end))
         if length > 1e-6 * longest or joint:
-            surface = moved(capsule(radius, length), _along(end))
+            turn = pin.Quaternion.FromTwoVectors(UPWARDS, end).toRotationMatrix()
+            surface = moved(capsule(radius, length), placed(end / 2, turn))
             bodies.append(Body(f"{name}_stick", joint, np.eye(4), surface, STEEL))
     return bodies
-
-
-def _along(end: Array) -> Array:
-    """Placement that brings the z axis onto the way from the origin to a point."""
-    if not np.linalg.norm(end) > 0.0:
-        return np.eye(4)
-    axis = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(end))
-    return placed(np.asarray(end) / 2, axis.toRotationMatrix())

@@ -15,16 +15,7 @@ from tominpmp.checks import instance, whole
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.scene import Sphere
-from tominpmp.viz.figures import (
-    GOAL_COLOR,
-    add_legend,
-    area_key,
-    color,
-    finish,
-    line_key,
-    new_figure,
-    styled,
-)
+from tominpmp.viz import figures
 from tominpmp.viz.skeleton import (
     Skeleton,
     View,
@@ -54,7 +45,7 @@ ARM_COLOR = "#12375f"
 # Of several robots, the first one as if it were alone.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
 LOAD_COLOR = "#a8742c"
-PATH_LOOK: dict[str, Any] = {"color": color(1), "linewidth": 1.1}
+PATH_LOOK: dict[str, Any] = {"color": figures.color(1), "linewidth": 1.1}
 END_LOOK: dict[str, Any] = {
     "color": "#404b5c",
     "marker": "o",
@@ -62,7 +53,7 @@ END_LOOK: dict[str, Any] = {
     "linestyle": "none",
 }
 GOAL_LOOK: dict[str, Any] = {
-    "color": GOAL_COLOR,
+    "color": figures.GOAL_COLOR,
     "marker": "x",
     "markersize": 8.0,
     "markeredgewidth": 2.0,
@@ -102,7 +93,7 @@ def plot_motion(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    check_motions(problem, trajectories)
+    check_motions(problem, trajectories.values())
     instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     instants = whole(instants, "instants", least=2, expected="2 or more")
     motions = list(trajectories.values())
@@ -116,7 +107,7 @@ def plot_motion(
     view = best_view(np.concatenate([pose.points for pose in poses]))
     outlines = [_outlines(found, view) for found in surroundings]
     goal = _goal_point(problem, frame)
-    with styled():
+    with figures.styled():
         low, high = _window(view, poses, outlines, goal)
         figure, axes = _panels(len(motions), high - low)
         for panel, (label, motion), pose, shown in zip(
@@ -141,8 +132,8 @@ def plot_motion(
         _label_axes(axes, view)
         edges = {outline.edge for shown in outlines for outline in shown}
         segments = bool(ends_on_the_way(motions[0]).size)
-        add_legend(figure, _handles(edges, segments), 5)
-        return finish(figure, path)
+        figures.add_legend(figure, _handles(edges, segments), 5)
+        return figures.finish(figure, path)
 
 
 class Outline(NamedTuple):
@@ -235,7 +226,7 @@ def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
     width = {1: 5.6, 2: 4.2, 3: 3.4}[wide]
     inside = width - 0.45  # beside the labels of the axis
     height = float(np.clip(inside * extent[1] / extent[0], 1.6, 1.6 * width))
-    figure = new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
+    figure = figures.new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
     axes = figure.subplots(rows, wide, sharex=True, sharey=True, squeeze=False)
     flat = list(axes.reshape(-1))
     for extra in flat[count:]:
@@ -280,17 +271,17 @@ def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
 
 def _handles(edges: set[str], segments: bool) -> list[Any]:
     handles = [
-        line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
-        line_key("end", color=ARM_COLOR, linewidth=2.0),
-        line_key("path of the end", **PATH_LOOK),
-        line_key("goal", **GOAL_LOOK),
+        figures.line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
+        figures.line_key("end", color=ARM_COLOR, linewidth=2.0),
+        figures.line_key("path of the end", **PATH_LOOK),
+        figures.line_key("goal", **GOAL_LOOK),
     ]
     if segments:
-        handles.append(line_key("end of a segment", **END_LOOK))
+        handles.append(figures.line_key("end of a segment", **END_LOOK))
     for edge in (HAZARD_COLOR, FURNITURE_COLOR):
         if edge in edges:
-            handles.append(area_key("obstacle", **_outline_look(edge)))
+            handles.append(figures.area_key("obstacle", **_outline_look(edge)))
             break
     if LOAD_COLOR in edges:
-        handles.append(area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
+        handles.append(figures.area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
     return handles

@@ -18,20 +18,9 @@ from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
-from tominpmp.viz.figures import (
-    BEYOND_COLOR,
-    LIMIT_COLOR,
-    LIMIT_LOOK,
-    add_legend,
-    area_key,
-    color,
-    finish,
-    line_key,
-    new_figure,
-    styled,
-)
+from tominpmp.viz import figures
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.skeleton import check_motion, check_motions
+from tominpmp.viz.skeleton import check_motions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,18 +103,18 @@ def plot_trajectory(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    check_motion(problem, trajectory)
+    check_motions(problem, [trajectory])
     robot = problem.robot
     times, state = curves(trajectory)
     slides = _prismatic(robot)
     mixed = any(slides) and not all(slides)
-    with styled():
-        figure = new_figure(9.0, max(2.6, 0.7 + 1.15 * robot.n))
+    with figures.styled():
+        figure = figures.new_figure(9.0, max(2.6, 0.7 + 1.15 * robot.n))
         # Sharing, and aligning labels, costs time with the square of the panels.
         axes = figure.subplots(robot.n, 3, squeeze=False)
         for column, item in enumerate(_quantities(robot, state)):
             for i, panel in enumerate(axes[:, column]):
-                panel.plot(times, item.values[:, i], color=color(i))
+                panel.plot(times, item.values[:, i], color=figures.color(i))
                 _show_limits(panel, item.values[:, i], item.lower[i], item.upper[i])
                 panel.tick_params(labelbottom=i == robot.n - 1)
                 if mixed:
@@ -143,8 +132,8 @@ def plot_trajectory(
             for panel in axes.reshape(-1):
                 for end in trajectory.segment_ends[:-1]:
                     panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
-        add_legend(figure, _limit_keys(), 2)
-        return finish(figure, path)
+        figures.add_legend(figure, _limit_keys(), 2)
+        return figures.finish(figure, path)
 
 
 def plot_on_axes(
@@ -169,8 +158,8 @@ def plot_on_axes(
         ProblemError: If they are no such axes.
         MissingDependency: If matplotlib is not installed.
     """
-    check_motion(problem, trajectory)
-    with styled():
+    check_motions(problem, [trajectory])
+    with figures.styled():
         from matplotlib.axes import Axes
 
         given: list[Any] = list(np.ravel(np.asarray(ax, object)))
@@ -191,12 +180,12 @@ def plot_on_axes(
             _show_limit(given[0], at)
     for panel, (title, values) in zip(given, drawn, strict=True):
         for i, name in enumerate(robot.joint_names):
-            panel.plot(times, values[:, i], color=color(i), label=name)
+            panel.plot(times, values[:, i], color=figures.color(i), label=name)
         panel.set_title(title, loc="left")
         panel.set_xlabel("time [s]")
     given[-1].legend(fontsize="small")
     figure: Figure = given[0].figure
-    return finish(figure, path)
+    return figures.finish(figure, path)
 
 
 def plot_controls(
@@ -217,13 +206,13 @@ def plot_controls(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    check_motions(problem, trajectories)
+    check_motions(problem, trajectories.values())
     robot = problem.robot
     slides = _prismatic(robot)
-    with styled():
+    with figures.styled():
         wide = 1 if robot.n <= 3 else 2
         rows = -(-robot.n // wide)
-        figure = new_figure(3.0 + 3.2 * wide, max(2.2, 0.7 + 1.35 * rows))
+        figure = figures.new_figure(3.0 + 3.2 * wide, max(2.2, 0.7 + 1.35 * rows))
         axes = figure.subplots(rows, wide, sharex=True, squeeze=False)
         panels = axes.reshape(-1)
         handles, drawn = [], []
@@ -233,11 +222,11 @@ def plot_controls(
             drawn.append(torque.values)
             # Later ones are thinner, so that none hides another on a limit.
             width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
-            look: dict[str, Any] = {"color": color(k), "linewidth": width}
+            look: dict[str, Any] = {"color": figures.color(k), "linewidth": width}
             for i in range(robot.n):
                 panels[i].plot(times, torque.values[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
-            handles.append(line_key(name, **look))
+            handles.append(figures.line_key(name, **look))
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
             _show_limits(panel, values, torque.lower[i], torque.upper[i])
@@ -249,8 +238,8 @@ def plot_controls(
             axes[-2, -1].set_xlabel("time [s]")
         figure.align_ylabels()
         _time_axes(axes, max(item.duration for item in trajectories.values()))
-        add_legend(figure, [*handles, _limit_keys()[0]], 4)
-        return finish(figure, path)
+        figures.add_legend(figure, [*handles, _limit_keys()[0]], 4)
+        return figures.finish(figure, path)
 
 
 def plot_convergence(
@@ -274,13 +263,13 @@ def plot_convergence(
     """
     if not any(len(history) for history in histories.values()):
         raise ProblemError("there is no iteration to plot", "histories")
-    with styled():
-        figure = new_figure(6.4, 4.6)
+    with figures.styled():
+        figure = figures.new_figure(6.4, 4.6)
         above, below = figure.subplots(2, 1, sharex=True)
         handles = []
         for k, (label, history) in enumerate(histories.items()):
             look: dict[str, Any] = {
-                "color": color(k),
+                "color": figures.color(k),
                 "linestyle": LINE_STYLES[k % len(LINE_STYLES)],
                 "markersize": 3.2,
                 "linewidth": 1.3,
@@ -308,8 +297,8 @@ def plot_convergence(
             _spread_first_iterations(below, max(lengths))
         else:
             below.xaxis.get_major_locator().set_params(integer=True)
-        add_legend(figure, handles, 4)
-        return finish(figure, path)
+        figures.add_legend(figure, handles, 4)
+        return figures.finish(figure, path)
 
 
 def plot_certificate(
@@ -337,15 +326,15 @@ def plot_certificate(
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
-    check_motion(problem, trajectory)
+    check_motions(problem, [trajectory])
     instance(certificate, Certificate, "certificate")
     robot, n = problem.robot, problem.robot.n
     limits = _limits_shown(certificate.active, robot.joint_names)
     # Heights in inches: of a joint each, of the bars, of the Hamiltonian.
     heights = [*[0.95] * n, 0.2 * max(len(limits), 1) + 0.15, 1.0]
     kept = "kept" if certificate.ok else "NOT kept"
-    with styled():
-        figure = new_figure(9.0, sum(heights) + 1.3)
+    with figures.styled():
+        figure = figures.new_figure(9.0, sum(heights) + 1.3)
         axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
         for joint in range(n):
             _plot_joint(axes[joint], problem, trajectory, certificate, joint)
@@ -361,13 +350,15 @@ def plot_certificate(
             loc="left",
         )
         handles = [
-            line_key("torque / limit (left)", color=color(0)),
-            line_key("switching function (right, reversed)", **SWITCHING_LOOK),
-            area_key("sign not obeyed", facecolor=LIMIT_COLOR, alpha=0.18),
-            line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
+            figures.line_key("torque / limit (left)", color=figures.color(0)),
+            figures.line_key("switching function (right, reversed)", **SWITCHING_LOOK),
+            figures.area_key(
+                "sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18
+            ),
+            figures.line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
         ]
-        add_legend(figure, handles, 4)
-        return finish(figure, path)
+        figures.add_legend(figure, handles, 4)
+        return figures.finish(figure, path)
 
 
 def plot_sensitivities(
@@ -389,12 +380,14 @@ def plot_sensitivities(
     most = whole(most, "most", least=1, expected="a number of bars >= 1")
     shown = [item for item in sensitivities if abs(item.effect) >= LEAST][:most]
     bars = max(len(shown), 1)
-    with styled():
-        figure = new_figure(7.0, 0.24 * bars + 1.0)
+    with figures.styled():
+        figure = figures.new_figure(7.0, 0.24 * bars + 1.0)
         panel = figure.subplots()
         effects = np.array([100.0 * item.effect for item in shown])
         places = np.arange(len(shown))
-        colors = [color(2 if effect < 0.0 else 1) for effect in effects.tolist()]
+        colors = [
+            figures.color(2 if effect < 0.0 else 1) for effect in effects.tolist()
+        ]
         panel.barh(places, effects, color=colors, height=0.7)
         panel.axvline(0.0, color="#4a5867", linewidth=0.7)
         panel.set_yticks(places, [f"{item.label}  +{item.more}" for item in shown])
@@ -402,7 +395,7 @@ def plot_sensitivities(
         panel.grid(False, axis="y")
         panel.set_xlabel("change of T [%]")
         panel.set_title(f"what holds T = {sensitivities.T:.4g} s", loc="left")
-        return finish(figure, path)
+        return figures.finish(figure, path)
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, State]:
@@ -463,19 +456,21 @@ def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> No
 def _name_look(name: str, joint: int) -> dict[str, Any]:
     """How the name of a joint fits beside its row."""
     size = 8.0 if len(name) <= 12 else 6.5
-    return {"fontsize": size, "fontweight": "bold", "color": color(joint)}
+    return {"fontsize": size, "fontweight": "bold", "color": figures.color(joint)}
 
 
 def _limit_keys() -> list[Any]:
-    beyond = area_key("beyond it", facecolor=BEYOND_COLOR)
-    return [line_key("limit", **LIMIT_LOOK), beyond]
+    beyond = figures.area_key("beyond it", facecolor=figures.BEYOND_COLOR)
+    return [figures.line_key("limit", **figures.LIMIT_LOOK), beyond]
 
 
 def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
     """Draw a limit; what lies between it and an edge of the panel is beyond it."""
     if edge is not None:
-        panel.axhspan(limit, edge, color=BEYOND_COLOR, linewidth=0.0, zorder=0.5)
-    panel.axhline(limit, **LIMIT_LOOK)
+        panel.axhspan(
+            limit, edge, color=figures.BEYOND_COLOR, linewidth=0.0, zorder=0.5
+        )
+    panel.axhline(limit, **figures.LIMIT_LOOK)
 
 
 def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None:
@@ -500,7 +495,7 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
             f"\u00b1{upper:.3g}" if lower == -upper else f"{lower:.3g} and {upper:.3g}"
         )
         far = [f"limits {both}"]
-    look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
+    look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": figures.LIMIT_COLOR}
     if far:
         _note(panel, far[0], (1.0, 1.02), fontsize=6.5, **look)
 
@@ -529,7 +524,9 @@ def _plot_joint(
     lower, upper = limits.effort_lower[joint], limits.effort_upper[joint]
     middle, half = 0.5 * (upper + lower), 0.5 * (upper - lower)
     times, state = curves(trajectory)
-    panel.plot(times, (state.u[:, joint] - middle) / (half or 1.0), color=color(joint))
+    panel.plot(
+        times, (state.u[:, joint] - middle) / (half or 1.0), color=figures.color(joint)
+    )
     for sign in (-1.0, 1.0):
         _show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)
@@ -539,7 +536,11 @@ def _plot_joint(
     t = certificate.t
     wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
     spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]
-    look: dict[str, Any] = {"color": LIMIT_COLOR, "alpha": 0.18, "linewidth": 0.0}
+    look: dict[str, Any] = {
+        "color": figures.LIMIT_COLOR,
+        "alpha": 0.18,
+        "linewidth": 0.0,
+    }
     panel.broken_barh(spans, (-2.0, 4.0), **look)
     other = panel.twinx()
     other.spines["right"].set_visible(True)
@@ -560,8 +561,8 @@ def _limits_shown(
     pairs = [item for item in active if item.name not in names]
     pairs.sort(key=lambda item: -float(item.multiplier.max()))
     joints.sort(key=lambda item: (item.kind, names.index(item.name)))
-    shown = [(item, color(names.index(item.name))) for item in joints]
-    shown += [(item, LIMIT_COLOR) for item in pairs[:MOST_PAIRS]]
+    shown = [(item, figures.color(names.index(item.name))) for item in joints]
+    shown += [(item, figures.LIMIT_COLOR) for item in pairs[:MOST_PAIRS]]
     return shown[::-1]
 
 

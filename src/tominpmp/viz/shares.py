@@ -35,13 +35,6 @@ class Shares:
     torque: Array
     speed: Array
 
-    @property
-    def busiest(self) -> float:
-        """Share of the time in which something is at its limit."""
-        most = np.maximum(np.abs(self.torque), np.abs(self.speed)).max(axis=1)
-        held = np.minimum(most[1:], most[:-1]) >= AT_LIMIT
-        return float(np.diff(self.t)[held].sum() / (self.t[-1] - self.t[0]))
-
 
 def shares_of_limits(problem: Problem, trajectory: Trajectory) -> Shares:
     """Compare a motion with the limits of its problem.

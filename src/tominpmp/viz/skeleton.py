@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,32 +71,25 @@ class Skeleton:
         return np.concatenate(self.chains, axis=1)
 
 
-def check_motion(problem: Problem, trajectory: Trajectory) -> None:
-    """Check that a trajectory is one of the problem's robot.
-
-    Raises:
-        ProblemError: If the joints differ.
-    """
-    instance(problem, Problem, "problem")
-    instance(trajectory, Trajectory, "trajectory")
-    if trajectory.joint_names != problem.robot.joint_names:
-        raise ProblemError(
-            f"the trajectory moves {', '.join(trajectory.joint_names)}, but the robot "
-            f"{problem.robot.name!r} has {', '.join(problem.robot.joint_names)}",
-            "trajectory",
-        )
-
-
-def check_motions(problem: Problem, trajectories: Mapping[str, Trajectory]) -> None:
+def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
     """Check that there are trajectories, and all are of the problem's robot.
 
     Raises:
         ProblemError: If there is no trajectory, or the joints of one differ.
     """
-    if not trajectories:
+    instance(problem, Problem, "problem")
+    trajectory = None
+    for trajectory in trajectories:
+        instance(trajectory, Trajectory, "trajectory")
+        if trajectory.joint_names != problem.robot.joint_names:
+            names, own = trajectory.joint_names, problem.robot.joint_names
+            raise ProblemError(
+                f"the trajectory moves {', '.join(names)}, but the robot "
+                f"{problem.robot.name!r} has {', '.join(own)}",
+                "trajectory",
+            )
+    if trajectory is None:
         raise ProblemError("there is no trajectory to plot", "trajectories")
-    for trajectory in trajectories.values():
-        check_motion(problem, trajectory)
 
 
 def end_frame(problem: Problem) -> str:
@@ -113,16 +106,15 @@ def end_of(robot: Robot) -> str:
     model = robot.model
     depth = [len(model.supports[joint]) for joint in range(model.njoints)]
     last = max(range(model.njoints), key=lambda joint: (depth[joint], joint))
-    return _last_body(robot, last) or str(model.frames[-1].name)
+    return str(model.frames[_tip(robot, last)].name)
 
 
-def _last_body(robot: Robot, joint: int) -> str | None:
-    names = [
-        str(frame.name)
-        for frame in robot.model.frames
-        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
-    ]
-    return names[-1] if names else None
+def _tip(robot: Robot, joint: int) -> int:
+    """Index of the last body that a joint carries, or of its first frame."""
+    frames = enumerate(robot.model.frames)
+    own = [(i, frame) for i, frame in frames if frame.parentJoint == joint]
+    bodies = [i for i, frame in own if frame.type == pin.FrameType.BODY]
+    return bodies[-1] if bodies else own[0][0]
 
 
 def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
@@ -156,22 +148,15 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         end[i] = data.oMf[index].translation
     chains, arms = [], []
     for joint in leaves:
-        support = list(model.supports[joint])
-        origins = placements[:, support][..., :3, 3]
-        arm = arm_of(robot, joint)
-        if arm is not None:
+        origins = placements[:, list(model.supports[joint])][..., :3, 3]
+        name = str(model.names[joint])
+        own = [part for part in robot.parts if name.startswith(f"{part}/")]
+        if own:
             # From its own base, not from the origin of the room.
-            origins[:, 0] = _base(robot, arm)
-        arms.append(0 if arm is None else robot.parts.index(arm))
+            origins[:, 0] = _base(robot, max(own, key=len))
+        arms.append(robot.parts.index(max(own, key=len)) if own else 0)
         chains.append(np.concatenate([origins, tip_points[joint][:, None]], axis=1))
     return Skeleton(placements, end, frame, tuple(chains), tuple(arms))
-
-
-def arm_of(robot: Robot, joint: int) -> str | None:
-    """Name of the robot of a workcell that a joint belongs to; None if there is one."""
-    name = str(robot.model.names[joint])
-    own = [part for part in robot.parts if name.startswith(f"{part}/")]
-    return max(own, key=len, default=None)
 
 
 def _base(robot: Robot, arm: str) -> Array:
@@ -180,16 +165,6 @@ def _base(robot: Robot, arm: str) -> Array:
         if frame.parentJoint == 0 and str(frame.name).startswith(f"{arm}/"):
             return np.array(frame.placement.translation)
     return np.zeros(3)
-
-
-def _tip(robot: Robot, joint: int) -> int:
-    """Index of the frame at the end of a joint without followers."""
-    name = _last_body(robot, joint)
-    if name is None:
-        return next(
-            i for i, f in enumerate(robot.model.frames) if f.parentJoint == joint
-        )
-    return robot.frame_id(name)
 
 
 def best_view(points: Array) -> View:
@@ -209,16 +184,13 @@ def best_view(points: Array) -> View:
     spread = np.sqrt(np.maximum(moments, 0.0))  # least first
     if spread[1] > FLAT * extent >= spread[0]:
         return _facing(axes[:, 0])
-    x, y, z = np.eye(3)
     width = np.ptp(flat, axis=0)
-    candidates = [
-        (width[0] * width[2], View(x, z, ("x", "z"), False)),
-        (width[1] * width[2], View(y, z, ("y", "z"), False)),
-        (width[0] * width[1], View(x, y, ("x", "y"), False)),
-    ]
+    pairs = [(0, 2), (1, 2), (0, 1)]
+    areas = [width[i] * width[j] for i, j in pairs]
     # Rounding must not choose between planes that serve alike.
-    best = max(area for area, _ in candidates)
-    return next(view for area, view in candidates if area >= best * (1.0 - 1e-6))
+    best = next(k for k, area in enumerate(areas) if area >= max(areas) * (1.0 - 1e-6))
+    i, j = pairs[best]
+    return View(np.eye(3)[i], np.eye(3)[j], ("xyz"[i], "xyz"[j]), False)
 
 
 def _facing(normal: Array) -> View:

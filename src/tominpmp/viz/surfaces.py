@@ -1,4 +1,4 @@
-"""Triangulated surfaces: the one form in which viewer and plots know bodies.
+"""Triangulated surfaces: the one form in which viewers and plots know bodies.
 
 Solids of revolution, boxes, tubes and meshes all become vertices and triangles here, so
 that whatever draws them needs no case for each shape.
