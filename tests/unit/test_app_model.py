@@ -160,19 +160,19 @@ def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:
     reach = Reach(loaded(PLANAR.robot), "tip")
     assert not reach.turns
     position, quaternion = reach.pose(PLANAR.q_goal)
-    near = reach.solve(position + np.array([0.05, 0.1, 0.0]), quaternion, PLANAR.q_goal)
-    assert near.miss == 0.0
-    found, _ = reach.pose(near.q)
-    np.testing.assert_allclose(found, position + np.array([0.05, 0.1, 0.0]), atol=1e-3)
-    far = reach.solve(np.array([50.0, 0.0, 0.0]), quaternion, PLANAR.q_goal)
-    assert far.miss > 10.0
+    aim = position + np.array([0.05, 0.1, 0.0])
+    q, miss = reach.solve(aim, quaternion, PLANAR.q_goal)
+    assert miss == 0.0
+    found, _ = reach.pose(q)
+    np.testing.assert_allclose(found, aim, atol=1e-3)
+    _, miss = reach.solve(np.array([50.0, 0.0, 0.0]), quaternion, PLANAR.q_goal)
+    assert miss > 10.0
 
 
 def shown(**changes: object) -> Shown:
     t = np.linspace(0.0, 2.0, 241)
     share = np.sin(np.pi * t / 2.0)[:, None] * [1.0, 0.5]
     values = {
-        "T": 2.0,
         "verified": True,
         "bound": LowerBound(1.6, "speed"),
         "seconds": 0.1,

@@ -6,7 +6,8 @@ import pickle
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,19 +28,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 JOINTS_OF_A_POSE = 6
 # A handle this far from the frame, in m and rad, is out of reach.
 REACHED = 2e-3
-
-
-class Reached(NamedTuple):
-    """Where an arm comes when it is to reach a pose.
-
-    Attributes:
-        q: Configuration, n numbers [rad or m].
-        miss: How far its frame is from the pose, in m and rad together; 0 if it is
-            there.
-    """
-
-    q: tuple[float, ...]
-    miss: float
 
 
 class Reach:
@@ -76,13 +64,17 @@ class Reach:
 
     def solve(
         self, position: np.ndarray, quaternion: np.ndarray, near: tuple[float, ...]
-    ) -> Reached:
+    ) -> tuple[tuple[float, ...], float]:
         """The configuration at a pose that is next to another one.
 
         Args:
             position: Where the frame is to be [m], shape (3,).
             quaternion: How it is to be turned (x, y, z, w), shape (4,).
             near: Where to begin, n numbers [rad or m].
+
+        Returns:
+            The configuration, n numbers [rad or m], and how far the frame is from the
+            pose, in m and rad together; 0 if it is there.
         """
         goal: PoseGoal | PositionGoal = PositionGoal(self._frame, np.array(position))
         if self.turns:
@@ -90,7 +82,12 @@ class Reach:
             place = pin.XYZQUATToSE3(np.concatenate([position, unit]))
             goal = PoseGoal(self._frame, place)
         q, miss = solve_inverse_kinematics(self._functions, goal, np.array(near))
-        return Reached(rounded(q), 0.0 if miss <= REACHED else miss)
+        return rounded(q), 0.0 if miss <= REACHED else miss
+
+
+@lru_cache(maxsize=4)
+def _reach_of(robot: RobotChoice, frame: str) -> Reach:
+    return Reach(loaded(robot), frame)
 
 
 class Controller:
@@ -121,7 +118,6 @@ class Controller:
         self._on_outcome = on_outcome
         self._number = 0
         self._solution = b""
-        self._reach: tuple[RobotChoice, str, Reach] | None = None
         self._planning = planning(self._take, self._ended)
 
     @property
@@ -174,17 +170,13 @@ class Controller:
         """
         with self._lock:
             near = getattr(self.request, end)
-            found = self.reach().solve(position, quaternion, near)
-            self.change(**{end: found.q})
-        return found.miss
+            q, miss = self.reach().solve(position, quaternion, near)
+            self.change(**{end: q})
+        return miss
 
     def reach(self) -> Reach:
         """Inverse kinematics of the frame that handles move."""
-        with self._lock:
-            robot, frame = self.request.robot, self.request.frame
-            if self._reach is None or self._reach[:2] != (robot, frame):
-                self._reach = robot, frame, Reach(loaded(robot), frame)
-            return self._reach[2]
+        return _reach_of(self.request.robot, self.request.frame)
 
     def export(
         self, ending: str, dt: float | None = None, message: str | None = None

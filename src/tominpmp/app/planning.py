@@ -24,7 +24,7 @@ from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord
-from tominpmp.viz.shares import AT_LIMIT, used
+from tominpmp.viz.shares import AT_LIMIT, Shares, shares_of_limits
 
 # Nobody waits longer for a page [s].
 MOST_SECONDS = 20.0
@@ -55,43 +55,35 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown(Record):
-    """A motion as it is shown.
+class Shown(Shares):
+    """A motion as it is shown, at instants evenly spaced.
 
     Attributes:
-        T: Its duration [s].
+        q: Configurations, shape (m, n) [rad or m].
+        path: Positions of the frame [m], shape (m, 3).
         verified: Whether an independent replay of the torques meets goal and limits.
         bound: Time that no motion can beat; None if it is not known.
         seconds: How long planning took [s].
-        joint_names: Names of the n joints.
-        t: Instants, evenly spaced [s], shape (m,).
-        q: Configurations, shape (m, n) [rad or m].
-        speed: Speeds as shares of their limits, shape (m, n); 0 where there is none.
-        torque: Torques likewise, 0 in the middle of their range.
-        path: Positions of the frame [m], shape (m, 3).
         held: What holds it back, the most important first.
         optimality: What its certificate says, in a sentence; empty without one.
     """
 
-    T: float
+    q: Array
+    path: Array
     verified: bool
     bound: LowerBound | None
     seconds: float
-    joint_names: tuple[str, ...]
-    t: Array
-    q: Array
-    speed: Array
-    torque: Array
-    path: Array
     held: tuple[Held, ...]
     optimality: str = ""
 
+    @property
+    def T(self) -> float:
+        """Its duration [s]."""
+        return float(self.t[-1])
+
     def row(self, time: float) -> int:
         """Index of the instant next to a time [s]."""
-        last = self.t.size - 1
-        if not self.T > 0.0:
-            return last
-        return int(np.clip(round(time / self.T * last), 0, last))
+        return int(np.argmin(np.abs(self.t - time)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,39 +249,34 @@ def _shown(solution: Solution, frame: str, certified: bool) -> Shown:
     """
     motion, judged = solution.trajectory, solution.verification
     assert motion is not None  # noqa: S101
-    problem = solution.problem
-    t = np.linspace(0.0, motion.duration, INSTANTS)
-    at = motion(t)
-    speed, torque = used(problem, at.v, at.u)
-    kinematics = RobotKinematics(problem.robot)
-    path = [kinematics.placement(q, frame).translation for q in at.q]
+    shares = shares_of_limits(
+        solution.problem, motion, np.linspace(0.0, motion.duration, INSTANTS)
+    )
+    q = motion(shares.t).q
+    kinematics = RobotKinematics(solution.problem.robot)
     held, sentence = _certified(solution) if certified else (None, "")
     if held is None:
-        held = _sampled(motion.joint_names, speed, torque)
+        held = _sampled(shares)
     return Shown(
-        T=motion.duration,
+        **vars(shares),
+        q=np.array(q),
+        path=np.array([kinematics.placement(row, frame).translation for row in q]),
         verified=judged is not None and judged.ok,
         bound=solution.lower_bound,
         seconds=solution.planning_time,
-        joint_names=motion.joint_names,
-        t=t,
-        q=np.array(at.q),
-        speed=speed,
-        torque=torque,
-        path=np.array(path),
         held=tuple(held[:MOST_HELD]),
         optimality=sentence,
     )
 
 
-def _sampled(names: tuple[str, ...], speed: Array, torque: Array) -> list[Held]:
+def _sampled(shares: Shares) -> list[Held]:
     """What is at its limit, by share of the time."""
     found = []
-    for kind, values in (("speed", speed), ("torque", torque)):
-        shares = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
+    for kind, values in (("speed", shares.speed), ("torque", shares.torque)):
+        often = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
         found += [
             Held(f"{kind} of {name}", share)
-            for name, share in zip(names, shares, strict=True)
+            for name, share in zip(shares.joint_names, often, strict=True)
             if share > 0.01
         ]
     return sorted(found, key=lambda item: -item.share)

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
@@ -106,7 +106,7 @@ def plot_trajectory(
     check_motions(problem, [trajectory])
     robot = problem.robot
     times, state = curves(trajectory)
-    slides = _prismatic(robot)
+    slides = prismatic_joints(robot).tolist()
     mixed = any(slides) and not all(slides)
     with figures.styled():
         figure = figures.new_figure(9.0, max(2.6, 0.7 + 1.15 * robot.n))
@@ -208,7 +208,7 @@ def plot_controls(
     """
     check_motions(problem, trajectories.values())
     robot = problem.robot
-    slides = _prismatic(robot)
+    slides = prismatic_joints(robot).tolist()
     with figures.styled():
         wide = 1 if robot.n <= 3 else 2
         rows = -(-robot.n // wide)
@@ -417,22 +417,6 @@ def curves(trajectory: Trajectory) -> tuple[Array, State]:
     times[-1, -1] = trajectory.duration
     flat = times.reshape(-1)
     return flat, trajectory(flat)
-
-
-def _prismatic(robot: Robot) -> list[bool]:
-    """Whether each joint slides instead of turning."""
-    data = robot.model.createData()
-    pin.computeJointJacobians(robot.model, data, robot.expand(np.zeros(robot.n)))
-    slides = []
-    for name in robot.joint_names:
-        joint = robot.model.getJointId(name)
-        jacobian = pin.getJointJacobian(
-            robot.model, data, joint, pin.ReferenceFrame.LOCAL
-        )
-        # A matrix of one column comes as a vector.
-        turning = jacobian.reshape(6, -1)[3:, robot.model.joints[joint].idx_v]
-        slides.append(not turning.any())
-    return slides
 
 
 def _time_axes(panels: Any, duration: float) -> None:

@@ -36,32 +36,33 @@ class Shares:
     speed: Array
 
 
-def shares_of_limits(problem: Problem, trajectory: Trajectory) -> Shares:
+def shares_of_limits(
+    problem: Problem, trajectory: Trajectory, times: Array | None = None
+) -> Shares:
     """Compare a motion with the limits of its problem.
 
-    The share of the torque that ``effort_scale`` leaves to motions counts as all of it.
-    """
-    times = np.linspace(0.0, trajectory.duration, INSTANTS)
-    # Both sides of a jump at a node.
-    nodes = trajectory.t[1:-1]
-    times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
-    state = trajectory(times)
-    speed, torque = used(problem, state.v, state.u)
-    return Shares(trajectory.joint_names, times, torque, speed)
-
-
-def used(problem: Problem, v: Array, u: Array) -> tuple[Array, Array]:
-    """Speeds and torques of shape (m, n) as shares of their limits.
-
     A torque in the middle of its range is zero, and so is whatever has no limit or no
-    motor.
+    motor. The share of the torque that ``effort_scale`` leaves to motions counts as all
+    of it.
+
+    Args:
+        problem: The problem.
+        trajectory: The motion.
+        times: Instants to look at [s], shape (m,); None for some, and both sides of
+            every jump at a node.
     """
+    if times is None:
+        times = np.linspace(0.0, trajectory.duration, INSTANTS)
+        nodes = trajectory.t[1:-1]
+        times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
+    state = trajectory(times)
     limits, motion_limits = problem.robot.limits, problem.motion_limits
     scale = 1.0 if motion_limits is None else motion_limits.effort_scale
     finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
-    speed = np.where(finite, v / np.where(finite, limits.velocity, 1.0), 0.0)
+    speed = np.where(finite, state.v / np.where(finite, limits.velocity, 1.0), 0.0)
     middle = (limits.effort_upper + limits.effort_lower) / 2
     half = scale * (limits.effort_upper - limits.effort_lower) / 2
     driven = np.isfinite(half) & (half > 0.0)
     middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
-    return speed, np.where(driven, (u - middle) / half, 0.0)
+    torque = np.where(driven, (state.u - middle) / half, 0.0)
+    return Shares(trajectory.joint_names, times, torque, speed)
