@@ -13,15 +13,15 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tominpmp.app import pictures
+from tominpmp.app import pictures, stage
 from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import ARMS, known
 from tominpmp.app.origins import serve
@@ -36,14 +36,6 @@ from tominpmp.app.request import (
     has_datasheet,
     loaded,
     new_item,
-)
-from tominpmp.app.stage import (
-    GHOST_OPACITY,
-    Arm,
-    Handles,
-    draw_path,
-    look_at,
-    outlines,
 )
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
@@ -146,7 +138,7 @@ class Page:
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._begun = time.monotonic()
-        self._arms: dict[str, Arm] = {}
+        self._arms: dict[str, stage.Arm] = {}
         self._shown: Shown | None = None
         self._size = 1.0
         self.controller = Controller(request, self._found)
@@ -154,7 +146,7 @@ class Page:
         self.readout = Readout(self.server, self.controller)
         self.panel = Panel(self)
         scene, controller = self.server.scene, self.controller
-        self.handles = Handles(scene, controller, self.ask, self.drag)
+        self.handles = stage.Handles(scene, controller, self.ask, self.drag)
         self._set_stage()
         self.controller.start()
         self._clock = threading.Thread(target=self._play, daemon=True)
@@ -178,70 +170,50 @@ class Page:
 
     # -- what is asked for -------------------------------------------------------------
 
-    def attempt(self, act: Callable[[], Any]) -> bool:
-        """Do what the user asked for; what is wrong with it becomes a notice.
-
-        Returns:
-            Whether it was done.
-        """
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Make a notice of what is wrong with what the user asks for."""
         try:
-            act()
+            yield
         except TominpmpError as error:
             self.readout.tell(str(error), bad=True)
-            return False
-        self.readout.show_headline()
-        return True
+        else:
+            self.readout.show_headline()
 
     def choose(self, choice: RobotChoice) -> None:
         """Take another robot."""
         self.readout.tell(f"Loading {choice.source} ...")
-
-        def act() -> None:
+        with self._told():
             self.controller.choose(choice)
             self.readout.tell("")
             self._set_stage()
-
-        if not self.attempt(act):
-            self.panel.rebuild()
+        self.panel.rebuild()
 
     def ask(self, **changes: Any) -> None:
         """Ask for the same with some fields of the request changed."""
-
-        def act() -> None:
+        with self._told():
             self.controller.change(**changes)
             self.readout.tell("")
             self.refresh()
 
-        self.attempt(act)
-
     def drag(self, end: str, position: Any, quaternion: Any) -> None:
         """Bring the frame at start or goal to a handle."""
-
-        def act() -> None:
+        with self._lock, self._told():
             miss = self.controller.drag(end, position, quaternion)
-            name = "start" if end == "q_start" else "goal"
-            self.readout.tell(
-                f"The handle of the {name} is out of reach by {miss:.3f} (m, rad): the "
-                "nearest configuration was taken."
-                if miss
-                else "",
-                bad=bool(miss),
+            told = (
+                f"The handle of the {end.removeprefix('q_')} is out of reach by "
+                f"{miss:.3f} (m, rad): the nearest configuration was taken."
             )
+            self.readout.tell(told if miss else "", bad=bool(miss))
             self._arms[end].move(getattr(self.controller.request, end))
-
-        with self._lock:
-            self.attempt(act)
         self.panel.refresh_lines()
 
     def export(self, ending: str, dt: float | None, message: str | None) -> None:
         """Hand the motion to the browser as a file."""
-
-        def act() -> None:
+        with self._told():
             name, content, remark = self.controller.export(ending, dt, message)
             self.server.send_file_download(name, content)
             self.readout.tell(remark)
-
-        self.attempt(act)
 
     # -- what is seen ------------------------------------------------------------------
 
@@ -266,15 +238,14 @@ class Page:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 bodies = robot_bodies(robot)
-            ghost = outlines(robot, bodies)
-            tints = ("q_start", START_RGB), ("q_goal", GOAL_RGB)
+            ghost = stage.outlines(robot, bodies)
             self._arms = {
-                end: Arm(scene, f"/{end}", robot, ghost, (color, GHOST_OPACITY))
-                for end, color in tints
+                "q_start": stage.Arm(scene, "/q_start", robot, ghost, START_RGB),
+                "q_goal": stage.Arm(scene, "/q_goal", robot, ghost, GOAL_RGB),
+                "robot": stage.Arm(scene, "/robot", robot, bodies),
             }
-            self._arms["robot"] = Arm(scene, "/robot", robot, bodies)
             self._arms["robot"].move(request.q_start)
-            self._size = look_at(self.server, robot, request)
+            self._size = stage.look_at(self.server, robot, request)
             self.handles.rebuild(0.16 * self._size)
             self.panel.rebuild()
         self.refresh()
@@ -289,7 +260,7 @@ class Page:
                 if self._shown is None:
                     self._begun = time.monotonic()
                 self._shown = outcome.shown
-                draw_path(self.server.scene, outcome.shown.path, self._size)
+                stage.draw_path(self.server.scene, outcome.shown.path, self._size)
             self.readout.show(outcome, self._shown is not None)
 
     def _play(self) -> None:
@@ -399,15 +370,17 @@ class Readout:
 
     def show_bars(self, shown: Shown, time: float) -> None:
         """Show speeds and torques at a time [s]."""
-        content = pictures.bars(shown, time)
-        if content != self._bars.content:
-            self._bars.content = content
+        _set(self._bars, pictures.bars(shown, time))
 
     def tell(self, text: str, *, bad: bool = False) -> None:
         """Show a sentence; nothing takes it away."""
-        content = pictures.notice(text, bad=bad)
-        if content != self._notice.content:
-            self._notice.content = content
+        _set(self._notice, pictures.notice(text, bad=bad))
+
+
+def _set(field: Any, content: str) -> None:
+    """Send a text to the browsers, if it is another one."""
+    if field.content != content:
+        field.content = content
 
 
 class Panel:
@@ -521,15 +494,11 @@ class Panel:
         self._goals.on_update(
             by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
         )
-        self._frames.on_update(by_user(self._change_frame))
+        self._frames.on_update(by_user(lambda: page.ask(frame=self._frames.value)))
         swap.on_click(by_user(self._swap))
         add.on_click(by_user(self._add_point))
         self._fewer.on_click(by_user(lambda: page.ask(via=self._request.via[:-1])))
         show.on_update(by_user(lambda: page.handles.show(show.value)))
-
-    def _change_frame(self) -> None:
-        if self._frames.value:
-            self._page.ask(frame=self._frames.value)
 
     def _swap(self) -> None:
         start, goal = self._request.q_start, self._request.q_goal

@@ -43,7 +43,7 @@ class Arm:
         name: Name of the node.
         robot: The robot.
         bodies: What it looks like.
-        tint: Colour and opacity of a ghost; None for the colours of the bodies.
+        tint: Colour of a ghost; None for the colours of the bodies.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Arm:
         name: str,
         robot: Robot,
         bodies: Sequence[Body],
-        tint: tuple[Color, float] | None = None,
+        tint: Color | None = None,
     ) -> None:
         self._robot = robot
         self._data = robot.model.createData()
@@ -93,27 +93,17 @@ def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
     return found if any(body.joint for body in found) else list(bodies)
 
 
-def _put(scene: Any, name: str, body: Body, tint: tuple[Color, float] | None) -> None:
+def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
     """Put a body on the stage: one mesh for each of its colours."""
     place = pin.SE3ToXYZQUAT(pin.SE3(body.placement))
+    look = {"position": place[:3], "wxyz": place[[6, 3, 4, 5]], "side": "double"}
     parts, opacity = _by_color(body), float(body.color[3])
     if tint is not None:
-        parts, opacity = [(body.surface, tint[0])], tint[1]
+        parts, opacity = [(body.surface, tint)], GHOST_OPACITY
+        # Ghosts are larger, or they would flicker with the robot on their surface.
+        look |= {"scale": GHOST_SCALE, "cast_shadow": False, "receive_shadow": False}
     for number, (surface, color) in enumerate(parts):
-        put_surface(
-            scene,
-            f"{name}/{number}",
-            surface,
-            color,
-            opacity,
-            # Ghosts are larger, or they would flicker with the robot on their surface.
-            scale=1.0 if tint is None else GHOST_SCALE,
-            cast_shadow=tint is None,
-            receive_shadow=tint is None,
-            side="double",
-            position=place[:3],
-            wxyz=place[[6, 3, 4, 5]],
-        )
+        put_surface(scene, f"{name}/{number}", surface, color, opacity, **look)
 
 
 def put_surface(
@@ -139,30 +129,20 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
         return [(surface, own)]
     colors, which = np.unique(np.round(surface.colors, 2), axis=0, return_inverse=True)
     if len(colors) > MOST_COLORS:
-        mean = tuple(surface.colors.mean(axis=0).tolist())
-        return [(surface.plain, mean)]
+        colors, which = surface.colors.mean(axis=0)[None], np.zeros_like(which)
+    parts = [surface.faces[which.ravel() == number] for number in range(len(colors))]
     return [
-        (
-            Surface(surface.vertices, surface.faces[which.ravel() == number]),
-            tuple(color.tolist()),
-        )
-        for number, color in enumerate(colors)
+        (Surface(surface.vertices, faces), tuple(color))
+        for faces, color in zip(parts, colors.tolist(), strict=True)
     ]
 
 
 def draw_path(scene: Any, path: Array, size: float) -> None:
     """Draw the path of the frame as a tube, in place of the one before."""
     surface = path_tube(path, PATH_RADIUS, size)
-    if surface is None:
-        return
-    scene.add_mesh_simple(
-        "/path",
-        surface.vertices,
-        surface.faces,
-        color=PATH_RGB,
-        side="double",
-        cast_shadow=False,
-    )
+    if surface is not None:
+        mesh, look = (surface.vertices, surface.faces), {"color": PATH_RGB}
+        scene.add_mesh_simple("/path", *mesh, side="double", cast_shadow=False, **look)
 
 
 def look_at(server: Any, robot: Robot, request: Request) -> float:
