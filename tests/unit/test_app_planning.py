@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -15,7 +14,7 @@ from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import EXAMPLES, known
 from tominpmp.app.planning import Outcome, Session
 from tominpmp.app.request import Limits, Request
-from tominpmp.app.worker import Jobs, Worker, receive, send, work
+from tominpmp.app.worker import Jobs, Worker, work
 from tominpmp.exceptions import ProblemError, RobotLoadError
 
 # The arm without the obstacle: quick to plan.
@@ -126,15 +125,6 @@ def test_a_motion_is_written_and_its_file_is_checked(
     assert name == "planar3r_motion.csv"
     assert content.startswith(b"time")
     assert remark
-
-
-def test_records_pass_through_a_stream() -> None:
-    stream = io.BytesIO()
-    send(stream, (7, PLANAR))
-    stream.seek(0)
-    assert receive(stream) == (7, PLANAR)
-    with pytest.raises(EOFError):
-        receive(stream)
 
 
 class Script:

@@ -16,12 +16,11 @@ from tominpmp.problem import Problem
 from tominpmp.problem.workcell import Workcell
 from tominpmp.robot import load_robot
 from tominpmp.scene import Box, ConstantVelocity, Cylinder, Sphere
-from tominpmp.viz.bodies import robot_bodies
-from tominpmp.viz.camera import camera_view, points_in_view
 from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
 from tominpmp.viz.playback import play
 from tominpmp.viz.shares import shares_of_limits
-from tominpmp.viz.skeleton import skeleton
+from tominpmp.viz.skeleton import camera_view, points_in_view, skeleton
+from tominpmp.viz.surfaces import robot_bodies
 from tominpmp.viz.surroundings import (
     FURNITURE_COLOR,
     HAZARD_COLOR,

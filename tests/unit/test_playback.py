@@ -46,12 +46,18 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import load_robot
 from tominpmp.scene import Obstacle
-from tominpmp.viz.bodies import STEEL, robot_bodies
-from tominpmp.viz.meshcat_scene import Appearance, draw, frame_times
+from tominpmp.viz.meshcat_scene import (
+    Command,
+    Recorder,
+    draw,
+    frame_times,
+    node_name,
+)
 from tominpmp.viz.playback import build_page, play, show_page
 from tominpmp.viz.shares import Shares
 from tominpmp.viz.skeleton import best_view, end_frame, skeleton
 from tominpmp.viz.surfaces import (
+    STEEL,
     Surface,
     box,
     capsule,
@@ -59,12 +65,12 @@ from tominpmp.viz.surfaces import (
     cylinder,
     native_surface,
     obstacle_surface,
+    robot_bodies,
     scaled,
     shaded,
     sphere,
     tube,
 )
-from tominpmp.viz.viewer import Command, Recorder, node_name
 
 CAMERA = "/Cameras/default/rotated"
 
@@ -367,7 +373,7 @@ def staged(
     """Commands by their type and path."""
     recorder = Recorder()
     viewer = meshcat.Visualizer(window=recorder)
-    draw(viewer, problem, trajectory, Appearance(**appearance))
+    draw(viewer, problem, trajectory, **appearance)
     commands = recorder.commands
     found = {(command["type"], command["path"]): command for command in commands}
     properties = sum(command["type"] == "set_property" for command in commands)
@@ -731,7 +737,7 @@ def test_viewer_of_the_caller_gets_the_commands() -> None:
     assert play(problem, held, viewer=viewer) is viewer
     assert deleted == ["/meshcat"]
     recorder = Recorder()
-    draw(meshcat.Visualizer(window=recorder), problem, held, Appearance())
+    draw(meshcat.Visualizer(window=recorder), problem, held)
     assert sent == recorder.commands
     # Meshcat's server knows these commands only.
     assert {command["type"] for command in sent} == {

@@ -8,10 +8,9 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.viz.meshcat_scene import Appearance, draw
+from tominpmp.viz.meshcat_scene import Recorder, draw
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.surroundings import frame_places, things
-from tominpmp.viz.viewer import Recorder
 
 meshcat = pytest.importorskip("meshcat")
 
@@ -88,7 +87,7 @@ def test_obstacles_are_there_on_their_segments(solution):
 def test_the_page_has_them_all(solution):
     recorder = Recorder()
     viewer = meshcat.Visualizer(window=recorder)
-    draw(viewer, solution.problem, solution.trajectory, Appearance(fps=20.0))
+    draw(viewer, solution.problem, solution.trajectory, fps=20.0)
     put = {c["path"] for c in recorder.commands if c["type"] == "set_object"}
     assert "/meshcat/loads/crate/crate" in put
     assert {"/meshcat/ends of segments/1", "/meshcat/ends of segments/2"} <= put

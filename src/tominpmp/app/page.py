@@ -39,7 +39,7 @@ from tominpmp.app.request import (
 )
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
-from tominpmp.viz.bodies import robot_bodies
+from tominpmp.viz.surfaces import robot_bodies
 from tominpmp.viz.surroundings import GOAL_RGB, START_RGB
 
 logger = logging.getLogger(__name__)
@@ -57,17 +57,14 @@ GOAL_WORDS = {
     "the pose, any configuration": "pose",
     "the position, any orientation": "position",
 }
+FOLLOWED = "FollowJointTrajectory"
 # Files by what they are called on the page: ending, time between rows [s], message.
 FILES: dict[str, tuple[str, float | None, str | None]] = {
     "CSV, every millisecond": (".csv", 0.001, None),
     "CSV, nodes": (".csv", None, None),
     "NumPy (.npz), every millisecond": (".npz", 0.001, None),
     "ROS 2 JointTrajectory (.yaml), 10 ms": (".yaml", 0.01, None),
-    "ROS 2 FollowJointTrajectory (.yaml), 10 ms": (
-        ".yaml",
-        0.01,
-        "FollowJointTrajectory",
-    ),
+    f"ROS 2 {FOLLOWED} (.yaml), 10 ms": (".yaml", 0.01, FOLLOWED),
 }
 # Files larger than this are no URDF [bytes].
 MOST_BYTES = 20_000_000

@@ -45,10 +45,7 @@ MOST_JOINTS = 16
 GOALS = ("joint", "pose", "position")
 
 KINDS: dict[str, Callable[..., Obstacle]] = {
-    "box": Box,
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "capsule": Capsule,
+    kind.__name__.lower(): kind for kind in (Box, Sphere, Cylinder, Capsule)
 }
 # Sizes by kind, as the library's obstacles call them, and what a new one has [m].
 SIZES: dict[str, dict[str, float]] = {

@@ -14,9 +14,16 @@ from tominpmp.app.controller import Controller
 from tominpmp.app.request import UPRIGHT, Item, Request
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
-from tominpmp.viz.bodies import STEEL, Body, geometry_bodies
 from tominpmp.viz.skeleton import best_view, skeleton
-from tominpmp.viz.surfaces import Surface, obstacle_surface, path_tube, shaded
+from tominpmp.viz.surfaces import (
+    STEEL,
+    Body,
+    Surface,
+    geometry_bodies,
+    obstacle_surface,
+    path_tube,
+    shaded,
+)
 from tominpmp.viz.surroundings import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 
 Color = tuple[float, float, float]

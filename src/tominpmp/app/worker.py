@@ -25,6 +25,8 @@ from tominpmp.app.request import Request
 # What was begun goes on for so long although it is out of date, so that motions are
 # seen while one drags; a plan that takes longer makes place for the newest [s].
 GRACE = 0.8
+# What comes of a stream that has ended, maybe within a record.
+ENDED = (EOFError, OSError, ValueError, pickle.UnpicklingError)
 # Numbers and requests; None where no more will come.
 Jobs = SimpleQueue[tuple[int, Request] | None]
 
@@ -33,18 +35,6 @@ def send(stream: IO[bytes], item: Any) -> None:
     """Write a record to a stream."""
     pickle.dump(item, stream)
     stream.flush()
-
-
-def receive(stream: IO[bytes]) -> Any:
-    """Read a record from a stream; only what :func:`send` wrote may be in it.
-
-    Raises:
-        EOFError: If the stream has ended.
-    """
-    try:
-        return pickle.load(stream)
-    except pickle.UnpicklingError as error:  # it ended within a record
-        raise EOFError from error
 
 
 def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> None:
@@ -81,9 +71,9 @@ def main() -> None:
     jobs: Jobs = SimpleQueue()
 
     def read() -> None:
-        with suppress(EOFError, OSError):
+        with suppress(*ENDED):
             while True:
-                jobs.put(receive(source))
+                jobs.put(pickle.load(source))
         jobs.put(None)
 
     threading.Thread(target=read, daemon=True).start()
@@ -127,7 +117,7 @@ class Worker:
                 self._process = self._started()
             assert self._process.stdin is not None  # noqa: S101
             # If it has just ended, the listener tells.
-            with suppress(OSError, ValueError):
+            with suppress(*ENDED):
                 send(self._process.stdin, (number, request))
 
     def close(self) -> None:
@@ -146,8 +136,8 @@ class Worker:
         assert process.stdout is not None  # noqa: S101
         try:
             while True:
-                self._on_outcome(receive(process.stdout))
-        except (EOFError, OSError, ValueError):
+                self._on_outcome(pickle.load(process.stdout))
+        except ENDED:
             if not self._closing:
                 code = process.wait()
                 self._on_end(

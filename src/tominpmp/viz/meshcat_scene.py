@@ -1,27 +1,43 @@
-"""Meshcat scene of a motion: what is shown, and from where."""
+"""Meshcat scene of a motion: what is shown, and from where.
+
+Scenes are drawn with Meshcat's own ``Visualizer``, which needs no server. Its meshes of
+triangles have no normals, and four bytes for every number; so bodies have a geometry of
+this module, with which sharp edges stay sharp and pages small.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.exceptions import optional
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.viz.bodies import Body, robot_bodies
-from tominpmp.viz.camera import camera_view, points_in_view
-from tominpmp.viz.skeleton import Skeleton, View, end_frame, end_of, skeleton
+from tominpmp.viz.skeleton import (
+    Skeleton,
+    View,
+    camera_view,
+    end_frame,
+    end_of,
+    points_in_view,
+    skeleton,
+)
 from tominpmp.viz.surfaces import (
+    Body,
+    Surface,
     cylinder,
     moved,
     obstacle_surface,
     path_tube,
     placed,
+    robot_bodies,
+    shaded,
     sphere,
 )
 from tominpmp.viz.surroundings import (
@@ -33,7 +49,6 @@ from tominpmp.viz.surroundings import (
     rgb,
     things,
 )
-from tominpmp.viz.viewer import SetCopies, import_meshcat, node_name, put_body
 
 OBSTACLE_OPACITY = 0.62
 TWIN_COLOR = (0.62, 0.67, 0.76, 0.34)
@@ -55,26 +70,32 @@ FIELD_OF_VIEW = 40.0  # vertical [deg]
 ASPECT = 1.3  # of the window that the camera is placed for
 MARGIN = 1.06  # share by which the camera stands further off than it must
 
+Command = dict[str, Any]
 
-@dataclass(frozen=True)
-class Appearance:
-    """How a motion is shown.
-
-    Attributes:
-        fps: Key frames a second; the viewer interpolates between them.
-        ghosts: Number of translucent copies of the robot along the motion.
-        frame: Frame whose path is drawn; None for that of the goal, else the last.
-        twins: Other motions of the same robot, which pale copies of it show.
-    """
-
-    fps: float = 60.0
-    ghosts: int = 0
-    frame: str | None = None
-    twins: Sequence[Trajectory] = ()
+# Types of arrays by their name in JavaScript: extension code in MessagePack.
+ARRAY_CODES = {
+    "int8": ("Int8Array", 0x11),
+    "uint8": ("Uint8Array", 0x12),
+    "uint32": ("Uint32Array", 0x16),
+    "float32": ("Float32Array", 0x17),
+}
+# Names that every object of JavaScript has already.
+RESERVED = frozenset(
+    "constructor hasOwnProperty isPrototypeOf propertyIsEnumerable toLocaleString "
+    "toString valueOf __proto__ __defineGetter__ __defineSetter__ __lookupGetter__ "
+    "__lookupSetter__".split()
+)
 
 
 def draw(
-    viewer: Any, problem: Problem, trajectory: Trajectory, appearance: Appearance
+    viewer: Any,
+    problem: Problem,
+    trajectory: Trajectory,
+    *,
+    fps: float = 60.0,
+    ghosts: int = 0,
+    frame: str | None = None,
+    twins: Sequence[Trajectory] = (),
 ) -> None:
     """Draw a motion.
 
@@ -82,12 +103,15 @@ def draw(
         viewer: The ``meshcat.Visualizer`` to draw it in; the animation comes last.
         problem: The problem, for robot, obstacles and goal.
         trajectory: The motion.
-        appearance: How it is shown.
+        fps: Key frames a second; the viewer interpolates between them.
+        ghosts: Number of translucent copies of the robot along the motion.
+        frame: Frame whose path is drawn; None for that of the goal, else the last.
+        twins: Other motions of the same robot, which pale copies of it show.
     """
     robot = problem.robot
-    frame = appearance.frame or end_frame(problem)
-    duration = max(item.duration for item in (trajectory, *appearance.twins))
-    times = frame_times(duration, appearance.fps)
+    frame = frame or end_frame(problem)
+    duration = max(item.duration for item in (trajectory, *twins))
+    times = frame_times(duration, fps)
     motion = _poses(robot, trajectory, times, frame)
     bodies = robot_bodies(robot)
     shown = things(problem, trajectory, times)
@@ -112,16 +136,12 @@ def draw(
             seen[path] = thing.there
     _marks(viewer, problem, trajectory, frame, size)
     movable = [body for body in bodies if body.joint]
-    if appearance.ghosts:
-        instants = np.linspace(0.0, trajectory.duration, appearance.ghosts)
+    if ghosts:
+        instants = np.linspace(0.0, trajectory.duration, ghosts)
         poses = _poses(robot, trajectory, instants, frame).placements
-        copies = SetCopies(
-            "/meshcat/ghosts",
-            [(b.surface, (*b.color[:3], GHOST_OPACITY * b.color[3])) for b in movable],
-            [poses[:, body.joint] @ body.placement for body in movable],
-        )
+        copies = _copies("/meshcat/ghosts", movable, GHOST_OPACITY, poses)
         viewer.window.send(copies)
-    for number, twin in enumerate(appearance.twins):
+    for number, twin in enumerate(twins):
         poses = _poses(robot, twin, times, end_of(robot)).placements
         path = f"/meshcat/twins/{number}"
         moving |= _robot(viewer, robot, movable, poses, path, TWIN_COLOR)
@@ -304,3 +324,149 @@ def _round_length(length: float) -> float:
     """Largest of 1, 2, 5, 10, ... (and tenths of them) that is not above a length."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(power * max(step for step in (1, 2, 5) if step * power <= length))
+
+
+def import_meshcat() -> Any:
+    """Import Meshcat when it is needed: it brings a server and half of IPython.
+
+    Raises:
+        MissingDependency: If it is not installed.
+    """
+    with optional("meshcat", "viz", "playback"):
+        import meshcat
+    return meshcat
+
+
+class Recorder:
+    """Window of a ``meshcat.Visualizer`` that keeps what it is sent.
+
+    Attributes:
+        commands: The commands as the viewer reads them, in order.
+    """
+
+    def __init__(self) -> None:
+        self.commands: list[Command] = []
+
+    def send(self, command: Any) -> None:
+        """Take a command of Meshcat."""
+        self.commands.append(command.lower())
+
+
+def node_name(name: str) -> str:
+    """Turn a name into one that can stand in a path of the viewer."""
+    escaped = name.replace("%", "%25").replace("/", "%2F")
+    return f"{escaped}_" if escaped in RESERVED else escaped
+
+
+@dataclass(frozen=True)
+class ShadedGeometry:
+    """A geometry of Meshcat: triangles with normals, and colours if they have any.
+
+    Attributes:
+        uuid: Name that meshes refer to it by.
+        surface: The surface.
+    """
+
+    uuid: str
+    surface: Surface
+
+    def intrinsic_transform(self) -> Array:
+        """Placement of the geometry in its mesh."""
+        return np.eye(4)
+
+    def lower_in_object(self, data: Command) -> None:
+        """Add it to the geometries of an object."""
+        drawn = shaded(self.surface)
+        attributes = {
+            "position": _packed(drawn.positions),
+            "normal": _packed(drawn.normals, normalized=True),
+        }
+        if drawn.colors is not None:
+            attributes["color"] = _packed(drawn.colors, normalized=True)
+        buffers = {"attributes": attributes, "index": _packed(drawn.faces)}
+        geometry = {"uuid": self.uuid, "type": "BufferGeometry", "data": buffers}
+        data["geometries"].append(geometry)
+
+
+def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
+    """Typed array: attribute of a geometry, one row a vertex."""
+    import umsgpack
+
+    kind, code = ARRAY_CODES[values.dtype.name]
+    return {
+        "itemSize": int(values.shape[1]),
+        "type": kind,
+        "array": umsgpack.Ext(code, np.ascontiguousarray(values).tobytes()),
+        "normalized": normalized,
+    }
+
+
+def put_body(
+    viewer: Any,
+    surface: Surface,
+    color: Sequence[float],
+    placement: Array | None = None,
+) -> None:
+    """Put a body of one surface into the scene; colours are RGBA from 0 to 1."""
+    viewer.set_object(_mesh(viewer.path.lower(), surface, color))
+    if placement is not None:
+        viewer.set_transform(placement)
+
+
+def _mesh(path: str, surface: Surface, color: Sequence[float]) -> Any:
+    """A ``meshcat.geometry.Mesh``, named so that pages are the same every time."""
+    geometry = import_meshcat().geometry
+    colored = surface.colors is not None
+    *rgb, opacity = np.clip(color, 0.0, 1.0).tolist()
+    red, green, blue = (round(255 * value) for value in rgb)
+    material = geometry.MeshPhongMaterial(
+        # Vertices with colours of their own are multiplied with this one.
+        color=0xFFFFFF if colored else red << 16 | green << 8 | blue,
+        opacity=opacity,
+        vertexColors=colored,
+        specular=0x222222,
+        shininess=25,
+        depthWrite=opacity >= 1.0,
+    )
+    material.uuid = f"{path}#m"
+    body = geometry.Mesh(ShadedGeometry(f"{path}#g", surface), material)
+    body.uuid = path
+    return body
+
+
+class _Sent(NamedTuple):
+    """A command of Meshcat, as the viewer reads it."""
+
+    command: Command
+
+    def lower(self) -> Command:
+        """The command."""
+        return self.command
+
+
+def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> _Sent:
+    """A command that shows copies of bodies, which share geometry and material.
+
+    Args:
+        path: Where in the tree of the scene.
+        bodies: The bodies.
+        opacity: Opacity of the copies, as a share of that of the bodies.
+        poses: Placements joint_to_world of all joints for each copy, shape
+            (m, joints, 4, 4).
+    """
+    data: Command = {"geometries": [], "materials": []}
+    children = []
+    for i, body in enumerate(bodies):
+        color = (*body.color[:3], opacity * body.color[3])
+        mesh = _mesh(f"{path}#{i}", body.surface, color).lower()
+        data["geometries"] += mesh["geometries"]
+        data["materials"] += mesh["materials"]
+        for k, place in enumerate(poses[:, body.joint] @ body.placement):
+            # The viewer takes matrices by columns.
+            matrix = place.T.ravel().tolist()
+            own = {"uuid": f"{path}#{i}.{k}", "matrix": matrix}
+            children.append({**mesh["object"], **own})
+    group = {"uuid": path, "type": "Group", "children": children}
+    metadata = {"version": 4.5, "type": "Object"}
+    whole = {"metadata": metadata, **data, "object": group}
+    return _Sent({"type": "set_object", "path": path, "object": whole})

@@ -26,7 +26,7 @@ from tominpmp.exceptions import MissingDependency, OptionsError, warn_caller
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.viz.meshcat_scene import ASPECT, FIELD_OF_VIEW, Appearance, draw
+from tominpmp.viz import meshcat_scene
 from tominpmp.viz.shares import (
     AT_LIMIT,
     SPEED_COLOR,
@@ -35,7 +35,6 @@ from tominpmp.viz.shares import (
     shares_of_limits,
 )
 from tominpmp.viz.skeleton import check_motions
-from tominpmp.viz.viewer import Command, Recorder, import_meshcat
 
 PAGE_ENDINGS = (".html", ".htm")
 # Meshcat's viewer evaluates no strings and loads nothing; the browser is told to see to
@@ -107,16 +106,23 @@ def play(
     if path is not None:
         checked_ending(path, PAGE_ENDINGS, "pages are not written as")
     ghosts = whole(ghosts, "ghosts", 0, 100, "0 to 100", error=OptionsError)
-    appearance = Appearance(fps, ghosts, frame, tuple(twins.values()))
-    meshcat = import_meshcat()
+    meshcat = meshcat_scene.import_meshcat()
     if viewer is not None:
         if not hasattr(getattr(viewer, "window", None), "send"):
             instance(viewer, meshcat.Visualizer, "viewer", "a meshcat.Visualizer")
         viewer["/meshcat"].delete()
-        draw(meshcat.Visualizer(window=viewer.window), problem, trajectory, appearance)
+    recorder = meshcat_scene.Recorder()
+    meshcat_scene.draw(
+        meshcat.Visualizer(window=recorder if viewer is None else viewer.window),
+        problem,
+        trajectory,
+        fps=fps,
+        ghosts=ghosts,
+        frame=frame,
+        twins=tuple(twins.values()),
+    )
+    if viewer is not None:
         return viewer
-    recorder = Recorder()
-    draw(meshcat.Visualizer(window=recorder), problem, trajectory, appearance)
     name = problem.robot.name
     page = build_page(
         recorder.commands,
@@ -148,7 +154,7 @@ def _caption(problem: Problem, twins: Mapping[str, Trajectory]) -> str:
 
 
 def build_page(
-    commands: Sequence[Command],
+    commands: Sequence[meshcat_scene.Command],
     *,
     title: str,
     caption: str,
@@ -185,8 +191,8 @@ def build_page(
         "TORQUE_COLOR": TORQUE_COLOR,
         # No name in it ends the script.
         "SHARES": json.dumps(told).replace("</", "<\\/"),
-        "SLOPE": json.dumps(math.tan(math.radians(FIELD_OF_VIEW / 2))),
-        "ASPECT": json.dumps(ASPECT),
+        "SLOPE": json.dumps(math.tan(math.radians(meshcat_scene.FIELD_OF_VIEW / 2))),
+        "ASPECT": json.dumps(meshcat_scene.ASPECT),
         "COMMANDS": json.dumps([_text(command) for command in commands]),
         # Inside a comment, which two hyphens would end.
         "LICENCES": licences.replace("--", "- -"),
@@ -201,7 +207,7 @@ def build_page(
     return "".join(pieces)
 
 
-def _text(command: Command) -> str:
+def _text(command: meshcat_scene.Command) -> str:
     import umsgpack
 
     return base64.b64encode(umsgpack.packb(command)).decode("ascii")
@@ -210,7 +216,7 @@ def _text(command: Command) -> str:
 @cache
 def _viewer() -> tuple[str, str]:
     """Script of Meshcat's viewer and the licences of what is in it."""
-    folder = Path(import_meshcat().viewer_assets_path())
+    folder = Path(meshcat_scene.import_meshcat().viewer_assets_path())
     script = folder / "dist" / "main.min.js"
     if not script.is_file():
         raise MissingDependency("meshcat", "viz", "playback")

@@ -1,22 +1,28 @@
 """Triangulated surfaces: the one form in which viewers and plots know bodies.
 
 Solids of revolution, boxes, tubes and meshes all become vertices and triangles here, so
-that whatever draws them needs no case for each shape.
+that whatever draws them needs no case for each shape. The bodies of a robot are
+coloured surfaces on its joints.
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.shapes import obstacle_shape
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import RobotLoadError, SceneError, warn_caller
+from tominpmp.robot import Robot
 from tominpmp.scene import (
     Box,
     Capsule,
@@ -36,6 +42,13 @@ LIGHT = 0.9
 
 # Edges sharper than this stay edges, others are shaded smoothly [rad].
 CREASE = np.radians(35.0)
+
+# Collision geometry is not coloured; the bodies of a robot without visuals are steel.
+STEEL = (0.52, 0.58, 0.66, 1.0)
+
+UPWARDS = np.array([0.0, 0.0, 1.0])
+# Share of a robot's size to which a mesh file may differ from what Pinocchio reads.
+MESH_AGREEMENT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,28 +346,27 @@ def _corner_normals(
     return np.where(length > 0.0, normals / np.maximum(length, 1e-300), unit[owner])
 
 
-def native_surface(geometry: Any) -> Surface | None:
-    """Surface of a geometry of Coal in its own axes; None for an unbounded one.
+# Solids by the names of Coal's classes, so that nothing depends on the release of Coal.
+SOLIDS: dict[str, Callable[[Any], Surface]] = {
+    "Box": lambda shape: box(2.0 * np.asarray(shape.halfSide)),
+    "Sphere": lambda shape: sphere(shape.radius),
+    "Capsule": lambda shape: capsule(shape.radius, 2.0 * shape.halfLength),
+    "Cylinder": lambda shape: cylinder(shape.radius, 2.0 * shape.halfLength),
+    "Cone": lambda shape: cone(shape.radius, 2.0 * shape.halfLength),
+    "Ellipsoid": lambda shape: scaled(sphere(1.0), shape.radii),
+}
 
-    Types are told apart by name, so that nothing here depends on the release of Coal.
-    """
+
+def native_surface(geometry: Any) -> Surface | None:
+    """Surface of a geometry of Coal in its own axes; None for an unbounded one."""
     kind = type(geometry).__name__
-    if kind == "Box":
-        return box(2.0 * np.asarray(geometry.halfSide))
-    if kind == "Sphere":
-        return sphere(geometry.radius)
-    if kind == "Capsule":
-        return capsule(geometry.radius, 2.0 * geometry.halfLength)
-    if kind == "Cylinder":
-        return cylinder(geometry.radius, 2.0 * geometry.halfLength)
-    if kind == "Cone":
-        return cone(geometry.radius, 2.0 * geometry.halfLength)
-    if kind == "Ellipsoid":
-        return scaled(sphere(1.0), geometry.radii)
+    if kind in SOLIDS:
+        return SOLIDS[kind](geometry)
     if kind.startswith("BVHModel"):
         return _mesh_surface(geometry)
     if kind.startswith("Convex"):
-        return _hull_surface(geometry)
+        points = [geometry.point(i) for i in range(geometry.num_points)]
+        return _surface(trimesh.convex.convex_hull(np.array(points)))
     return None
 
 
@@ -365,6 +377,150 @@ def _mesh_surface(geometry: Any) -> Surface:
     return Surface(vertices.reshape(-1, 3), faces.reshape(-1, 3))
 
 
-def _hull_surface(geometry: Any) -> Surface:
-    points = [geometry.point(i) for i in range(geometry.num_points)]
-    return _surface(trimesh.convex.convex_hull(np.array(points)))
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid part of a robot.
+
+    Attributes:
+        name: Name, unique in its robot.
+        joint: Index in the model of the joint that carries it; 0 for the world.
+        placement: Placement body_to_joint, homogeneous, shape (4, 4).
+        surface: Surface in its own axes.
+        color: Red, green, blue and opacity from 0 to 1.
+    """
+
+    name: str
+    joint: int
+    placement: Array
+    surface: Surface
+    color: tuple[float, float, float, float]
+
+
+def robot_bodies(robot: Robot) -> list[Body]:
+    """List the bodies of a robot.
+
+    They are its visuals, and the collision geometry of what moves with a joint and has
+    none (or of all, if they cannot be read); where there is none either, sticks from
+    joint to joint.
+    """
+    try:
+        bodies = geometry_bodies(robot.visual_model, color=None)
+    except RobotLoadError as error:
+        warn_caller(f"the collision geometry is shown instead: {error}")
+        bodies = []
+    # By joint, not by link: links that are there to collide only are fixed to others.
+    seen = {body.joint for body in bodies}
+    bodies += [
+        body
+        for body in geometry_bodies(robot.collision_model, color=STEEL)
+        if body.joint not in seen
+    ]
+    if not any(body.joint for body in bodies):
+        bodies += _sticks(robot)
+    return bodies
+
+
+def geometry_bodies(
+    model: pin.GeometryModel, color: tuple[float, float, float, float] | None
+) -> list[Body]:
+    """The bodies of a model.
+
+    Args:
+        model: The model.
+        color: Their colour; None for that of each.
+    """
+    bodies = []
+    for item in model.geometryObjects:
+        surface = _body_surface(item)
+        if surface is None:
+            continue
+        own = tuple(float(value) for value in item.meshColor)
+        bodies.append(
+            Body(
+                item.name,
+                int(item.parentJoint),
+                np.array(item.placement.homogeneous),
+                surface,
+                color or (own[0], own[1], own[2], own[3]),
+            )
+        )
+    return bodies
+
+
+def _body_surface(item: pin.GeometryObject) -> Surface | None:
+    """Surface of a geometry object, with the colours in its file unless overridden."""
+    surface = native_surface(item.geometry)
+    if (
+        surface is None
+        or item.overrideMaterial
+        or not type(item.geometry).__name__.startswith("BVHModel")
+    ):
+        return surface
+    colored = _colored_mesh(item.meshPath)
+    if colored is None:
+        return surface
+    colored = scaled(colored, item.meshScale)
+    # Readers differ in units and axes; Pinocchio's word counts, and colours are not
+    # worth a link in the wrong place.
+    box, other = _extent(surface), _extent(colored)
+    agree = np.abs(box - other).max() <= MESH_AGREEMENT * np.ptp(box, axis=0).max()
+    return colored if agree else surface
+
+
+def _extent(surface: Surface) -> Array:
+    used = surface.vertices[np.unique(surface.faces)]
+    return np.stack([used.min(axis=0), used.max(axis=0)])
+
+
+def _colored_mesh(path: str) -> Surface | None:
+    """Read a mesh with its colours; None if it has none or cannot be read."""
+    if Path(path).suffix.lower() not in (".dae", ".obj", ".ply", ".glb", ".gltf"):
+        return None  # STL has no colours worth reading
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of files that break their standard
+            scene: Any = trimesh.load(path, force="scene", process=False)
+            parts = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
+            surfaces = [
+                Surface(np.array(mesh.vertices), np.array(mesh.faces), _colors(mesh))
+                for mesh in parts
+            ]
+    except Exception:  # whatever a mesh reader may raise; the shape is known already
+        return None
+    if all(surface.colors is None for surface in surfaces):
+        return None
+    return joined(surfaces)
+
+
+def _colors(mesh: Any) -> Array | None:
+    """Colours of the triangles of a mesh, shape (k, 3), or None if it has none."""
+    if mesh.visual.kind == "texture":
+        color = np.asarray(mesh.visual.material.main_color)[:3] / 255.0
+        return np.tile(color, (len(mesh.faces), 1))
+    if mesh.visual.kind in ("face", "vertex"):
+        return np.asarray(mesh.visual.face_colors)[:, :3] / 255.0
+    return None
+
+
+def _sticks(robot: Robot) -> list[Body]:
+    """Capsules from every joint to the joints and frames that follow it."""
+    model = robot.model
+    ends: list[tuple[str, int, Array]] = []
+    for joint in range(1, model.njoints):
+        place = model.jointPlacements[joint].translation
+        ends.append((str(model.names[joint]), int(model.parents[joint]), place))
+    for frame in model.frames[1:]:
+        if frame.type == pin.FrameType.BODY:
+            ends.append(
+                (frame.name, int(frame.parentJoint), frame.placement.translation)
+            )
+    longest = max((float(np.linalg.norm(end)) for _, _, end in ends), default=0.0)
+    radius = 0.02 * longest or 0.02
+    bodies = []
+    for name, joint, end in ends:
+        length = float(np.linalg.norm(end))
+        if length > 1e-6 * longest or joint:
+            turn = pin.Quaternion.FromTwoVectors(UPWARDS, end).toRotationMatrix()
+            surface = moved(capsule(radius, length), placed(end / 2, turn))
+            bodies.append(Body(f"{name}_stick", joint, np.eye(4), surface, STEEL))
+    return bodies
