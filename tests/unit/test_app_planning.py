@@ -157,10 +157,8 @@ def test_only_the_newest_request_counts_as_soon_as_a_motion_was_seen() -> None:
 class Recorder:
     """Planning that only remembers what it is asked."""
 
-    def __init__(
-        self, on_outcome: Callable[[Outcome], None], on_end: Callable[[str], None]
-    ) -> None:
-        self.on_outcome, self.on_end = on_outcome, on_end
+    def __init__(self, on_outcome: Callable[[Outcome], None]) -> None:
+        self.on_outcome = on_outcome
         self.asked: list[tuple[int, Request]] = []
 
     def plan(self, number: int, request: Request) -> None:
@@ -229,31 +227,24 @@ def test_a_robot_that_is_none_changes_nothing(controller: Controller) -> None:
     assert recorder(controller).asked == []
 
 
-def test_an_end_by_itself_is_told(controller: Controller, told: list[Outcome]) -> None:
-    recorder(controller).on_end("the process has ended")
-    assert told[-1].message == "the process has ended"
-    assert not told[-1].ok
-
-
 @pytest.mark.slow
 def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
-    outcomes, ends = list[Outcome](), list[str]()
-    final, ended = threading.Event(), threading.Event()
+    outcomes = list[Outcome]()
+    final = threading.Event()
 
     def take(outcome: Outcome) -> None:
         outcomes.append(outcome)
         if outcome.final:
             final.set()
 
-    def end(sentence: str) -> None:
-        ends.append(sentence)
-        ended.set()
-
-    worker = Worker(take, end)
+    worker = Worker(take)
     try:
+        worker.plan(1, PLANAR)
         worker._process.kill()
-        assert ended.wait(300.0)
-        assert "ended by itself" in ends[0]
+        assert final.wait(300.0)
+        assert not outcomes[-1].ok
+        assert "ended by itself" in outcomes[-1].message
+        final.clear()
         worker.plan(2, NEAR)
         assert final.wait(600.0)
         assert outcomes[-1].number == 2
@@ -261,4 +252,3 @@ def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
     finally:
         worker.close()
     assert worker._process.poll() is not None
-    assert len(ends) == 1

@@ -98,8 +98,8 @@ class Controller:
     Args:
         request: What is asked for first.
         on_outcome: Called with every outcome that is not older than the last one told.
-        planning: Makes what plans, from functions that take outcomes and a sentence on
-            its end; by default a process.
+        planning: Makes what plans, from a function that takes outcomes; by default a
+            process.
 
     Attributes:
         request: What is asked for now.
@@ -118,7 +118,7 @@ class Controller:
         self._on_outcome = on_outcome
         self._number = 0
         self._solution = b""
-        self._planning = planning(self._take, self._ended)
+        self._planning = planning(self._take)
 
     @property
     def busy(self) -> bool:
@@ -209,6 +209,3 @@ class Controller:
             self.outcome = outcome
             self._solution = outcome.solution or self._solution
         self._on_outcome(outcome)
-
-    def _ended(self, sentence: str) -> None:
-        self._take(Outcome(self._number, self.request, sentence))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -37,7 +37,7 @@ MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
 # Ghosts of robots with more than this many are drawn by their collision geometry.
 MOST_TRIANGLES = 20_000
-OBSTACLE_OPACITY = 0.72
+OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
 # A handle that was not moved for so long is not held any more [s].
 HOLD = 1.0
 
@@ -192,34 +192,6 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
     return size
 
 
-class Handle(NamedTuple):
-    """A handle that the request asks for.
-
-    Attributes:
-        dragged: Called with the handle of viser when somebody drags it.
-        position: Where it is [m], shape (3,).
-        quaternion: How it is turned (x, y, z, w).
-        scale: Its size [m].
-        turns: Whether it can be turned.
-        body: Kind and sizes of the obstacle that is drawn with it, if any.
-        color: Colour of the body.
-        opacity: Opacity of the body.
-    """
-
-    dragged: Callable[[Any], None]
-    position: Any
-    quaternion: Any
-    scale: float
-    turns: bool
-    body: tuple[str, tuple[float, ...]] | None = None
-    color: Color = rgb(HAZARD_COLOR)
-    opacity: float = 1.0
-
-    def alike(self, other: Handle) -> bool:
-        """Whether another one looks the same, wherever it is."""
-        return self[3:6] == other[3:6]
-
-
 class Handles:
     """The handles of start, goal, points on the way and obstacles.
 
@@ -241,13 +213,14 @@ class Handles:
         self._ask, self._drag = ask, drag
         self._size = 0.2
         self._turning = False
-        self._known: dict[str, tuple[Handle, Any]] = {}
+        self._known: dict[str, tuple[object, Any]] = {}
         self._held: dict[str, float] = {}
 
     def rebuild(self, size: float) -> None:
         """Make all anew, for another robot; size of the handles [m]."""
         self._size = size
-        self.refresh(all_anew=True)
+        self._keep(())
+        self.refresh()
 
     def allow_turning(self, wanted: bool) -> None:
         """Whether obstacles are turned, too."""
@@ -259,71 +232,84 @@ class Handles:
         for _, node in self._known.values():
             node.visible = visible
 
-    def refresh(self, *, all_anew: bool = False) -> None:
+    def refresh(self) -> None:
         """Put handles where the request has them, but for those in somebody's hand."""
-        wanted = self._wanted()
-        for key, (before, node) in list(self._known.items()):
-            if all_anew or key not in wanted or not before.alike(wanted[key]):
-                node.remove()
-                del self._known[key]
-        for key, handle in wanted.items():
-            known = self._known.get(key)
-            node = self._made(key, handle) if known is None else known[1]
-            self._known[key] = handle, node
-            if self._free(key):
-                x, y, z, w = handle.quaternion
-                node.position = np.asarray(handle.position)
-                node.wxyz = np.array([w, x, y, z])
-
-    def _wanted(self) -> dict[str, Handle]:
-        """The handles that the request asks for, by their names."""
         request, size = self._controller.request, self._size
-        reach = self._controller.reach()
-        found = {}
-        for end in ("q_start", "q_goal"):
-            position, quaternion = reach.pose(getattr(request, end))
+        reach, wanted = self._controller.reach(), ["q_start", "q_goal"]
+        for end in wanted:
+            pose: tuple[Any, Any] = reach.pose(getattr(request, end))
             dragged = partial(self._drag_end, end)
-            made = Handle(dragged, position, quaternion, size, reach.turns)
-            found[end] = made
+            self._put(end, *pose, dragged, size, reach.turns)
         for number, point in enumerate(request.via):
+            wanted.append(f"via{number}")
+            ball = Item("sphere", "point", (0.12 * size,), point)
             dragged = partial(self._drag_via, number)
-            ball = "sphere", (0.12 * size,)
-            made = Handle(dragged, point, UPRIGHT, 0.7 * size, False, ball, VIA_RGB)
-            found[f"via{number}"] = made
+            pose, look = (point, UPRIGHT), (VIA_RGB, 1.0)
+            self._put(wanted[-1], *pose, dragged, 0.7 * size, False, ball, look)
         for item in request.items:
+            wanted.append(f"item_{item.name}")
             dragged = partial(self._drag_item, item.name)
-            pose, body = (item.position, item.quaternion), (item.kind, item.size)
-            made = Handle(dragged, *pose, 0.9 * size, self._turning, body)
-            found[f"item_{item.name}"] = made._replace(opacity=OBSTACLE_OPACITY)
-        return found
+            pose = item.position, item.quaternion
+            self._put(wanted[-1], *pose, dragged, 0.9 * size, self._turning, item)
+        self._keep(wanted)
 
-    def _made(self, key: str, handle: Handle) -> Any:
-        """A new handle on the stage."""
-        path = f"/handles/{key}"
-        node = self._scene.add_transform_controls(
-            path,
-            scale=handle.scale,
-            disable_rotations=not handle.turns,
-            disable_sliders=True,
-            depth_test=False,
-            **({"line_width": 3.0} if handle.body is None else {}),
-        )
-        if handle.body is not None:
-            kind, sizes = handle.body
-            surface = obstacle_surface(Item(kind, key, sizes, (0, 0, 0)).call().made())
-            look = handle.color, handle.opacity
-            put_surface(self._scene, f"{path}/body", surface, *look)
+    def _keep(self, wanted: Sequence[str]) -> None:
+        """Take all other handles off the stage."""
+        for key in set(self._known) - set(wanted):
+            self._known.pop(key)[1].remove()
 
-        def update(event: Any) -> None:
-            # What is in somebody's hand is not moved under it.
-            if event.phase == "end":
-                self._held.pop(key, None)
-            else:
-                self._held[key] = time.monotonic()
-            handle.dragged(node)
+    def _put(
+        self,
+        key: str,
+        position: Any,
+        quaternion: Any,
+        dragged: Callable[[Any], None],
+        scale: float,
+        turns: bool,
+        body: Item | None = None,
+        look: tuple[Color, float] = OBSTACLE_LOOK,
+    ) -> None:
+        """Put a handle on the stage.
 
-        node.on_update(update)
-        return node
+        Args:
+            key: Its name.
+            position: Where it is [m], shape (3,).
+            quaternion: How it is turned (x, y, z, w).
+            dragged: Called with the handle of viser when somebody drags it.
+            scale: Its size [m].
+            turns: Whether it can be turned.
+            body: What is drawn with it, if anything.
+            look: Colour and opacity of the body.
+        """
+        kind = scale, turns, body and (body.kind, body.size)
+        if key in self._known and self._known[key][0] != kind:
+            self._known.pop(key)[1].remove()
+        if key not in self._known:
+            node = self._scene.add_transform_controls(
+                f"/handles/{key}",
+                scale=scale,
+                disable_rotations=not turns,
+                disable_sliders=True,
+                depth_test=False,
+                **({"line_width": 3.0} if body is None else {}),
+            )
+            if body is not None:
+                surface, path = obstacle_surface(body.call().made()), node.name
+                put_surface(self._scene, f"{path}/body", surface, *look)
+            node.on_update(partial(self._moved, key, dragged))
+            self._known[key] = kind, node
+        if self._free(key):
+            x, y, z, w = quaternion
+            node = self._known[key][1]
+            node.position, node.wxyz = np.asarray(position), np.array([w, x, y, z])
+
+    def _moved(self, key: str, dragged: Callable[[Any], None], event: Any) -> None:
+        """Take a handle along; what is in somebody's hand is not moved under it."""
+        if event.phase == "end":
+            self._held.pop(key, None)
+        else:
+            self._held[key] = time.monotonic()
+        dragged(event.target)
 
     def _drag_end(self, end: str, node: Any) -> None:
         self._drag(end, np.array(node.position), node.wxyz[[1, 2, 3, 0]])

@@ -85,14 +85,13 @@ class Worker:
     """The planning process.
 
     Args:
-        on_outcome: Called with each outcome, in a thread of the worker's own.
-        on_end: Called if the process ends by itself, with a sentence.
+        on_outcome: Called with each outcome, in a thread of the worker's own, and with
+            one that says so if the process ends by itself.
     """
 
-    def __init__(
-        self, on_outcome: Callable[[Outcome], None], on_end: Callable[[str], None]
-    ) -> None:
-        self._on_outcome, self._on_end = on_outcome, on_end
+    def __init__(self, on_outcome: Callable[[Outcome], None]) -> None:
+        self._on_outcome = on_outcome
+        self._last: tuple[int, Request] | None = None
         self._lock = threading.Lock()
         self._closing = False
         self._process = self._started()
@@ -116,9 +115,10 @@ class Worker:
                 # It has crashed; the next request has a new one.
                 self._process = self._started()
             assert self._process.stdin is not None  # noqa: S101
+            self._last = number, request
             # If it has just ended, the listener tells.
             with suppress(*ENDED):
-                send(self._process.stdin, (number, request))
+                send(self._process.stdin, self._last)
 
     def close(self) -> None:
         """End the process."""
@@ -138,12 +138,12 @@ class Worker:
             while True:
                 self._on_outcome(pickle.load(process.stdout))
         except ENDED:
-            if not self._closing:
-                code = process.wait()
-                self._on_end(
-                    f"the planning process has ended by itself (code {code}); the next "
-                    "change starts another one"
+            if not self._closing and self._last is not None:
+                told = (
+                    f"the planning process has ended by itself (code {process.wait()});"
+                    " the next change starts another one"
                 )
+                self._on_outcome(Outcome(*self._last, told))
         finally:
             _close(process.stdin)
             _close(process.stdout)

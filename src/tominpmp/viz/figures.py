@@ -26,6 +26,7 @@ STYLE: Any = {
     "font.sans-serif": ["DejaVu Sans"],
     "mathtext.fontset": "dejavusans",
     "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
     "axes.labelsize": 9.0,
     "axes.linewidth": 0.7,
     "axes.edgecolor": "#4a5867",

@@ -125,10 +125,9 @@ def plot_motion(
                 panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
             if goal is not None:
                 panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
-            panel.set_title(f"{label}: $T$ = {motion.duration:.4g} s", loc="left")
-            panel.set_aspect("equal")
-            panel.set_xlim(low[0], high[0])
-            panel.set_ylim(low[1], high[1])
+            xlim, ylim = zip(low, high, strict=True)
+            title = f"{label}: $T$ = {motion.duration:.4g} s"
+            panel.set(title=title, aspect="equal", xlim=xlim, ylim=ylim)
         _label_axes(axes, view)
         edges = {outline.edge for shown in outlines for outline in shown}
         segments = bool(ends_on_the_way(motions[0]).size)

@@ -122,7 +122,7 @@ def plot_trajectory(
             force = item.name == "torque" and all(slides)
             title = "force" if force else item.name
             title += "" if mixed else f" [{item.units[slides[0]]}]"
-            axes[0, column].set_title(title, loc="left")
+            axes[0, column].set_title(title)
         for i, joint in enumerate(robot.joint_names):
             look = _name_look(joint, i) | {"ha": "center", "va": "center"}
             look |= {"rotation": 90, "annotation_clip": False}
@@ -230,8 +230,8 @@ def plot_controls(
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
             _show_limits(panel, values, torque.lower[i], torque.upper[i])
-            panel.set_ylabel(f"$u_{{{i + 1}}}$ [{torque.units[slides[i]]}]")
-            panel.set_title(joint, loc="left")
+            symbol = f"$u_{{{i + 1}}}$ [{torque.units[slides[i]]}]"
+            panel.set(title=joint, ylabel=symbol)
         for extra in panels[robot.n :]:
             extra.set_axis_off()
             axes[-2, -1].tick_params(labelbottom=True)
@@ -289,9 +289,7 @@ def plot_convergence(
                 handles.append(above.get_lines()[-len(starts)])
                 handles[-1].set_label(label)
         above.set_ylabel("$T$ [s]")
-        below.set_ylabel("largest violation (scaled)")
-        below.set_yscale("log")
-        below.set_xlabel("iteration")
+        below.set(ylabel="largest violation (scaled)", xlabel="iteration", yscale="log")
         lengths = [len(history) for history in histories.values() if history]
         if max(lengths) > ITERATION_RATIO * min(lengths):
             _spread_first_iterations(below, max(lengths))
@@ -346,8 +344,7 @@ def plot_certificate(
         axes[0].set_title(
             f"first-order conditions {kept}: small changes promise "
             f"{100 * certificate.stationarity:.2g} % of T, signs obeyed "
-            f"{100 * certificate.sign_share:.1f} % of the time",
-            loc="left",
+            f"{100 * certificate.sign_share:.1f} % of the time"
         )
         handles = [
             figures.line_key("torque / limit (left)", color=figures.color(0)),
@@ -383,18 +380,16 @@ def plot_sensitivities(
     with figures.styled():
         figure = figures.new_figure(7.0, 0.24 * bars + 1.0)
         panel = figure.subplots()
-        effects = np.array([100.0 * item.effect for item in shown])
-        places = np.arange(len(shown))
-        colors = [
-            figures.color(2 if effect < 0.0 else 1) for effect in effects.tolist()
-        ]
-        panel.barh(places, effects, color=colors, height=0.7)
+        labels = [f"{item.label}  +{item.more}" for item in shown]
+        for place, item in enumerate(shown):
+            side = figures.color(2 if item.effect < 0.0 else 1)
+            panel.barh(place, 100.0 * item.effect, color=side, height=0.7)
         panel.axvline(0.0, color="#4a5867", linewidth=0.7)
-        panel.set_yticks(places, [f"{item.label}  +{item.more}" for item in shown])
+        panel.set_yticks(range(len(shown)), labels)
         panel.set_ylim(bars - 0.4, -0.6)
         panel.grid(False, axis="y")
-        panel.set_xlabel("change of T [%]")
-        panel.set_title(f"what holds T = {sensitivities.T:.4g} s", loc="left")
+        title = f"what holds T = {sensitivities.T:.4g} s"
+        panel.set(title=title, xlabel="change of T [%]")
         return figures.finish(figure, path)
 
 
